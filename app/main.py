@@ -22,7 +22,7 @@ from starlette.routing import BaseRoute, Match
 
 from app.accounts.accounts import AccountStore
 from app.accounts.gate import Gate, read_or_create_secret
-from app.accounts.logins import Logins
+from app.accounts.sign_in import SignIn
 from app.errors import (
     AppError,
     DatabaseAway,
@@ -130,7 +130,7 @@ def create_app(settings: Settings, clock: Callable[[], float] = time.time) -> Fa
         make_folder(settings.data_dir)
         secret = read_or_create_secret(settings.data_dir)
     gate = application.state.gate = Gate(secret, accounts)
-    application.state.logins = Logins(accounts, settings)
+    application.state.sign_in = SignIn(accounts, settings)
     for kind in (FusionError, AppError, RecordedProblem, RequestValidationError, HTTPException, Exception):
         application.add_exception_handler(kind, respond_to_error)
     application.add_middleware(Access, gate=gate, respond=respond_to_error)

@@ -20,10 +20,10 @@ from app.library.claims import WayIn
 from app.library.database.connect import check_writable
 from app.library.governance import AggregateStore, ReleaseStore, RetentionStore
 from app.library.jobs import JobStore
-from app.library.kept_pairs import PairReports
 from app.library.listing import SavedViews
 from app.library.mappings import MappingStore
 from app.library.recordings import RecordingStore, UploadStore
+from app.library.report_cache import PairReports
 from app.library.results import ResultReader
 from app.library.side_files import SideWriter
 from app.library.webhooks import WebhookStore

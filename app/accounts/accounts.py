@@ -113,9 +113,9 @@ CONFIRMED_S = 10 * 60.0
 """Time after a sign-in or a confirmation during which an irreversible action needs no password."""
 MARKER = "has_accounts"
 """The file that marks a server with accounts, even if its database is lost."""
-LOOK_S = 1.0
+CHECK_PERIOD_S = 1.0
 """Minimum time between two checks for accounts."""
-NOTE_S = 30.0
+RECORD_PERIOD_S = 30.0
 """Minimum time between two recorded uses of a session or token."""
 SESSION_BYTES = 32
 TOKEN_PREFIX = "acr_"  # noqa: S105 - the prefix that secret scanners recognise
@@ -168,12 +168,12 @@ class AccountStore:
         self.database, self.clock = AccountDatabase(settings, engine), clock
         self._marker = settings.data_dir / MARKER
         self.secrets = ServerSecret(settings.data_dir)
-        self._looked_s, self._exist = -LOOK_S, False
+        self._looked_s, self._exist = -CHECK_PERIOD_S, False
 
     def exist(self) -> bool:
         """Return whether an account exists or ever existed; checked once a second until there is one."""
         now_s = time.monotonic()
-        if not self._exist and now_s - self._looked_s >= LOOK_S:
+        if not self._exist and now_s - self._looked_s >= CHECK_PERIOD_S:
             self._looked_s = now_s
             if self.database.has_people():
                 self.mark()
@@ -198,10 +198,10 @@ class AccountStore:
 
     # People.
 
-    def note_reading(self) -> None:
+    def record_people_read(self) -> None:
         """Record that the list of people was read outside a request."""
         with self.database.write() as connection:
-            note_act(connection, "people.read", "")
+            record_act(connection, "people.read", "")
 
     def add_person(self, login: str, name: str, roles: Collection[Role]) -> Person:
         """Add a person, who cannot sign in before a password is set.
@@ -260,7 +260,7 @@ class AccountStore:
         with self.database.write() as connection:
             others = update(people).where(people.c.id == person_id, people.c.roles != given)
             if connection.execute(others.values(roles=given)).rowcount:
-                note_act(connection, "person.changed", person_id, roles="+".join(sorted(roles)))
+                record_act(connection, "person.changed", person_id, roles="+".join(sorted(roles)))
 
     def set_name(self, person_id: str, name: str) -> None:
         """Set the name of a person."""
@@ -268,7 +268,7 @@ class AccountStore:
             return
         with self.database.write() as connection:
             connection.execute(update(people).where(people.c.id == person_id).values(name=name))
-            note_act(connection, "person.changed", person_id, what="name")
+            record_act(connection, "person.changed", person_id, what="name")
 
     def end_person(self, person_id: str) -> None:
         """Disable an account, and end all its sessions, tokens and open links at once."""
@@ -278,13 +278,13 @@ class AccountStore:
                 connection.execute(delete(table).where(table.c.person_id == person_id))
             ended = update(tokens).where(tokens.c.person_id == person_id, tokens.c.ended_at.is_(None))
             connection.execute(ended.values(ended_at=format_now()))
-            note_act(connection, "person.ended", person_id)
+            record_act(connection, "person.ended", person_id)
 
     def resume_person(self, person_id: str) -> None:
         """Enable an account again; its sessions and tokens stay ended."""
         with self.database.write() as connection:
             connection.execute(update(people).where(people.c.id == person_id).values(ended_at=None))
-            note_act(connection, "person.changed", person_id, what="resumed")
+            record_act(connection, "person.changed", person_id, what="resumed")
 
     # Sessions.
 
@@ -295,7 +295,7 @@ class AccountStore:
         with self.database.write() as connection:
             connection.execute(delete(sessions).where(sessions.c.began_s <= now_s - LONGEST_S))
             connection.execute(insert(sessions).values(row | {"confirmed_s": now_s}))
-            note_act(connection, "login.succeeded", person_id, who=person_id)
+            record_act(connection, "login.succeeded", person_id, who=person_id)
         return cookie
 
     def end_session(self, cookie: str) -> None:
@@ -339,7 +339,7 @@ class AccountStore:
         row = self.database.read_one(_select_sessions(now_s).where(sessions.c.hash == digest))
         if row is None:
             return None
-        if is_use and now_s - row.used_s >= NOTE_S:
+        if is_use and now_s - row.used_s >= RECORD_PERIOD_S:
             with self.database.write() as connection:
                 connection.execute(update(sessions).where(sessions.c.hash == digest).values(used_s=now_s))
         permissions = collect_permissions(_read_roles(row.roles))
@@ -364,7 +364,7 @@ class AccountStore:
         with self.database.write() as connection:
             connection.execute(insert(tokens).values(row))
             may = "+".join(sorted(permissions))
-            note_act(connection, "token.added", person_id, token=str(row["id"]), permissions=may)
+            record_act(connection, "token.added", person_id, token=str(row["id"]), permissions=may)
         return bearer
 
     def find_tokens(self, person_id: str) -> Sequence[Token]:
@@ -387,7 +387,7 @@ class AccountStore:
             mine = (tokens.c.id == token_id, tokens.c.person_id == person_id, tokens.c.ended_at.is_(None))
             ended = connection.execute(update(tokens).where(*mine).values(ended_at=format_now()))
             if ended.rowcount:
-                note_act(connection, "token.ended", person_id, token=token_id)
+                record_act(connection, "token.ended", person_id, token=token_id)
         if not ended.rowcount:
             raise NotHere(id=token_id)
 
@@ -398,7 +398,7 @@ class AccountStore:
         if row is None:
             return None
         now_s = self.clock()
-        if row.used_at is None or now_s - datetime.fromisoformat(row.used_at).timestamp() >= NOTE_S:
+        if row.used_at is None or now_s - datetime.fromisoformat(row.used_at).timestamp() >= RECORD_PERIOD_S:
             used = datetime.fromtimestamp(now_s, UTC).isoformat(timespec="seconds")
             with self.database.write() as connection:
                 connection.execute(update(tokens).where(tokens.c.hash == digest).values(used_at=used))
@@ -421,7 +421,7 @@ class AccountStore:
         try:
             with self.database.write() as connection:
                 connection.execute(insert(people).values(row))
-                note_act(connection, "person.added", row["id"], roles="+".join(sorted(roles)))
+                record_act(connection, "person.added", row["id"], roles="+".join(sorted(roles)))
         except IntegrityError:
             raise BadParameter(name="login", value=login, allowed="a free one") from None
         self.mark()
@@ -435,16 +435,16 @@ class AccountStore:
     def _end_sessions(self, *which: ColumnElement[bool]) -> None:
         with self.database.write() as connection:
             for (person_id,) in connection.execute(select(sessions.c.person_id).where(*which)).all():
-                note_act(connection, "login.ended", person_id)
+                record_act(connection, "login.ended", person_id)
             connection.execute(delete(sessions).where(*which))
 
-    def note_refusal(self, person_id: str) -> None:
+    def record_refused_sign_in(self, person_id: str) -> None:
         """Record a refused sign-in; ``person_id``: the person of the given name, "" if unknown."""
         with self.database.write() as connection:
-            note_act(connection, "login.failed", person_id, who=NOBODY)
+            record_act(connection, "login.failed", person_id, who=NOBODY)
 
 
-def note_act(
+def record_act(
     connection: Connection, act: Act, person_id: str, *, who: str | None = None, **codes: str
 ) -> None:
     """Record an act within its transaction; ``person_id`` is "" if it concerns no person."""

@@ -22,7 +22,7 @@ from joserfc.errors import JoseError
 from joserfc.jwk import KeySet
 
 from app.accounts.accounts import AccountStore, Person
-from app.accounts.logins import TicketStore
+from app.accounts.sign_in import TicketStore
 from app.accounts.subjects import ROLES
 from app.errors import NotPermitted, ProviderRefused, TicketSpent
 from app.settings import Settings

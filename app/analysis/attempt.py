@@ -20,7 +20,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from app.analysis.fork_server import NotStarted, choose_context, end_child, start_child, tell_preparing
+from app.analysis.fork_server import NotStarted, choose_context, end_child, report_preparing, start_child
 from app.errors import (
     AppError,
     AttemptFailed,
@@ -33,7 +33,7 @@ from app.errors import (
 )
 from app.logs import start_logging
 from app.request import OnStage, ReportRequest, Stage
-from app.store.folder import NOTHING_KNOWN, KnownLogs, ResultFile, describe_files, translate_disk_full
+from app.store.folder import NOTHING_KNOWN, KnownFiles, ResultFile, describe_files, translate_disk_full
 from fusion.errors import Fact, FusionError
 
 if TYPE_CHECKING:  # a child also loads this module, and does not need pydantic
@@ -68,7 +68,7 @@ class Attempt:
     ``gives_way``: run at a lower priority than the pages and uploads of the same machine.
     """
 
-    log: Path
+    recording_path: Path
     request: ReportRequest
     out: Path
     make_report: MakeReport
@@ -112,19 +112,23 @@ Outcome = Finished | Refused | Died | Stopped | Unstarted
 
 
 def load_and_make_report(
-    log: Path, request: ReportRequest, out: Path, on_stage: OnStage, known: KnownLogs = NOTHING_KNOWN
+    recording_path: Path,
+    request: ReportRequest,
+    out: Path,
+    on_stage: OnStage,
+    known: KnownFiles = NOTHING_KNOWN,
 ) -> None:
     """Make a report; the child process loads ``fusion`` only here."""
     if request.reference is not None:
         importlib.import_module("app.analysis.validate").make_validation(
-            log, request, out, on_stage, has_curves=known.cache is not None
+            recording_path, request, out, on_stage, has_curves=known.cache is not None
         )
     else:
-        importlib.import_module("app.analysis.run").make_report(log, request, out, on_stage, known)
+        importlib.import_module("app.analysis.run").make_report(recording_path, request, out, on_stage, known)
 
 
 def load_and_render_again(
-    finished: Path, _log: Path, request: ReportRequest, out: Path, on_stage: OnStage
+    finished: Path, _recording_path: Path, request: ReportRequest, out: Path, on_stage: OnStage
 ) -> None:
     """Render the report of a finished analysis in another language, without a new analysis."""
     importlib.import_module("app.analysis.run").make_report_again(finished, request, out, on_stage)
@@ -221,7 +225,7 @@ def _run_child(attempt: Attempt, pipe: Connection, level: int) -> None:
     def send_stage(stage: Stage, fraction: float) -> None:
         _send(pipe, {"stage": stage, "fraction": fraction})
 
-    result = _make_files(attempt, tell_preparing(send_stage))
+    result = _make_files(attempt, report_preparing(send_stage))
     if isinstance(result, Finished):
         _send(pipe, {"files": [(file.name, file.sha256, file.size_bytes) for file in result.files]})
     else:
@@ -232,7 +236,7 @@ def _run_child(attempt: Attempt, pipe: Connection, level: int) -> None:
 def _make_files(attempt: Attempt, on_stage: OnStage) -> Finished | Refused:
     try:
         with translate_disk_full():
-            attempt.make_report(attempt.log, attempt.request, attempt.out, on_stage)
+            attempt.make_report(attempt.recording_path, attempt.request, attempt.out, on_stage)
             return Finished(describe_files(attempt.out))
     except (FusionError, AppError) as refusal:
         return Refused(refusal.code, refusal.facts)

@@ -91,7 +91,7 @@ def start_child(child: BaseProcess) -> None:
     """Start a child, with a new fork server if the current one is dead or hangs. Raises NotStarted."""
     for _ in range(START_TRIES):
         try:
-            with _ending_hung_server():
+            with _killing_hung_server():
                 child.start()
                 return
         except (EOFError, OSError) as error:
@@ -122,7 +122,7 @@ def end_fork_server() -> None:
 
 
 @contextmanager
-def _ending_hung_server() -> Iterator[None]:
+def _killing_hung_server() -> Iterator[None]:
     """Kill the fork server if the block takes too long, counted in ticks while this process runs."""
     done = threading.Event()
 
@@ -145,7 +145,7 @@ def _ending_hung_server() -> Iterator[None]:
 # analysis compiles the kernels it needs. Until both have met, every stage is reported as "preparing".
 
 
-TELL_S = 0.5
+REPORT_PERIOD_S = 0.5
 LOCK = "preparing.lock"
 
 
@@ -168,7 +168,7 @@ def prepare_beside() -> None:
             for stream in range(3):  # close inherited output: a reader may wait for its end
                 os.dup2(nothing, stream)
             folder: Path = importlib.import_module("fusion.numba_kernels").make_kernel_folder()
-            if _take_turn(folder):
+            if _lock_preparation(folder):
                 importlib.import_module("fusion.prepare").prepare()
     finally:
         os._exit(0)
@@ -179,7 +179,7 @@ def _measure_progress() -> float:
     return progress
 
 
-def _take_turn(folder: Path) -> bool:
+def _lock_preparation(folder: Path) -> bool:
     """Lock the preparation of a folder until this process ends; return False if another process has it."""
     fcntl = importlib.import_module("fcntl")
     turn = os.open(folder / LOCK, os.O_CREAT | os.O_RDWR, 0o600)
@@ -190,7 +190,7 @@ def _take_turn(folder: Path) -> bool:
     return True
 
 
-def tell_preparing(on_stage: OnStage) -> OnStage:
+def report_preparing(on_stage: OnStage) -> OnStage:
     """Return a listener that reports "preparing" and its progress while kernels are being compiled."""
     return on_stage if _measure_progress() >= 1.0 else _Preparing(on_stage)
 
@@ -208,17 +208,17 @@ class _Preparing:
     def __call__(self, stage: Stage, fraction: float) -> None:
         with self._lock:
             self._stage = (stage, fraction)
-            self._tell()
+            self._report()
 
     def _tick(self) -> None:
         pause = threading.Event()
-        while not pause.wait(TELL_S):
+        while not pause.wait(REPORT_PERIOD_S):
             with self._lock:
                 if self._over:
                     return
-                self._tell()
+                self._report()
 
-    def _tell(self) -> None:
+    def _report(self) -> None:
         if self._stage is None:
             return
         progress = _measure_progress()

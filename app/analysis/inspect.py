@@ -10,7 +10,7 @@ import numpy as np
 
 from app.request import OnStage, ReportRequest
 from app.store.decoded import hash_entry_key
-from app.store.folder import KnownLogs, hash_file
+from app.store.folder import KnownFiles, hash_file
 from app.version import identify_engine
 from fusion.angle_files import AngleFile, read_angle_file, recognise_layout, resample_file
 from fusion.caveats import Caveat
@@ -28,12 +28,12 @@ _FAILED = "the reader plug-in %s %s failed: %s"
 logger = logging.getLogger(__name__)
 
 
-def read_logs(log: Path, request: ReportRequest, known: KnownLogs) -> Recording:
+def read_joined(recording_path: Path, request: ReportRequest, known: KnownFiles) -> Recording:
     """Read the recording of a request and the files joined to it, from the cache if possible."""
-    paths = (log, *map(Path, request.joined))
+    paths = (recording_path, *map(Path, request.joined))
     recordings = []
     for path, digest in zip(paths, known.digests or ("",) * len(paths), strict=True):
-        asked = request if path is log else replace(request, file_name=path.name)
+        asked = request if path is recording_path else replace(request, file_name=path.name)
         if known.cache is None:
             recordings.append(read_file(path, asked, digest))
             continue
@@ -130,29 +130,29 @@ def _inspect_capture(capture: AngleFile) -> dict[str, Any]:
     }
 
 
-def write_inspection(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+def write_inspection(recording_path: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
     """Inspect the file for a waiting process: write ``inspection.json`` to ``out``."""
     on_stage("reading", 0.0)
-    found = inspect_file(log, request.rate_hz, request.profile, request.file_name)
+    found = inspect_file(recording_path, request.rate_hz, request.profile, request.file_name)
     (out / "inspection.json").write_text(json.dumps(found), "utf-8")
 
 
-def write_preview(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+def write_preview(recording_path: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
     """Inspect the first bytes of a file that is still being uploaded."""
     on_stage("reading", 0.0)
-    facts = preview_head(log.read_bytes(), request.file_name, request.rate_hz)
+    facts = preview_head(recording_path.read_bytes(), request.file_name, request.rate_hz)
     start = facts.start.isoformat() if facts.start else None
     found = {"file": request.file_name, **asdict(facts), "start": start}
     (out / "inspection.json").write_text(json.dumps(found), "utf-8")
 
 
-def write_column_proposal(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+def write_column_proposal(recording_path: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
     """Write ``columns.json``: a table's header and its identity, first rows and proposed columns.
 
     Raises fusion.errors.FusionError if the file is not a table of numbers.
     """
     on_stage("reading", 0.0)
-    with log.open("rb") as file:
+    with recording_path.open("rb") as file:
         head = unpack(open_source(file, request.file_name, is_hashed=False)).head
         header = identify_header(file)
     proposal = asdict(propose_profile(head)) | {"header": header}

@@ -20,10 +20,10 @@ PREFIX = "look_"
 
 
 def load_and_call(
-    module: str, function: str, log: Path, request: ReportRequest, out: Path, on_stage: OnStage
+    module: str, function: str, recording_path: Path, request: ReportRequest, out: Path, on_stage: OnStage
 ) -> None:
     """Call a function of a module that only the child process loads."""
-    getattr(importlib.import_module(module), function)(log, request, out, on_stage)
+    getattr(importlib.import_module(module), function)(recording_path, request, out, on_stage)
 
 
 INSPECT = partial(load_and_call, "app.analysis.inspect", "write_inspection")
@@ -62,9 +62,9 @@ class Inspector:
             self._warm.set()
             threading.Thread(target=warm_up, name="warm-up", daemon=True).start()
 
-    def look(self, log: Path, request: ReportRequest) -> dict[str, Any]:
+    def look(self, recording_path: Path, request: ReportRequest) -> dict[str, Any]:
         """Inspect a whole recording. Raises RecordedProblem with the code of the refusal."""
-        return _read(self._run(log, request, self.inspect, "inspection.json"))
+        return _read(self._run(recording_path, request, self.inspect, "inspection.json"))
 
     def preview(self, head: bytes, request: ReportRequest) -> dict[str, Any]:
         """Inspect the first bytes of a recording. Raises RecordedProblem."""
@@ -73,20 +73,20 @@ class Inspector:
             file.flush()
             return _read(self._run(Path(file.name), request, self.make_preview, "inspection.json"))
 
-    def propose_columns(self, log: Path, request: ReportRequest) -> dict[str, Any]:
+    def propose_columns(self, recording_path: Path, request: ReportRequest) -> dict[str, Any]:
         """Return the names of a table's columns and their proposed meanings. Raises RecordedProblem."""
-        return _read(self._run(log, request, PROPOSE_COLUMNS, "columns.json"))
+        return _read(self._run(recording_path, request, PROPOSE_COLUMNS, "columns.json"))
 
     def write_angles(self, parquet: Path) -> bytes:
         """Return the angles as gzipped CSV."""
         return self._run(parquet, ReportRequest(""), WRITE_ANGLES, "elevation.csv.gz")
 
-    def _run(self, log: Path, request: ReportRequest, make: MakeReport, name: str) -> bytes:
+    def _run(self, recording_path: Path, request: ReportRequest, make: MakeReport, name: str) -> bytes:
         """Return the content of the named file that the child wrote."""
         with self._turns, tempfile.TemporaryDirectory(prefix=PREFIX, dir=self.folder) as folder:
             out = Path(folder)
-            limits = choose_limits(self.settings, log.stat().st_size)
-            make_now(Attempt(log, request, out, make, limits))
+            limits = choose_limits(self.settings, recording_path.stat().st_size)
+            make_now(Attempt(recording_path, request, out, make, limits))
             return (out / name).read_bytes()
 
 

@@ -11,23 +11,23 @@ from pathlib import Path
 from typing import Any, Literal
 
 from app.errors import AppError, CannotPair, CannotProfile
-from app.report.findings import Kept
+from app.report.findings import FinishedAnalysis
 from app.report.model import Report, Table
 from app.report.pairs import (
     ArmPair,
     TrunkClock,
-    are_mixed,
     build_comparison,
     build_pair,
+    check_comparable,
     describe_comparison,
     describe_pair,
     encode_document,
+    has_mixed_methods,
     is_confirmed,
     judge_person,
     read_code,
-    refuse_no_comparison,
 )
-from app.report.render.write import read_kept, write_report
+from app.report.render.write import read_finished, write_report
 from app.report.several.document import describe_profile, encode_day_table, encode_overlay_table
 from app.report.several.people import MeasuredDay, Stage, group_days
 from app.report.several.report import build_days
@@ -62,7 +62,7 @@ def make_report_of_two(folders: Sequence[Path], request: PairRequest, out: Path)
     else:
         before, after = (_read(folder, CannotPair(why="kept")) for folder in folders)
         same = request.same_subject
-        refuse_no_comparison(before, after, same_subject=same, mixed_methods=request.mixed_methods)
+        check_comparable(before, after, same_subject=same, mixed_methods=request.mixed_methods)
         reports = [
             build_comparison(before, after, language, same_subject=same) for language in request.languages
         ]
@@ -72,14 +72,14 @@ def make_report_of_two(folders: Sequence[Path], request: PairRequest, out: Path)
 def _pair_arms(arms: tuple[Path, Path], trunk: Path | None, request: PairRequest) -> ArmPair:
     left, right = (_read(arm, CannotPair(why="kept")) for arm in arms)
     body = _read(trunk, CannotPair(why="kept")) if trunk else None
-    _refuse_strangers(left, right)
+    _check_same_person(left, right)
     if left.subject.side == "right" or right.subject.side == "left":
         raise CannotPair(why="side")
     every = tuple(filter(None, (left, right, body)))
     one_person = judge_person(every, is_stated=request.same_subject)
     if one_person == "unknown":
         raise CannotPair(why="person")
-    if are_mixed(every) and not request.mixed_methods:
+    if has_mixed_methods(every) and not request.mixed_methods:
         raise CannotPair(why="methods")
     offset_s = find_offset_s(left, right) if request.offset_s is None else request.offset_s
     angles = read_analysed(arms[0], left), read_analysed(arms[1], right)
@@ -98,7 +98,7 @@ def _pair_arms(arms: tuple[Path, Path], trunk: Path | None, request: PairRequest
     return ArmPair(left, right, offset_s, stated_by, shared, relative, clock, one_person)
 
 
-def find_offset_s(left: Kept, right: Kept) -> float:
+def find_offset_s(left: FinishedAnalysis, right: FinishedAnalysis) -> float:
     """Return the start of the right recording in seconds after the left, by their clocks.
 
     If only one file states its time zone, both clocks are taken as local to the same place.
@@ -113,19 +113,19 @@ def find_offset_s(left: Kept, right: Kept) -> float:
     return (second - first).total_seconds()
 
 
-def read_analysed(folder: Path, kept: Kept) -> Elevation:
+def read_analysed(folder: Path, kept: FinishedAnalysis) -> Elevation:
     """Read the angle series of a finished analysis; spans that its report excludes are not valid."""
     return leave_out(read_elevation(folder / ELEVATION), kept.findings.exclusions)
 
 
-def _read(folder: Path, refusal: AppError) -> Kept:
+def _read(folder: Path, refusal: AppError) -> FinishedAnalysis:
     try:
-        return read_kept(folder)
+        return read_finished(folder)
     except (OSError, ValueError):
         raise refusal from None
 
 
-def _refuse_strangers(one: Kept, other: Kept) -> None:
+def _check_same_person(one: FinishedAnalysis, other: FinishedAnalysis) -> None:
     """Reject the same recording twice, which would look like perfect symmetry, and two people."""
     if one.findings.recording.sha256 == other.findings.recording.sha256:
         raise CannotPair(why="same")
@@ -133,7 +133,7 @@ def _refuse_strangers(one: Kept, other: Kept) -> None:
         raise CannotPair(why="subjects")
 
 
-def widen_unconfirmed(shared: PairedArms, left: Kept, right: Kept) -> PairedArms:
+def widen_unconfirmed(shared: PairedArms, left: FinishedAnalysis, right: FinishedAnalysis) -> PairedArms:
     """Widen the ranges of an arm with an unconfirmed pose to include those of its single report.
 
     Those cover the other stillnesses that may be the pose. A figure that cannot be widened has no range.
@@ -162,8 +162,8 @@ def widen_unconfirmed(shared: PairedArms, left: Kept, right: Kept) -> PairedArms
 
 def _relate(
     angles: tuple[Elevation, Elevation],
-    trunk: tuple[Path, Kept],
-    arms: tuple[Kept, Kept],
+    trunk: tuple[Path, FinishedAnalysis],
+    arms: tuple[FinishedAnalysis, FinishedAnalysis],
     offset_s: float,
     trunk_offset_s: float | None,
 ) -> tuple[tuple[TrunkRelative, TrunkRelative], TrunkClock]:
@@ -172,7 +172,7 @@ def _relate(
     ``trunk_offset_s``: start of the trunk's recording after the left arm's, as a person stated it.
     """
     for arm in arms:
-        _refuse_strangers(arm, trunk[1])
+        _check_same_person(arm, trunk[1])
     body = read_analysed(*trunk)
     if trunk_offset_s is None:
         clock = TrunkClock(find_offset_s(arms[0], trunk[1]), "clocks")

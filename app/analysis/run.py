@@ -8,17 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from app.analysis.inspect import read_logs
+from app.analysis.inspect import read_joined
 from app.errors import BadParameter
 from app.report.export.all import encode_elevation_csv, export_results, write_elevation
 from app.report.export.fhir import encode_fhir
 from app.report.export.results import encode_results, identify_report
 from app.report.figures import load_results
-from app.report.findings import ReportSubject, Software, take_findings
+from app.report.findings import ReportSubject, Software, build_findings
 from app.report.render.write import RESULTS, rewrite_reports, write_reports
 from app.request import OnStage, ReportRequest, Stage
 from app.store.day_file import DAY_NAME, DaySegment, write_day
-from app.store.folder import NOTHING_KNOWN, KnownLogs, sync_file
+from app.store.folder import NOTHING_KNOWN, KnownFiles, sync_file
 from app.version import software_revision, software_version
 from fusion.angle_files import AngleFile, AngleFileOptions, holds_samples, read_angle_file, recognise_layout
 from fusion.caveats import Caveat
@@ -124,11 +124,11 @@ def ignore_stage(_stage: Stage, _fraction: float) -> None:
 
 
 def make_report(
-    log: Path,
+    recording_path: Path,
     request: ReportRequest,
     out: Path,
     on_stage: OnStage = ignore_stage,
-    known: KnownLogs = NOTHING_KNOWN,
+    known: KnownFiles = NOTHING_KNOWN,
 ) -> None:
     """Analyse the file and write every product to the existing folder ``out``.
 
@@ -140,9 +140,9 @@ def make_report(
     also ``fhir.json``. With a cache (on a server) it also writes the day for the page. Raises
     fusion.errors.FusionError if no figure can be computed; then nothing has been written.
     """
-    analysis = _analyse_file(log, request, known, lambda stage: on_stage(stage, _BEGINS[stage]))
+    analysis = _analyse_file(recording_path, request, known, lambda stage: on_stage(stage, _BEGINS[stage]))
     on_stage("rendering", _BEGINS["rendering"])
-    findings, subject = take_findings(analysis), describe_subject(request)
+    findings, subject = build_findings(analysis), describe_subject(request)
     subject = replace(subject, report_id=identify_report(analysis.settings, findings, subject))
     content = encode_results(findings, subject)
     (out / RESULTS).write_bytes(content)
@@ -201,20 +201,20 @@ def describe_subject(request: ReportRequest) -> ReportSubject:
 
 
 def _analyse_file(
-    log: Path, request: ReportRequest, known: KnownLogs, begin: Callable[[Stage], None]
+    recording_path: Path, request: ReportRequest, known: KnownFiles, begin: Callable[[Stage], None]
 ) -> Analysis:
     told = request.select_diary()
     diary, windows_s = tuple(entry for entry in told if entry.kind != "pose"), request.calibration_windows_s
     begin("reading")
     if request.source == "angles":
-        with log.open("rb") as file:
+        with recording_path.open("rb") as file:
             return analyse_angles(file, begin, diary)
-    captured = _read_capture(log, request)
+    captured = _read_capture(recording_path, request)
     if captured is not None:
         duration_us = round((captured.last_s - captured.first_s) * MICROSECONDS)
         windows_s = windows_s or find_diary_poses(told, captured.start, duration_us)
         return analyse_angle_file(captured, begin, diary, windows_s)
-    recording = read_logs(log, request, known)
+    recording = read_joined(recording_path, request, known)
     settings = AnalysisSettings(
         request.method,
         request.pose,
@@ -233,9 +233,9 @@ def _analyse_file(
     return analyse(recording, settings, begin)
 
 
-def _read_capture(log: Path, request: ReportRequest) -> AngleFile | None:
+def _read_capture(recording_path: Path, request: ReportRequest) -> AngleFile | None:
     """Read a motion capture; None for a file with samples of an inertial sensor."""
-    with log.open("rb") as file:
+    with recording_path.open("rb") as file:
         if holds_device_format(file):
             return None
         layout = recognise_layout(file, request.file_name)

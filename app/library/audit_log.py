@@ -203,7 +203,7 @@ def _find_recording(connection: Connection, analysis_id: str) -> str:
     return str(connection.execute(query).scalar() or "") if analysis_id else ""
 
 
-def keep_audit_log(engine: Engine) -> None:
+def attach_audit_log(engine: Engine) -> None:
     """Make an engine write the recorded lines with each commit."""
     event.listen(engine, "commit", _write_noted)
 
@@ -223,7 +223,7 @@ MOST_IDS = 500
 
 
 @dataclass(frozen=True, slots=True)
-class AuditQuestion:
+class AuditFilter:
     """A filter for lines; empty fields match any.
 
     ``begin`` and ``end`` are timestamps, ISO 8601 in UTC; ``end`` itself is excluded. ``recording_ids``: None
@@ -253,9 +253,7 @@ class AuditLine:
 AUDIT_COLUMNS = tuple(AuditLine.__dataclass_fields__)
 
 
-def find_lines(
-    reader: Engine, asked: AuditQuestion, *, before: int = 0, most: int = 0
-) -> Iterator[AuditLine]:
+def find_lines(reader: Engine, asked: AuditFilter, *, before: int = 0, most: int = 0) -> Iterator[AuditLine]:
     """Return the matching lines, newest first; ``before`` continues after a page of them."""
     query = select(*(audit_log.c[name] for name in AUDIT_COLUMNS)).order_by(audit_log.c.seq.desc())
     for name, value in {"who": asked.who, "act": asked.act}.items():

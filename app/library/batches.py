@@ -189,7 +189,7 @@ def join_study(connection: Connection, name: str, analysis_id: str) -> str:
     return study_id
 
 
-def follow_recording(connection: Connection, analysis_id: str) -> None:
+def update_studies(connection: Connection, analysis_id: str) -> None:
     """Replace the recording's earlier analysis by this one in every study that contains it."""
     same = _select_siblings(analysis_id)
     holding = (

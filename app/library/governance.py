@@ -180,7 +180,7 @@ class ReleaseStore(RowStore):
         known = self.find(job.id)
         return known if known is not None else self._add(job, who, "report.released")
 
-    def take_back(self, job: Job, who: str) -> Release | None:
+    def withdraw(self, job: Job, who: str) -> Release | None:
         """Withdraw a release; a report without one stays unchanged."""
         return None if self.find(job.id) is None else self._add(job, who, "report.taken_back")
 

@@ -22,7 +22,7 @@ from sqlalchemy.exc import OperationalError
 
 from app.errors import Interrupted, NotHere, StaleVersion, StoreMismatch
 from app.library.audit_log import Act, record
-from app.library.batches import follow_recording, join_study
+from app.library.batches import join_study, update_studies
 from app.library.claims import (
     DatabaseClock,
     WayIn,
@@ -36,7 +36,7 @@ from app.library.claims import (
 )
 from app.library.database.connect import READ_ONLY, lock_tables, open_database
 from app.library.database.tables import analyses, answers, facts, recordings, result_files
-from app.library.listing import HeadlineFigures, adopt_description
+from app.library.listing import HeadlineFigures, apply_description
 from app.library.recordings import Description, Place, check_not_purged, insert_recording, select_page
 from app.library.rows import (
     PURGING,
@@ -54,10 +54,10 @@ from app.library.versions import (
     COUNTED,
     build_item,
     drop_drafts,
+    drop_outdated_conclusion,
     identify_work,
     renumber,
     select_same,
-    settle_conclusion,
 )
 from app.request import Conclusion, ReportRequest
 from app.settings import Settings
@@ -152,7 +152,7 @@ class JobStore(RowStore):
         Raises StaleVersion if ``job`` is not the current version any more.
         """
         with self._engine.begin() as connection:
-            newest = _find_newer(connection, job, settle_conclusion(connection, job, asked))
+            newest = _find_newer(connection, job, drop_outdated_conclusion(connection, job, asked))
             if newest is not None:
                 return newest
             analysis_id = _queue_again(connection, job, asked)
@@ -180,7 +180,7 @@ class JobStore(RowStore):
                 drop_drafts(connection, job.recording_id)
             act: Act = "conclusion.dismissed" if conclusion is None else "report.concluded"
             record(connection, act, job.recording_id, analysis_id)
-            follow_recording(connection, analysis_id)
+            update_studies(connection, analysis_id)
         return self.get(analysis_id)
 
     def dismiss_draft(self, analysis_id: str) -> None:
@@ -237,7 +237,7 @@ class JobStore(RowStore):
             for (job, _), again in zip(asked, enqueue_all(connection, items, "api"), strict=True):
                 if job.state in (JobState.FAILED, JobState.CANCELLED):
                     replace_job(connection, job.id, again)
-                follow_recording(connection, again)
+                update_studies(connection, again)
         return len(asked)
 
     def withdraw(self, analysis_id: str) -> Job:
@@ -372,7 +372,7 @@ class JobStore(RowStore):
             if not change_state(connection, analysis_id, JobState.SUCCEEDED, ended, token):
                 return False
             connection.execute(insert(result_files), rows)
-            adopt_description(connection, analysis_id)
+            apply_description(connection, analysis_id)
             if headline is not None:
                 connection.execute(insert(answers).values(analysis_id=analysis_id, **asdict(headline)))
         return True
@@ -522,7 +522,7 @@ def _find_newer(connection: Connection, job: Job, asked: ReportRequest) -> Job |
 
 def _queue_again(connection: Connection, job: Job, asked: ReportRequest) -> str:
     (analysis_id,) = enqueue_all(connection, [build_item(connection, job, asked)], "web")
-    follow_recording(connection, analysis_id)
+    update_studies(connection, analysis_id)
     return analysis_id
 
 

@@ -55,7 +55,7 @@ GROUPS: tuple[Group, ...] = get_args(Group)
 Order = Literal["newest", "name", "subject", "date", "side", "hours", "quality", "above_60"]
 ORDERS: tuple[Order, ...] = get_args(Order)
 
-JUDGED_BY = 40
+DURATIONS_USED = 40
 """Number of earlier analyses from which the remaining time of one is estimated."""
 VIEWS_FILE = "views.json"
 _ACTIVE = (JobState.QUEUED, JobState.RUNNING)
@@ -72,7 +72,7 @@ FIELDS = ("subject", "side", "diary")
 """Fields in the description of a recording that a correction on the page may change."""
 
 
-def adopt_description(connection: Connection, analysis_id: str) -> None:
+def apply_description(connection: Connection, analysis_id: str) -> None:
     """Copy the corrected subject, side and diary of a successful analysis to its recording.
 
     Only an analysis requested on the page corrects its recording, and only once it has a report: a failed
@@ -191,7 +191,7 @@ class Entry:
 
 
 @dataclass(frozen=True, slots=True)
-class Took:
+class AnalysisDuration:
     """Duration of a finished analysis."""
 
     file_name: str
@@ -216,12 +216,12 @@ class Library(RowStore):
         query = _select(LibraryFilter(batch=batch)).where(chosen)
         return self._read(query.order_by(*_newest_first()))
 
-    def find_took(self) -> tuple[Took, ...]:
+    def find_durations(self) -> tuple[AnalysisDuration, ...]:
         """Return the durations of the last analyses, from which the remaining time of others is estimated."""
         query = select_jobs().where(analyses.c.state == JobState.SUCCEEDED).order_by(*_newest_first())
-        jobs = [read_job(row) for row in self._read_all(query.limit(JUDGED_BY))]
+        jobs = [read_job(row) for row in self._read_all(query.limit(DURATIONS_USED))]
         return tuple(
-            Took(job.file_name, job.size_bytes, (job.ended_at - job.started_at).total_seconds())
+            AnalysisDuration(job.file_name, job.size_bytes, (job.ended_at - job.started_at).total_seconds())
             for job in jobs
             if job.started_at and job.ended_at and job.request.reference is None
         )
@@ -296,7 +296,7 @@ def _read_shown_id(row: Any) -> str | None:
     return str(row.report_id or row.id) if row else None
 
 
-FALLING: Mapping[Order, ColumnElement[Any]] = {
+DESCENDING: Mapping[Order, ColumnElement[Any]] = {
     "date": answers.c.start,
     "hours": answers.c.recorded_s,
     "above_60": answers.c.above_60_percent,
@@ -323,8 +323,8 @@ def _choose_order(wanted: LibraryFilter) -> tuple[ColumnElement[Any], ...]:
         turned_words = [(word.desc() if wanted.is_reversed else word.asc()).nulls_last() for word in words]
         return (*unnamed, *turned_words, *_newest_first())
     is_quality = wanted.order == "quality"
-    column = case(_RANKS, value=answers.c.verdict) if is_quality else FALLING[wanted.order]
-    is_falling = (wanted.order in FALLING) != wanted.is_reversed
+    column = case(_RANKS, value=answers.c.verdict) if is_quality else DESCENDING[wanted.order]
+    is_falling = (wanted.order in DESCENDING) != wanted.is_reversed
     turned = (column.desc() if is_falling else column.asc()).nulls_last()
     return turned, *_newest_first()
 

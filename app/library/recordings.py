@@ -305,7 +305,7 @@ class RecordingStore(RowStore):
         finally:
             raw.close()
 
-    def age_trash(self, elapsed_s: float, term_s: float) -> tuple[str, ...]:
+    def advance_trash(self, elapsed_s: float, term_s: float) -> tuple[str, ...]:
         """Add elapsed time to everything in the trash; return the recordings whose term has passed.
 
         Recordings on hold do not age and are not returned.
@@ -326,7 +326,7 @@ class RecordingStore(RowStore):
         """Put a recording on hold, which prevents permanent deletion. Raises NotHere."""
         return self._change_hold(recording_id, {"hold": reason, "hold_by": who}, "recording.held")
 
-    def let_go(self, recording_id: str) -> StoredRow:
+    def release_hold(self, recording_id: str) -> StoredRow:
         """End the hold of a recording. Raises NotHere."""
         return self._change_hold(recording_id, {"hold": None, "hold_by": None}, "recording.let_go")
 
@@ -521,7 +521,7 @@ class UploadStore(RowStore):
         mine = (uploads.c.id == row.id, uploads.c.offset_bytes == row.offset_bytes)
         return self._write(update(uploads).where(*mine).values(offset_bytes=offset_bytes, idle_s=0.0)) == 1
 
-    def step_back(self, row: UploadRow, offset_bytes: int) -> UploadRow:
+    def reset_offset(self, row: UploadRow, offset_bytes: int) -> UploadRow:
         """Reset the offset to the bytes still on disk, unless the upload has become a recording."""
         mine = (uploads.c.id == row.id, uploads.c.offset_bytes == row.offset_bytes)
         lost = update(uploads).where(*mine, uploads.c.recording_id.is_(None))

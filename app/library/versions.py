@@ -4,7 +4,7 @@ The number is in the request, so that the report can state it. It is assigned wh
 again when it starts, from the reports that exist then: a failed or cancelled analysis has no version.
 
 A conclusion is valid only for the figures it was written for. An analysis with the same settings and engine
-keeps it (:func:`settle_conclusion`); any other receives it as a draft, and passes it on until a person
+keeps it (:func:`drop_outdated_conclusion`); any other receives it as a draft, and passes it on until a person
 confirms or dismisses it.
 """
 
@@ -154,7 +154,7 @@ def _compare_draft(history: _History, draft: ConclusionDraft, request: ReportReq
     return replace(draft, version=origin.version, changes=changes if is_ours else (*changes, "engine"))
 
 
-def settle_conclusion(connection: Connection, job: Job, asked: ReportRequest) -> ReportRequest:
+def drop_outdated_conclusion(connection: Connection, job: Job, asked: ReportRequest) -> ReportRequest:
     """Return the request; keep the conclusion from ``job`` only if the figures stay the same."""
     if asked.conclusion is None:
         return asked
@@ -166,7 +166,7 @@ def settle_conclusion(connection: Connection, job: Job, asked: ReportRequest) ->
 
 def build_item(connection: Connection, job: Job, asked: ReportRequest) -> Item:
     """Return the item to queue for the recording of a job."""
-    return job.recording_id, job.sha256, settle_conclusion(connection, job, asked)
+    return job.recording_id, job.sha256, drop_outdated_conclusion(connection, job, asked)
 
 
 def drop_drafts(connection: Connection, recording_id: str) -> bool:

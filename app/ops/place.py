@@ -9,7 +9,7 @@ from sqlalchemy import Engine, select
 from sqlalchemy.exc import SQLAlchemyError
 
 from app.accounts.accounts import MARKER
-from app.accounts.logins import name_second_factor
+from app.accounts.sign_in import name_second_factor
 from app.errors import NotHere, SecretUnreadable
 from app.library.audit_log import AT_MACHINE, Act, record
 from app.library.database.connect import connect, read_revision

@@ -120,7 +120,7 @@ async def _listen(worker: WorkerContext, engine: App) -> None:
         )
     )
     leader = Leader(worker.store.engine, REVIVAL, LEADER_SILENCE_S)
-    tasks = (listener, asyncio.create_task(_revive_for_ever(worker, engine, leader)))
+    tasks = (listener, asyncio.create_task(_revive_forever(worker, engine, leader)))
     try:
         done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
     finally:
@@ -141,7 +141,7 @@ def revive_if_leading(worker: WorkerContext, leader: Leader) -> bool:
     return True
 
 
-async def _revive_for_ever(worker: WorkerContext, engine: App, leader: Leader) -> None:
+async def _revive_forever(worker: WorkerContext, engine: App, leader: Leader) -> None:
     """Put back jobs of dead workers every ``REVIVE_S``."""
     while True:
         try:

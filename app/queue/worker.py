@@ -44,7 +44,7 @@ from app.settings import Settings
 from app.store.decoded import DecodedCache
 from app.store.folder import (
     TEMPORARY_S,
-    KnownLogs,
+    KnownFiles,
     Storage,
     borrow_recording,
     borrow_result,
@@ -240,14 +240,14 @@ def _attempt(worker: WorkerContext, job: Job, token: str, lease: Lease) -> Outco
     limits = choose_limits(worker.settings, job.size_bytes)
     # The digest was just verified: the child need not compute it again.
     digests = () if job.request.joined else (job.sha256,)
-    known = KnownLogs(digests, replace(worker.cache, recording_id=job.recording_id))
+    known = KnownFiles(digests, replace(worker.cache, recording_id=job.recording_id))
     make = worker.make or partial(load_and_make_report, known=known)
     with ExitStack() as stack:
         own = borrow_recording(worker.storage, job.recording_id, job.sha256)
-        log = lease.keep_during(partial(stack.enter_context, own), limits.wall_s)
+        recording_path = lease.keep_during(partial(stack.enter_context, own), limits.wall_s)
         reference = _borrow_reference(worker, job)
         request = lease.keep_during(partial(stack.enter_context, reference), limits.wall_s)
-        attempt = Attempt(log, request, out, make, limits, gives_way=True)
+        attempt = Attempt(recording_path, request, out, make, limits, gives_way=True)
         on_progress = partial(_renew_unless_stopping, worker, lease)
         outcome = run_attempt(attempt, on_progress)
         header = outcome.facts.get("header") if isinstance(outcome, Refused) else None

@@ -275,7 +275,7 @@ MOST_LAGS = 12
 # The answer of a comparison in a few lines of plain text.
 
 
-def tell_agreement(validation: Mapping[str, Any], language: Language) -> bytes:
+def encode_sentences(validation: Mapping[str, Any], language: Language) -> bytes:
     """Encode the sentences of :func:`list_sentences` as text."""
     return ("\n".join(list_sentences(validation, language)) + "\n").encode("utf-8")
 
@@ -290,10 +290,10 @@ def list_sentences(validation: Mapping[str, Any], language: Language) -> tuple[s
         "bias": format_angle(overall["bias_deg"], language, 2),
         "low": format_angle(overall["loa_low_deg"], language, 1),
         "high": format_angle(overall["loa_high_deg"], language, 1),
-        "r": tell_r(overall["r"], language),
+        "r": format_r(overall["r"], language),
         "duration": format_duration(overall["duration_s"], language),
         "offset": format_number(alignment["offset_s"], 3, language),
-        "drift": tell_drift(alignment["drift_ppm"], alignment["drift_margin_ppm"], language),
+        "drift": format_drift(alignment["drift_ppm"], alignment["drift_margin_ppm"], language),
     }
     clocks = (
         words["clocks"] if alignment["drift_fitted"] or alignment["drift_given"] else words["clocks_no_drift"]
@@ -301,7 +301,7 @@ def list_sentences(validation: Mapping[str, Any], language: Language) -> tuple[s
     return tuple(fill(text, facts) for text in (words["error"], words["bias"], words["r"], clocks))
 
 
-def tell_drift(drift_ppm: float, margin_ppm: float | None, language: Language) -> str:
+def format_drift(drift_ppm: float, margin_ppm: float | None, language: Language) -> str:
     """Format a drift with its margin: without decimals from 1 ppm; a drift set by hand has no margin."""
     if margin_ppm is None or not math.isfinite(margin_ppm):
         return format_number(drift_ppm, 1, language)
@@ -310,7 +310,7 @@ def tell_drift(drift_ppm: float, margin_ppm: float | None, language: Language) -
     return f"{drift}\u00a0±\u00a0{margin}"
 
 
-def tell_r(r: float | None, language: Language) -> str:
+def format_r(r: float | None, language: Language) -> str:
     """Format a correlation; NA if there is none, as in the paper."""
     text = format_number(r, 3, language)
     return "NA" if text == NONE else text
@@ -340,19 +340,19 @@ def tabulate_tasks(comparison: Comparison, words: Words, language: Language) -> 
             has_paper = True
             r = "NA" if task.paper_task in QUASI_STATIC else format_number(figures.r, 3, language)
             paper = [r, *format_angles((figures.rmse_deg, figures.absolute_deg), language)]
-        rows.append((name_task(task.name), *_tell_statistics(task.agreement, language), *paper))
-    rows.append((words["all"], *_tell_statistics(comparison.overall, language), *[NONE] * 3))
+        rows.append((name_task(task.name), *_format_statistics(task.agreement, language), *paper))
+    rows.append((words["all"], *_format_statistics(comparison.overall, language), *[NONE] * 3))
     columns = (*entry["columns"], *entry["paper_columns"])
     cut = len(columns) if has_paper else len(columns) - 3
     table = tuple(row[:cut] for row in rows)
     return Table(entry["caption"], columns[:cut], table, entry["note_paper" if has_paper else "note"])
 
 
-def _tell_statistics(agreement: Agreement, language: Language) -> list[str]:
+def _format_statistics(agreement: Agreement, language: Language) -> list[str]:
     low, high = (format_angle(edge, language, 1) for edge in (agreement.loa_low_deg, agreement.loa_high_deg))
     errors = (agreement.rmse_deg, agreement.mean_absolute_error_deg, agreement.bias_deg)
     limits = NONE if low == NONE else f"{low}\u00a0…\u00a0{high}"
-    return [tell_r(agreement.r, language), *format_angles(errors, language), limits]
+    return [format_r(agreement.r, language), *format_angles(errors, language), limits]
 
 
 def tabulate_overall(overall: Agreement, words: Words, language: Language) -> Table:
@@ -367,10 +367,10 @@ def tabulate_overall(overall: Agreement, words: Words, language: Language) -> Ta
         "high": overall.loa_high_deg,
     }
     values = {
-        "r": tell_r(overall.r, language),
+        "r": format_r(overall.r, language),
         **dict(zip(errors, format_angles(errors.values(), language), strict=True)),
-        "icc": tell_r(overall.icc, language),
-        "concordance": tell_r(overall.concordance, language),
+        "icc": format_r(overall.icc, language),
+        "concordance": format_r(overall.concordance, language),
         "duration": format_duration(overall.duration_s, language),
         "samples": format_number(overall.count, 0, language),
     }
@@ -544,7 +544,7 @@ def _build_sections(
     alignment, entry = comparison.alignment, words["clocks"]
     lags = tabulate_lags(alignment.windows, words, language)
     drift = "given" if alignment.is_drift_given else "found" if alignment.is_drift_fitted else "untold"
-    told_drift = tell_drift(alignment.drift_ppm, alignment.drift_margin_ppm, language)
+    told_drift = format_drift(alignment.drift_ppm, alignment.drift_margin_ppm, language)
     clocks = (
         Pair(entry["offset"], f"{format_number(alignment.offset_s, 4, language)} s"),
         Pair(entry["offset_source"], entry["given" if alignment.is_offset_given else "found"]),
@@ -636,12 +636,12 @@ def _tabulate_study(
     rows = []
     for task in dict.fromkeys(cell.task for cell in cells):
         of = {cell.device: cell for cell in cells if cell.task == task}
-        told = (_tell_cell(of.get(device), name, language) for name, device in shown)
+        told = (_format_cell(of.get(device), name, language) for name, device in shown)
         rows.append((name_task(task, LONGEST_STUDY_NAME), *told))
     return Table(entry["caption"], (entry["task"], *columns), tuple(rows), entry["note"], even=True)
 
 
-def _tell_cell(cell: AgreementCell | None, name: str, language: Language) -> str:
+def _format_cell(cell: AgreementCell | None, name: str, language: Language) -> str:
     """Format mean [standard deviation over people] (the paper's); NA if nobody has the figure."""
     if cell is None:
         return NONE
@@ -678,7 +678,7 @@ def _build_study_sections(
             name_task(one.person, LONGEST_STUDY_NAME),
             entry["short"].get(one.device, one.device),
             name_task(one.task, LONGEST_STUDY_NAME),
-            tell_r(of.r, language),
+            format_r(of.r, language),
             *format_angles((of.rmse_deg, of.mean_absolute_error_deg, of.bias_deg), language),
         )
         for one in entries

@@ -168,14 +168,14 @@ class Findings:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Kept:
+class FinishedAnalysis:
     """The stored content of a finished analysis: its findings and its subject."""
 
     findings: Findings
     subject: ReportSubject
 
 
-def take_findings(analysis: Analysis) -> Findings:
+def build_findings(analysis: Analysis) -> Findings:
     """Extract the content of a report from an analysis."""
     recording, method = analysis.recording, analysis.elevation.method
     # a file with angles has no recorded segments
@@ -192,7 +192,7 @@ def take_findings(analysis: Analysis) -> Findings:
             serial_hash=recording.serial_hash,
             reader=recording.reader,
         ),
-        calibration=_take_calibration(analysis),
+        calibration=_build_calibration(analysis),
         method=MethodFacts(method.name, method.version, dict(method.parameters)) if method else None,
         exclusions=analysis.exclusions,
         time=analysis.time,
@@ -201,7 +201,7 @@ def take_findings(analysis: Analysis) -> Findings:
     )
 
 
-def _take_calibration(analysis: Analysis) -> CalibrationFacts | None:
+def _build_calibration(analysis: Analysis) -> CalibrationFacts | None:
     calibration, settings = analysis.calibration, analysis.settings
     if calibration is None:
         return None

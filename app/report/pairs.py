@@ -20,7 +20,7 @@ from app.report.charts.bars import build_parts
 from app.report.charts.day import build_timeline, build_two_days, shift_day
 from app.report.charts.distribution import build_two_curves
 from app.report.figures import format_figure, round_all
-from app.report.findings import Findings, Kept
+from app.report.findings import Findings, FinishedAnalysis
 from app.report.model import Chart, Note, Pair, Report, Section, Table, VerdictLine
 from app.report.single.chapters import format_accuracy, format_found, format_pose_caution
 from app.report.words.numbers import (
@@ -60,7 +60,7 @@ class PairSide:
     """One of the two analyses, with its name in the report."""
 
     name: str
-    kept: Kept
+    kept: FinishedAnalysis
 
 
 OnePerson = Literal["codes", "person", "unknown", "no"]
@@ -71,12 +71,12 @@ states it, and no report is made; "no": the codes are of two people.
 """
 
 
-def read_code(kept: Kept) -> str:
+def read_code(kept: FinishedAnalysis) -> str:
     """Return the code of the person; empty if none was given."""
     return find_code(clean_text(kept.subject.subject))
 
 
-def judge_person(every: Sequence[Kept], *, is_stated: bool) -> OnePerson:
+def judge_person(every: Sequence[FinishedAnalysis], *, is_stated: bool) -> OnePerson:
     """Return whether all recordings are from one person; a person's statement counts if a code is missing."""
     codes = {read_code(kept) for kept in every}
     if len(codes - {""}) > 1:
@@ -96,7 +96,7 @@ def name_pose(findings: Findings) -> str:
     return (findings.calibration.pose or "axis") if findings.calibration else ""
 
 
-def are_mixed(every: Iterable[Kept]) -> bool:
+def has_mixed_methods(every: Iterable[FinishedAnalysis]) -> bool:
     """Return whether several methods, or versions of one, made the figures."""
     return len({name_method(kept.findings) for kept in every}) > 1
 
@@ -132,7 +132,7 @@ def build_curves(sides: Sequence[PairSide], language: Language) -> list[Chart]:
     return [build_two_curves(named, load_pair_words(language)["curves"], language)]
 
 
-def format_start(kept: Kept, language: Language) -> str:
+def format_start(kept: FinishedAnalysis, language: Language) -> str:
     """Format the start date of a recording, or state that its file has no clock."""
     start = kept.findings.recording.start
     return format_date(start, language) if start else str(load_wording(language)["label"]["no_clock"])
@@ -169,7 +169,7 @@ def format_unconfirmed(sides: Sequence[PairSide], effect: str, language: Languag
 
 
 def build_report(
-    every: Sequence[Kept],
+    every: Sequence[FinishedAnalysis],
     document: Mapping[str, Any],
     words: Words,
     language: Language,
@@ -270,7 +270,7 @@ def format_points(points: float | None, name: str, language: Language, *, is_sig
     return sign + fill(words[form], {"value": format_number(points, 1, language)})
 
 
-def describe_source(kept: Kept) -> dict[str, object]:
+def describe_source(kept: FinishedAnalysis) -> dict[str, object]:
     """Return the identity of an analysis for JSON."""
     recording, subject = kept.findings.recording, kept.subject
     return {
@@ -318,8 +318,8 @@ class ArmPair:
     ``trunk_clock``, None without one. ``one_person``: whether all of them are from one person.
     """
 
-    left: Kept
-    right: Kept
+    left: FinishedAnalysis
+    right: FinishedAnalysis
     offset_s: float
     offset_from: Literal["clocks", "person"]
     shared: PairedArms
@@ -534,7 +534,9 @@ _TOLD = ("time_above_60_percent", "elevation_p50_deg")
 _LONGEST_OF_TWO = 16
 
 
-def describe_comparison(before: Kept, after: Kept, *, same_subject: bool = False) -> dict[str, Any]:
+def describe_comparison(
+    before: FinishedAnalysis, after: FinishedAnalysis, *, same_subject: bool = False
+) -> dict[str, Any]:
     """Return the changes, the verdicts and other differences between the two, for JSON.
 
     ``same_subject``: a person states that both are from one person, if a code is missing.
@@ -554,8 +556,12 @@ def describe_comparison(before: Kept, after: Kept, *, same_subject: bool = False
     return document
 
 
-def refuse_no_comparison(
-    before: Kept, after: Kept, *, same_subject: bool = False, mixed_methods: bool = False
+def check_comparable(
+    before: FinishedAnalysis,
+    after: FinishedAnalysis,
+    *,
+    same_subject: bool = False,
+    mixed_methods: bool = False,
 ) -> None:
     """Reject two people, the same hours of one arm, one analysis twice, and unrequested mixed methods.
 
@@ -573,11 +579,13 @@ def refuse_no_comparison(
         raise CannotCompare(why="person")
     if "hours" in differences and "side" not in differences:
         raise CannotCompare(why="same hours")
-    if are_mixed((before, after)) and not mixed_methods:
+    if has_mixed_methods((before, after)) and not mixed_methods:
         raise CannotCompare(why="methods")
 
 
-def build_comparison(before: Kept, after: Kept, language: Language, *, same_subject: bool = False) -> Report:
+def build_comparison(
+    before: FinishedAnalysis, after: FinishedAnalysis, language: Language, *, same_subject: bool = False
+) -> Report:
     """Build the report on the change between two analyses."""
     words, common, compared = load_pair_words(language), load_wording(language), _compare(before, after)
     entry, label, sides_of = words["compare"], common["label"], common["side"]
@@ -624,11 +632,11 @@ def build_comparison(before: Kept, after: Kept, language: Language, *, same_subj
     )
 
 
-def _compare(before: Kept, after: Kept) -> DayComparison:
+def _compare(before: FinishedAnalysis, after: FinishedAnalysis) -> DayComparison:
     return compare_days(_build_day(before), _build_day(after))
 
 
-def _build_day(kept: Kept) -> ComparedDay:
+def _build_day(kept: FinishedAnalysis) -> ComparedDay:
     findings = kept.findings
     return ComparedDay(
         exposure=findings.exposure,

@@ -115,14 +115,14 @@ class Fetched:
 
 
 @dataclass(frozen=True, slots=True)
-class KnownLogs:
+class KnownFiles:
     """Known facts about files before they are read: their SHA-256, and the cache of their samples."""
 
     digests: tuple[str, ...] = ()
     cache: "DecodedCache | None" = None
 
 
-NOTHING_KNOWN = KnownLogs()
+NOTHING_KNOWN = KnownFiles()
 
 
 class VerifiedFiles:

@@ -20,7 +20,7 @@ from typing import Literal
 import httpx2
 
 from app.errors import Crashed, Interrupted
-from app.library.audit_log import AuditQuestion, find_lines
+from app.library.audit_log import AuditFilter, find_lines
 from app.library.jobs import JobStore
 from app.library.rows import Job, JobState
 from app.ops.verify import find_faults, find_kept
@@ -238,7 +238,7 @@ def check_audit_log(settings: Settings, journal: Journal) -> list[str]:
     """Every act that was acknowledged has its line, once; every line is of an act."""
     store = JobStore(settings)
     try:
-        lines = tuple(find_lines(store.reader, AuditQuestion()))
+        lines = tuple(find_lines(store.reader, AuditFilter()))
         jobs = {job.id: job for job in store.find_newest(1_000_000)}
     finally:
         store.close()

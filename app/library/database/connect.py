@@ -30,7 +30,7 @@ from sqlalchemy.engine import make_url
 from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError
 
 from app.errors import AppError, DatabaseAway, DatabaseDamaged, DatabaseLocked, DiskFull, WrongSchema
-from app.library.audit_log import keep_audit_log
+from app.library.audit_log import attach_audit_log
 from app.library.database.tables import REVISION, analyses, metadata, schema_revision
 from app.settings import Settings
 from app.store.folder import check_folder, translate_folder_errors
@@ -94,7 +94,7 @@ def connect(url: str) -> Engine:
         engine = create_engine(
             url, pool_size=20, pool_pre_ping=True, connect_args=timeout, hide_parameters=True
         )
-    keep_audit_log(engine)
+    attach_audit_log(engine)
     return engine
 
 

@@ -199,7 +199,7 @@ def _draw_axes(plot: Plot, axes: _Axes) -> list[str]:
         anchor = "end" if x > plot.right_px - 1 else "middle"
         body.append(svg.line(x, plot.bottom_px, x, plot.bottom_px + 4, svg.RULE))
         body.append(svg.text(x, plot.bottom_px + 16, label, "soft", anchor))
-    return [*body, plot.draw_floor()]
+    return [*body, plot.draw_baseline()]
 
 
 def _draw_cells(counts: NDArray[np.int_], plot: Plot) -> Iterable[str]:

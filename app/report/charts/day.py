@@ -199,7 +199,7 @@ def build_day(findings: Findings, blocks: tuple[Block, ...], clock: Clock, words
         (labels.title, labels.description),
         lambda _, width_px: draw_day(day, labels, width_px),
         entry["columns"],
-        (_tell_band(band, clock) for run in day.runs for band in run),
+        (_format_band(band, clock) for run in day.runs for band in run),
     )
     return replace(chart, table=replace(chart.table, note=entry["table_note"]))
 
@@ -214,7 +214,7 @@ def build_two_days(days: Sequence[tuple[str, Day]], entry: Words, words: Words) 
         (labels.title, labels.description),
         lambda _, width_px: _draw_two_days(days, labels, width_px),
         entry["columns"],
-        ((name, *_tell_band(band, clock)) for name, day in days for run in day.runs for band in run),
+        ((name, *_format_band(band, clock)) for name, day in days for run in day.runs for band in run),
     )
 
 
@@ -224,7 +224,7 @@ def build_day_labels(title: str, description: str, words: Words) -> DayLabels:
     return DayLabels(title, description, *told)
 
 
-def _tell_band(band: MinuteBand, clock: Clock) -> tuple[str, ...]:
+def _format_band(band: MinuteBand, clock: Clock) -> tuple[str, ...]:
     angles_deg = (band.low_deg, band.middle_deg, band.high_deg)
     return clock.format(band.start_s), *(format_angle(deg, clock.language) for deg in angles_deg)
 
@@ -352,7 +352,7 @@ def _draw_guides(plot: Plot) -> list[str]:
             body.append(svg.line(plot.left_px, y, plot.right_px, y, dash))
         kind = "strong" if degrees == 60 else "soft"
         body.append(svg.text(plot.left_px - 5, y + 3.8, f"{degrees}°", kind, "end"))
-    return [*body, plot.draw_floor()]
+    return [*body, plot.draw_baseline()]
 
 
 def _draw_mark(mark: Mark, plot: Plot, key: str) -> list[str]:

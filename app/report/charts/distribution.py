@@ -31,7 +31,7 @@ def build_spread(exposure: Exposure, words: Words, language: Language) -> tuple[
     return apdf + eva
 
 
-def share_below(exposure: Exposure) -> tuple[float, ...]:
+def compute_share_below(exposure: Exposure) -> tuple[float, ...]:
     """Return the share of the time below each whole degree from 0 to 180, in percent."""
     below_s = np.concatenate([[0.0], np.cumsum(exposure.histogram_s)])[::_CELLS_PER_DEG]
     return tuple((100 * below_s / below_s[-1]).tolist())
@@ -52,7 +52,7 @@ class _MarkedPercentile:
 
 
 def _build_apdf(exposure: Exposure, entry: Words, language: Language) -> Chart:
-    below, marks = share_below(exposure), []
+    below, marks = compute_share_below(exposure), []
     for percent in MARKED_PERCENTILES:
         if percent not in exposure.percentiles_deg:
             continue
@@ -80,7 +80,7 @@ def _build_apdf(exposure: Exposure, entry: Words, language: Language) -> Chart:
             svg.text(plot.right_px, bottom + 30, across, "soft", "end"),
             svg.text(0, 10, upwards),
             svg.line(plot.left_px, plot.top_px, plot.left_px, bottom, svg.RULE),
-            plot.draw_floor(),
+            plot.draw_baseline(),
             plot.follow(enumerate(below), f'{svg.CURVE} stroke-width="1.8" stroke-linejoin="round"'),
             *(stroke for mark in marks for stroke in _draw_mark(mark, plot, key)),
         ]
@@ -149,7 +149,7 @@ _STYLES = (
 def build_two_curves(named: Sequence[tuple[str, Exposure]], entry: Words, language: Language) -> Chart:
     """Build a chart of both distributions on one scale, with guide lines at 30, 60 and 90 deg."""
     (first, _), (second, _) = named
-    below = [share_below(exposure) for _, exposure in named]
+    below = [compute_share_below(exposure) for _, exposure in named]
 
     def draw(words: tuple[str, str], width_px: float) -> str:
         bottom = 210.0 if width_px > NARROW else 240.0
@@ -157,7 +157,7 @@ def build_two_curves(named: Sequence[tuple[str, Exposure]], entry: Words, langua
         dash = f'{svg.RULE} stroke-width="0.7" stroke-dasharray="3 3"'
         body = [
             svg.line(plot.left_px, plot.top_px, plot.left_px, bottom, svg.RULE),
-            plot.draw_floor(),
+            plot.draw_baseline(),
             *_mark_percents(plot),
         ]
         for angle in range(0, 181, 30):

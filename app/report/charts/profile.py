@@ -63,7 +63,7 @@ def draw_tile(scale: TileScale) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Doubt:
+class UncertaintyBar:
     """One source of uncertainty: the range of the figure with it; None if unknown.
 
     ``is_pose``: hatched; without a range its length is unknown.
@@ -76,17 +76,17 @@ class Doubt:
 
 
 @dataclass(frozen=True, slots=True)
-class Sureness:
+class UncertaintyChart:
     """The uncertainties of one figure on a scale from 0 to ``end``."""
 
     words: tuple[str, str]
     measured: float
     end: float
     end_label: str
-    doubts: Sequence[Doubt]
+    doubts: Sequence[UncertaintyBar]
 
 
-def draw_sureness(shown: Sureness) -> str:
+def draw_uncertainty(shown: UncertaintyChart) -> str:
     """Draw a bar for each uncertainty on one scale, crossed by the measured value."""
     plot, bottom = Plot(2.0, SURE_PX - 2.0, across=(0.0, shown.end)), _ROW_PX * len(shown.doubts) + 2
     at, median = plot.x(shown.measured), f'{svg.MEDIAN} stroke-width="2.4"'

@@ -148,7 +148,7 @@ class Plot:
         places = (f"{number(self.x(x))} {number(self.y(y))}" for x, y in points)
         return path("M" + "L".join(places), attributes)
 
-    def draw_floor(self) -> str:
+    def draw_baseline(self) -> str:
         """Draw the base line of the plot."""
         return line(self.left_px, self.bottom_px, self.right_px, self.bottom_px, RULE)
 

@@ -39,25 +39,25 @@ if TYPE_CHECKING:
 # whether a list is one of its columns, which takes longer than writing the file.
 
 
-def lay_numbers(values: NDArray[Any], known: NDArray[np.bool_] | None = None) -> pa.Array:
+def build_numbers(values: NDArray[Any], known: NDArray[np.bool_] | None = None) -> pa.Array:
     """Return a column of numbers, shapes (n,); values that are not ``known`` are null."""
     close = pa.py_buffer(np.ascontiguousarray(values))
     marks = None if known is None or known.all() else _pack(known)
     return pa.Array.from_buffers(pa.from_numpy_dtype(values.dtype), len(values), [marks, close])
 
 
-def lay_flags(flags: NDArray[np.bool_]) -> pa.Array:
+def build_flags(flags: NDArray[np.bool_]) -> pa.Array:
     """Return a column of booleans without nulls; shape (n,)."""
     return pa.Array.from_buffers(pa.bool_(), len(flags), [None, _pack(flags)])
 
 
-def lay_some_numbers(values: Sequence[float | None]) -> pa.Array:
+def build_nullable_numbers(values: Sequence[float | None]) -> pa.Array:
     """Return a column of numbers; None becomes null."""
     filled = np.array([0.0 if value is None else value for value in values], np.float64)
-    return lay_numbers(filled, _find_known(values))
+    return build_numbers(filled, _find_known(values))
 
 
-def lay_some_texts(texts: Sequence[str | None]) -> pa.Array:
+def build_nullable_texts(texts: Sequence[str | None]) -> pa.Array:
     """Return a column of text; None becomes null."""
     encoded = [(text or "").encode("utf-8") for text in texts]
     edges = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
@@ -132,9 +132,9 @@ def _lay_segment(segment: ElevationSegment) -> Iterator[pa.Table]:
         time_us = np.arange(rows.start, rows.stop) * (step * segment.period_us) + segment.start_us
         angle_cdeg = np.where(known[rows], angle_deg[rows], np.float32(0.0)) * np.float32(STEPS_PER_DEG)
         columns = [
-            lay_numbers(_round(time_us).astype(np.int64)),
-            lay_numbers(_round(angle_cdeg).astype(np.int16), known[rows]),
-            lay_flags(valid[rows] & known[rows]),
+            build_numbers(_round(time_us).astype(np.int64)),
+            build_numbers(_round(angle_cdeg).astype(np.int16), known[rows]),
+            build_flags(valid[rows] & known[rows]),
         ]
         yield pa.Table.from_arrays(columns, schema=_SCHEMA)
 
@@ -146,8 +146,8 @@ def _round(values: FloatArray) -> FloatArray:
 def encode_elevation_csv(parquet: Path) -> bytes:
     """Encode ``elevation.parquet`` as gzipped CSV, in s and deg; the same file gives the same bytes."""
     rows = read_rows(parquet)
-    angles = lay_numbers(rows.elevation_deg, np.isfinite(rows.elevation_deg))
-    columns = [lay_numbers(rows.time_s), angles, lay_flags(rows.valid)]
+    angles = build_numbers(rows.elevation_deg, np.isfinite(rows.elevation_deg))
+    columns = [build_numbers(rows.time_s), angles, build_flags(rows.valid)]
     text = io.BytesIO()
     table = pa.Table.from_arrays(columns, ["time_s", "elevation_deg", "valid"])
     pc.write_csv(table, text, pc.WriteOptions(quoting_style="none"))
@@ -224,7 +224,7 @@ def export_results(results: Mapping[str, Any]) -> dict[str, bytes]:
 def encode_parquet(every: list[Mapping[str, Any]]) -> bytes:
     """Encode one typed row per recording: text or float64, null if not computable."""
     rows = [summarise_results(results) for results in every]
-    lay: dict[str, Callable[..., pa.Array]] = {"text": lay_some_texts, "number": lay_some_numbers}
+    lay: dict[str, Callable[..., pa.Array]] = {"text": build_nullable_texts, "number": build_nullable_numbers}
     columns = [lay[column.kind]([row[column.name] for row in rows]) for column in SUMMARY]
     body = io.BytesIO()
     table = pa.Table.from_arrays(columns, [column.name for column in SUMMARY])

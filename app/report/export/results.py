@@ -35,7 +35,7 @@ from app.report.figures import (
     Group,
     round_all,
 )
-from app.report.findings import Findings, Kept, ReportSubject, Software
+from app.report.findings import Findings, FinishedAnalysis, ReportSubject, Software
 from app.report.words.numbers import Clock
 from app.request import Conclusion
 from fusion.caveats import Caveat
@@ -288,7 +288,7 @@ def _format_iso(elapsed_s: float | None, clock: Clock) -> str | None:
 # Decoding.
 
 
-def decode_results(content: bytes) -> Kept:
+def decode_results(content: bytes) -> FinishedAnalysis:
     """Parse the output of :func:`encode_results`; the subject lacks the reason for a correction.
 
     Raises ValueError if it is another file or format.
@@ -297,7 +297,9 @@ def decode_results(content: bytes) -> Kept:
         results = json.loads(content)
         if results["schema"] != SCHEMA:
             raise ValueError(results["schema"])
-        return Kept(_load_adapter().validate_python(_read_findings(results)), _read_subject(results))
+        return FinishedAnalysis(
+            _load_adapter().validate_python(_read_findings(results)), _read_subject(results)
+        )
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"no {SCHEMA}: {error}") from error
 

@@ -110,7 +110,7 @@ def find_place(results: Mapping[str, Any], name: str) -> str | None:
 PROBLEM_COLUMNS = ["file", "code", "title", "detail", "fix", "path", "subject", "side"]
 
 
-def tell_problem(origin: Origin, code: str, facts: Mapping[str, Fact], language: Language) -> Row:
+def build_problem_row(origin: Origin, code: str, facts: Mapping[str, Fact], language: Language) -> Row:
     """Return the row of one recording."""
     problem = describe_problem(code, facts, language)
     words = {"title": problem.title, "detail": problem.detail, "fix": problem.fix}

@@ -59,11 +59,11 @@ def load_template(name: str) -> Template:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["drawing"] = trust_drawing
+    environment.filters["drawing"] = mark_drawing_safe
     return environment.get_template(name)
 
 
-def trust_drawing(svg: str) -> Markup:
+def mark_drawing_safe(svg: str) -> Markup:
     """Mark a chart as safe: every text in it was escaped when it was drawn."""
     return Markup(svg)  # noqa: S704
 

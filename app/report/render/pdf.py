@@ -69,7 +69,7 @@ def _compile(
     return made if isinstance(made, bytes) else made[0]
 
 
-def spell_uncovered(text: str) -> str:
+def replace_uncovered(text: str) -> str:
     """Replace a character that our font lacks by its code: "[U+4E2D]"."""
     return _UNCOVERED.sub(lambda found: f"[U+{ord(found[0]):04X}]", text)
 
@@ -89,7 +89,7 @@ def _encode(report: Report | AgreementReport, attached: tuple[str, ...], paper: 
 
 def _spell_all(value: Any) -> Any:
     if isinstance(value, str):
-        return spell_uncovered(value)
+        return replace_uncovered(value)
     if isinstance(value, dict):
         return {key: _spell_all(inner) for key, inner in value.items() if key not in _SCREEN_ONLY}
     if isinstance(value, list | tuple):

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from app.report.export.results import decode_results
-from app.report.findings import Findings, Kept, ReportSubject
+from app.report.findings import Findings, FinishedAnalysis, ReportSubject
 from app.report.model import Report, format_brief
 from app.report.render.html import render_html
 from app.report.render.pdf import render_pdf
@@ -41,12 +41,12 @@ def rewrite_reports(finished: Path, request: ReportRequest, out: Path) -> None:
 
     Raises OSError or ValueError if the folder has no results, or results of another version.
     """
-    kept = read_kept(finished)
+    kept = read_finished(finished)
     (out / RESULTS).write_bytes((finished / RESULTS).read_bytes())
     write_reports(kept.findings, replace(kept.subject, reason=request.reason), request, out)
 
 
-def read_kept(finished: Path) -> Kept:
+def read_finished(finished: Path) -> FinishedAnalysis:
     """Read the findings of the analysis in a folder.
 
     Raises OSError or ValueError as :func:`rewrite_reports`.

@@ -14,7 +14,7 @@ from app.report.charts.svg import NARROW, Plot, Span
 from app.report.figures import format_figure
 from app.report.model import Chart
 from app.report.pairs import format_points
-from app.report.several.document import MAIN, follow_days
+from app.report.several.document import MAIN, compute_trend
 from app.report.several.people import ArmDays
 from app.report.words.numbers import Clock, format_angle
 from app.report.words.wording import Language, Words, fill
@@ -128,7 +128,7 @@ def build_visits(arms: Sequence[tuple[str, ArmDays]], words: Words, language: La
     """Draw every day by its date against the first; none if no arm has two days with a date."""
     entry, panels, spreads = words["visits"], [], []
     for name, arm in arms:
-        trend = follow_days(arm)
+        trend = compute_trend(arm)
         if trend is None:
             continue
         visits = []

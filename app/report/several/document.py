@@ -78,7 +78,7 @@ def describe_profile(studied: StudiedDays) -> dict[str, Any]:
 
 
 def _describe_arm(arm: ArmDays) -> dict[str, Any]:
-    telling, trend = tell_days(arm), follow_days(arm)
+    telling, trend = estimate_days_needed(arm), compute_trend(arm)
     return {
         "subject": arm.subject,
         "side": arm.side,
@@ -139,13 +139,13 @@ def _find_most(name: str) -> float:
     return 100.0 if name.endswith("_percent") else 180.0 if name.endswith("_deg") else inf
 
 
-def tell_days(arm: ArmDays) -> Telling | None:
+def estimate_days_needed(arm: ArmDays) -> Telling | None:
     """Return how many days can detect a change of half the time above 60 deg; None if no day counts."""
     values = arm.list_values(MAIN)
     return find_telling(describe_days(values), BETWEEN_DAY_SD[MAIN]) if values else None
 
 
-def follow_days(arm: ArmDays) -> Trend | None:
+def compute_trend(arm: ArmDays) -> Trend | None:
     """Compare the time above 60 deg of every dated day with the first; None on a side of a change."""
     dated = [day.list_figures()[MAIN] for day in arm.counted if day.start]
     values = [value for value in dated if value is not None]

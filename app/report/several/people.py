@@ -11,8 +11,8 @@ from statistics import fmean
 from typing import Literal
 
 from app.errors import CannotProfile
-from app.report.findings import Kept
-from app.report.pairs import OnePerson, are_mixed, judge_person, name_pose, read_code
+from app.report.findings import FinishedAnalysis
+from app.report.pairs import OnePerson, has_mixed_methods, judge_person, name_pose, read_code
 from app.report.words.wording import clean_text
 from fusion.comparison.change import WHOLE_DAY_S
 from fusion.comparison.days import ClockBand
@@ -36,7 +36,7 @@ _ORDER: tuple[Side | None, ...] = ("left", "right", None)
 class MeasuredDay:
     """One finished analysis. ``place`` is its location, from which it can be read again."""
 
-    kept: Kept
+    kept: FinishedAnalysis
     stage: Stage = "all"
     place: str = ""
 
@@ -179,7 +179,7 @@ def group_days(
     nobody = next((day for day in days if not day.subject), None)
     if nobody and one_person in ("unknown", "no"):  # in a group every code is required
         raise CannotProfile(why="person" if one_person == "unknown" else "codes", name=_name(nobody))
-    if are_mixed(day.kept for day in days) and not mixed_methods:
+    if has_mixed_methods(day.kept for day in days) and not mixed_methods:
         raise CannotProfile(why="methods")
     code = max(day.subject for day in days)  # the only code, which also replaces a missing one
     arms = _split_arms(days, code if one_person != "no" else "")
@@ -187,11 +187,11 @@ def group_days(
     if one_person == "no" and max(people.values(), default=0) < FEWEST_PEOPLE:
         raise CannotProfile(why="few")
     for arm in arms:
-        _refuse_same_hours([day for other in arms if _is_same_arm(arm, other) for day in other.days])
+        _check_hours([day for other in arms if _is_same_arm(arm, other) for day in other.days])
     return StudiedDays(arms, one_person, _find_differences(arms))
 
 
-def _refuse_same_hours(days: Sequence[MeasuredDay]) -> None:
+def _check_hours(days: Sequence[MeasuredDay]) -> None:
     placed = sorted((day.start, day.end, _name(day)) for day in days if day.start and day.end)
     for (_, end, first), (start, _, second) in pairwise(placed):
         if start < end:
@@ -226,7 +226,7 @@ def _find_differences(arms: Sequence[ArmDays]) -> tuple[Difference, ...]:
     every = [day.kept.findings for day in days]
     dates = ([day.start.date() for day in arm.counted if day.start] for arm in arms)
     unlike: dict[Difference, bool] = {
-        "method": are_mixed(day.kept for day in days),
+        "method": has_mixed_methods(day.kept for day in days),
         "pose": len({name_pose(findings) for findings in every}) > 1,
         "sensor": len({findings.recording.device for findings in every}) > 1,
         "metric filter": len({findings.exposure.metric_filter_hz for findings in every}) > 1,

@@ -23,13 +23,13 @@ from app.report.several.charts import FigureRow, build_overlays, build_rows, bui
 from app.report.several.document import (
     FIGURES,
     MAIN,
+    compute_trend,
     describe_arm,
     describe_profile,
+    estimate_days_needed,
     find_group_pose,
-    follow_days,
     list_changes,
     list_groups,
-    tell_days,
 )
 from app.report.several.people import ArmDays, PoseEnds, Side, Stage, StudiedDays
 from app.report.single.chapters import format_pose_caution
@@ -137,7 +137,7 @@ def _list_sentences(studied: StudiedDays, entry: Words, language: Language) -> I
 
 def _list_arm_sentences(arm: ArmDays, entry: Words, language: Language) -> list[str]:
     name = _name_arm(arm.side, arm.stage, language)
-    days, telling, values = describe_arm(arm).get(MAIN), tell_days(arm), arm.list_values(MAIN)
+    days, telling, values = describe_arm(arm).get(MAIN), estimate_days_needed(arm), arm.list_values(MAIN)
     if days is None or telling is None:
         return [fill(entry["none"], {"arm": name})]
     facts = {
@@ -159,13 +159,13 @@ def _list_arm_sentences(arm: ArmDays, entry: Words, language: Language) -> list[
     if days.days < 2:
         return [fill(entry["one"], facts), fill(entry["more"], facts)]
     needed = fill(entry["more" if telling.more_days else "enough"], facts)
-    trend = _tell_trend(arm, entry, language)
+    trend = _format_trend(arm, entry, language)
     return [fill(entry["mean"], facts), f"{fill(entry['spread'], facts)} {needed}", *trend]
 
 
-def _tell_trend(arm: ArmDays, sentence: Words, language: Language) -> list[str]:
+def _format_trend(arm: ArmDays, sentence: Words, language: Language) -> list[str]:
     """Return whether the last day differs from the first by more than single days usually do."""
-    trend, entry = follow_days(arm), sentence["trend"]
+    trend, entry = compute_trend(arm), sentence["trend"]
     starts = [day.start for day in arm.counted if day.start]
     if trend is None:
         return []

@@ -7,7 +7,7 @@ from dataclasses import replace
 from math import ceil
 
 from app.report.charts.day import WORST_WINDOW_S, Block, build_day
-from app.report.charts.profile import Doubt, Sureness, TileScale, draw_sureness, draw_tile
+from app.report.charts.profile import TileScale, UncertaintyBar, UncertaintyChart, draw_tile, draw_uncertainty
 from app.report.model import Drawing, Profile, Table, Tile
 from app.report.single.chapters import Context, choose_ranges, format_pose_caution, format_quality
 from app.report.words.numbers import (
@@ -53,7 +53,7 @@ def build_profile(context: Context) -> Profile:
         tiles=(*(_build_share(threshold, context) for threshold in (30, 60, 90)), _build_rises(context)),
         strip=build_day(context.findings, blocks, context.clock, context.words),
         tasks=_tabulate_tasks(tasks, context) if tasks else _tabulate_quarter_hours(context),
-        sure=_build_sureness(context),
+        sure=_build_uncertainty(context),
         next_title=entry["next"]["title"],
         next_steps=_list_next_steps(blocks if tasks else (), context),
         not_a_diagnosis=entry["not_a_diagnosis"],
@@ -222,7 +222,7 @@ def _tabulate_quarter_hours(context: Context) -> Table | None:
 # Uncertainty.
 
 
-def _build_sureness(context: Context) -> Drawing:
+def _build_uncertainty(context: Context) -> Drawing:
     """Draw the uncertainties of the time above 60 deg side by side; if none is known, state the reason."""
     findings, language, entry = context.findings, context.language, context.words["profile"]["sure"]
     above, days = context.find_above(MAIN_THRESHOLD_DEG), None
@@ -232,13 +232,13 @@ def _build_sureness(context: Context) -> Drawing:
         days = max(above.percent - spread, 0.0), min(above.percent + spread, 100.0)
         told_days = format_range(Interval(*days), language)
     doubts = [
-        Doubt(
+        UncertaintyBar(
             entry["sensor" if findings.calibration else "sampling"],
             format_range(interval, language) or entry["unknown"],
             (interval.low, interval.high) if interval else None,
         ),
-        *_find_pose_doubts(above.percent, interval, context),
-        Doubt(entry["days"], told_days, days),
+        *_find_pose_uncertainty(above.percent, interval, context),
+        UncertaintyBar(entry["days"], told_days, days),
     ]
     spans = [doubt.span for doubt in doubts if doubt.span]
     if not spans:
@@ -249,11 +249,13 @@ def _build_sureness(context: Context) -> Drawing:
     told = join_clauses((f"{doubt.name}, {doubt.told}" for doubt in doubts), language)
     facts = {"value": format_percent(above.percent, language), "list": told}
     words = (entry["title"], fill(entry["alternative"], facts))
-    drawn = draw_sureness(Sureness(words, above.percent, end, _format_published((end,), language), doubts))
+    drawn = draw_uncertainty(
+        UncertaintyChart(words, above.percent, end, _format_published((end,), language), doubts)
+    )
     return Drawing(*words, drawn, entry["note"])
 
 
-def _find_pose_doubts(value: float, interval: Interval | None, context: Context) -> list[Doubt]:
+def _find_pose_uncertainty(value: float, interval: Interval | None, context: Context) -> list[UncertaintyBar]:
     """Return the uncertainty of the held pose, as a range if the figure has one."""
     calibration, entry = context.findings.calibration, context.words["profile"]["sure"]
     if calibration is None or calibration.pose is None or calibration.state in UNHELD:
@@ -261,10 +263,10 @@ def _find_pose_doubts(value: float, interval: Interval | None, context: Context)
     part = _find_pose_part(value, interval)
     if part:
         told = fill(entry["up_to"], {"high": format_percent(part[1], context.language)})
-        return [Doubt(entry["pose"], told, (value, part[1]), is_pose=True)]
+        return [UncertaintyBar(entry["pose"], told, (value, part[1]), is_pose=True)]
     told = entry["of_pose"].get(calibration.pose, "")
     is_one_sided = bool(format_pose_caution(context.findings, context.words))
-    return [Doubt(entry["pose"], told, None, is_pose=is_one_sided)] if told else []
+    return [UncertaintyBar(entry["pose"], told, None, is_pose=is_one_sided)] if told else []
 
 
 # Next steps.

@@ -66,7 +66,7 @@ def load_wording(language: Language, part: Part = "report") -> Words:
     """
     words = tomllib.loads(_split_language(language[:2])[part])[part]
     if part != "tables":
-        words = _change_all(words, lambda text: set_spaces(text, language))
+        words = _change_all(words, lambda text: apply_typography(text, language))
     return MappingProxyType(words)
 
 
@@ -158,7 +158,7 @@ def _is_one(number: str, language: str) -> bool:
     return value < 2 if language == "fr" else value == 1
 
 
-def set_spaces(text: str, language: Language) -> str:
+def apply_typography(text: str, language: Language) -> str:
     """Set apostrophes, no-break spaces and the words of Québec.
 
     French has a no-break space before ``:`` and ``%`` and inside guillemets. Before ``; ! ?`` France has a
@@ -194,7 +194,7 @@ def cut_text(text: str, most: int) -> str:
 
 def clean_text(text: str) -> str:
     """Remove invisible characters (controls, direction marks, surrogates) and cut at 200 characters."""
-    return _leave_seen(text)[:MAX_TEXT]
+    return _keep_visible(text)[:MAX_TEXT]
 
 
 def check_conclusion(text: str) -> str:
@@ -210,9 +210,9 @@ def check_conclusion(text: str) -> str:
 
 def clean_paragraphs(text: str) -> tuple[str, ...]:
     """Return the paragraphs of a longer text without invisible characters, at most 1,000 characters."""
-    lines = (_leave_seen(line).strip() for line in text[:LONGEST_CONCLUSION].splitlines())
+    lines = (_keep_visible(line).strip() for line in text[:LONGEST_CONCLUSION].splitlines())
     return tuple(line for line in lines if line)
 
 
-def _leave_seen(text: str) -> str:
+def _keep_visible(text: str) -> str:
     return "".join(c for c in text if unicodedata.category(c) not in _UNSEEN)

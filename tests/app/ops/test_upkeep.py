@@ -27,7 +27,7 @@ from app.settings import Settings
 from app.store.folder import Fetched, FolderLock, Storage
 from app.store.server_secret import ServerSecret
 from tests.app import stand_ins
-from tests.app.conftest import AddJob, OpenBench, on_both_set_ups
+from tests.app.conftest import AddJob, OpenWorker, on_both_set_ups
 from tests.app.ops.conftest import Acromion
 
 Backup = Callable[[], Path]
@@ -77,10 +77,10 @@ def purge(store: JobStore, recording_id: str) -> None:
 
 
 @pytest.fixture
-def finished(store: JobStore, storage: Storage, add_job: AddJob, bench: OpenBench) -> Job:
+def finished(store: JobStore, storage: Storage, add_job: AddJob, open_worker: OpenWorker) -> Job:
     """An analysis with its files."""
     job = add_job(b"the recording", file_name="Équipe 1.gt3x")
-    run_next(bench(stand_ins.write_report))
+    run_next(open_worker(stand_ins.write_report))
     catch_up(store, storage)
     return store.get(job.id)
 

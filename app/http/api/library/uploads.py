@@ -313,7 +313,7 @@ def get_upload_row(services: Services, upload_id: str) -> UploadRow:
         raise PurgedSince
     found_bytes = services.incoming.measure(upload_id)
     if row.recording_id is None and found_bytes < row.offset_bytes:
-        return services.uploads.step_back(row, found_bytes)
+        return services.uploads.reset_offset(row, found_bytes)
     return row
 
 

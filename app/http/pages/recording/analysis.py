@@ -32,8 +32,8 @@ from app.http.pages.views import (
     build_row,
     build_settings,
     describe_old,
+    find_durations,
     find_neighbours,
-    find_took,
     format_size,
     format_time,
     format_times,
@@ -375,7 +375,7 @@ def rows(page: UsedPage, only: str = "") -> Response:
     if not only:
         return page.render("library/rows.html", **build_library(page, read_filter(page.request)))
     entry = Entry(page.services.store.get(only), None)
-    entries = [build_entry(entry, page.language, find_took(page.services, [entry]))]
+    entries = [build_entry(entry, page.language, find_durations(page.services, [entry]))]
     return page.render("library/rows.html", entries=entries, is_empty=False, count="", query="")
 
 
@@ -397,7 +397,7 @@ def analysis(analysis_id: str, page: UsedPage, seen: Annotated[Seen, Query()]) -
     clock, failed = find_clock(services, history), history.find_failed(job)
     report = next(iter(history.reports), None)
     is_current = report is not None and report.id == job.id
-    entry = build_entry(Entry(job, None), language, find_took(services, [Entry(job, None)]))
+    entry = build_entry(Entry(job, None), language, find_durations(services, [Entry(job, None)]))
     subject = find_subject(page.request)
     own_name = find_person_name(page.request, subject.id)
     return page.render(

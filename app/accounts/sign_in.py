@@ -25,7 +25,7 @@ from app.accounts.accounts import (
     Person,
     hash_secret,
     normalise_login,
-    note_act,
+    record_act,
 )
 from app.accounts.subjects import Subject
 from app.errors import LoginRefused, SecondFactorLost, SecretUnreadable, TicketSpent, TooManyTries
@@ -98,7 +98,7 @@ class CredentialStore:
             mine = update(people).where(people.c.id == person_id)
             connection.execute(mine.values(password_hash=password_hash))
             if is_new:
-                note_act(connection, "password.changed", person_id)
+                record_act(connection, "password.changed", person_id)
 
     def set_password_by_link(self, person: Person, password_hash: str, use: LinkUse) -> None:
         """Store the hash of a password that was set through a link, and record the link's use."""
@@ -111,14 +111,14 @@ class CredentialStore:
             connection.execute(delete(link_uses).where(link_uses.c.person_id == person.id))
             connection.execute(insert(link_uses).values(row | {"person_id": person.id}))
             by = {"by": "link", "made_by": use.made_by, "address": use.address}
-            note_act(connection, "password.changed", person.id, **by)
+            record_act(connection, "password.changed", person.id, **by)
 
     def find_link_use(self, person_id: str) -> LinkUse | None:
         """Find the link through which a person's password was last set; None if it was set otherwise."""
         row = self._database.read_one(select(link_uses).where(link_uses.c.person_id == person_id))
         return LinkUse(row.made_by, row.address, row.used_at, row.told_at is not None) if row else None
 
-    def note_told(self, person_id: str) -> None:
+    def mark_link_use_shown(self, person_id: str) -> None:
         """Record that a person has been informed of the link."""
         with self._database.write() as connection:
             mine = update(link_uses).where(link_uses.c.person_id == person_id)
@@ -134,7 +134,7 @@ class CredentialStore:
             rows = [{"person_id": person_id, "hash": hash_secret(code)} for code in codes]
             if rows:
                 connection.execute(insert(recovery_codes), rows)
-            note_act(connection, "second_factor.changed", person_id, what="on" if secret else "off")
+            record_act(connection, "second_factor.changed", person_id, what="on" if secret else "off")
 
     def use_step(self, person_id: str, step: int) -> bool:
         """Use up the step of a code; return False if it or a later one was used, even at the same time."""
@@ -161,7 +161,7 @@ class CredentialStore:
         recent = known_browsers.c.used_s > self._clock() - BROWSER_TERM_S
         return self._database.read_one(select(known_browsers).where(*is_it, recent)) is not None
 
-    def note_browser(self, browser: str, person_id: str) -> str:
+    def remember_browser(self, browser: str, person_id: str) -> str:
         """Record a sign-in with a browser; return the browser's new name, as the old one may be known."""
         name, before, now_s = secrets.token_urlsafe(BROWSER_BYTES), hash_secret(browser), self._clock()
         with self._database.write() as connection:
@@ -197,7 +197,7 @@ class CredentialStore:
 
 FORGET_S = 3600.0
 """Time after the last failed attempt until all attempts are forgotten."""
-TOLD_S = 15 * 60.0
+LOG_PERIOD_S = 15 * 60.0
 """Time during which further delayed attempts add no line to the audit log."""
 
 
@@ -241,11 +241,11 @@ class Throttle:
                     delay_s = budget.find_delay_s(failures + 1)
                     _write_tries(connection, budget.key, failures + 1, now_s + delay_s)
                 elif until_s > now_s:
-                    _note_throttled(connection, budget.key, person_id, now_s)
+                    _record_throttled(connection, budget.key, person_id, now_s)
         if wait_s > 0:
             raise TooManyTries(wait_s=ceil(wait_s))
 
-    def give_back(self, budgets: Collection[Budget]) -> None:
+    def refund(self, budgets: Collection[Budget]) -> None:
         """Take back a successful attempt; earlier failed ones stay counted."""
         with self._database.write() as connection:
             for budget in budgets:
@@ -257,7 +257,7 @@ class Throttle:
 
         Otherwise a person could clear an address by signing in to another account.
         """
-        self.give_back([budget for budget in budgets if budget.key.startswith("address:")])
+        self.refund([budget for budget in budgets if budget.key.startswith("address:")])
         own = [budget.key for budget in budgets if not budget.key.startswith("address:")]
         with self._database.write() as connection:
             connection.execute(delete(tries).where(tries.c.key.in_(own)))
@@ -294,15 +294,15 @@ def _write_tries(connection: Connection, key: str, failures: int, until_s: float
         connection.execute(insert(tries).values(key=key, **values))
 
 
-def _note_throttled(connection: Connection, key: str, person_id: str, now_s: float) -> None:
+def _record_throttled(connection: Connection, key: str, person_id: str, now_s: float) -> None:
     """Record that attempts had to wait, unless that was recorded recently.
 
     An entry about an address names no person.
     """
     kind, told = key.partition(":")[0], f"told:{key}"
     if _read_tries(connection, told)[1] <= now_s:
-        _write_tries(connection, told, 0, now_s + TOLD_S)
-        note_act(connection, "login.throttled", "" if kind == "address" else person_id, by=kind)
+        _write_tries(connection, told, 0, now_s + LOG_PERIOD_S)
+        record_act(connection, "login.throttled", "" if kind == "address" else person_id, by=kind)
 
 
 # Single-use tickets.
@@ -343,7 +343,7 @@ class TicketStore:
             if purpose == "password":
                 earlier = (tickets.c.person_id == person_id, tickets.c.purpose == purpose)
                 connection.execute(delete(tickets).where(*earlier))
-                note_act(connection, "link.made", person_id)
+                record_act(connection, "link.made", person_id)
             connection.execute(insert(tickets).values(row))
         return ticket
 
@@ -398,18 +398,18 @@ class Step:
 
 
 @dataclass(frozen=True, slots=True)
-class Entered:
+class SignedIn:
     """A completed sign-in: the values of both cookies.
 
-    ``is_to_be_told``: the password was set through a link since; the page must inform the person.
+    ``must_show_link_use``: the password was set through a link since; the page must inform the person.
     """
 
     session: str
     browser: str
-    is_to_be_told: bool = False
+    must_show_link_use: bool = False
 
 
-class Logins:
+class SignIn:
     """Sign-in with passwords, codes and links; needs the extra ``trust``."""
 
     def __init__(self, accounts: AccountStore, settings: Settings) -> None:
@@ -420,27 +420,27 @@ class Logins:
 
     # Sign-in.
 
-    def give_password(self, login: str, password: str, caller: Caller) -> Step:
+    def submit_password(self, login: str, password: str, caller: Caller) -> Step:
         """Check the password. Raises LoginRefused, TooManyTries or NotInstalled."""
         found = self.credentials.find(login)
         budgets = self._take(found, caller, self._limit_login(normalise_login(login)))
         kept = found.password_hash if found is not None else None
         if not self._passwords.verify_password(kept, password) or found is None:
             logger.warning("sign-in refused: name or password")
-            self.accounts.note_refusal(found.person_id if found is not None else "")
+            self.accounts.record_refused_sign_in(found.person_id if found is not None else "")
             raise LoginRefused
         if kept is not None and self._passwords.needs_rehash(kept):
             hashed = self._passwords.hash_password(password)
             self.credentials.set_password(found.person_id, hashed, is_new=False)
         if found.second_factor:
-            self.throttle.give_back(budgets)
+            self.throttle.refund(budgets)
             return Step("code", found.person_id, self.tickets.make("code", STEP_TERM_S, found.person_id))
         self.throttle.clear(budgets)
         if self._must_enrol:
             return Step("enrol", found.person_id, self.begin_enrolment(found.person_id))
         return Step("in", found.person_id)
 
-    def give_code(self, ticket: str, code: str, caller: Caller) -> Entered:
+    def submit_code(self, ticket: str, code: str, caller: Caller) -> SignedIn:
         """Check the second step: an authenticator code or a recovery code.
 
         Raises LoginRefused, SecondFactorLost, TooManyTries, TicketSpent or NotInstalled.
@@ -451,18 +451,18 @@ class Logins:
         self._check_second_factor(found, code, budgets)
         if found is None or not self._is_code(found, code):
             logger.warning("sign-in refused: the second factor")
-            self.accounts.note_refusal(person_id)
+            self.accounts.record_refused_sign_in(person_id)
             raise LoginRefused
         self.tickets.take("code", ticket)
         self.throttle.clear((*budgets, self._limit_login(self.accounts.get_person(person_id).login)))
         return self.enter(person_id, caller)
 
-    def enter(self, person_id: str, caller: Caller) -> Entered:
+    def enter(self, person_id: str, caller: Caller) -> SignedIn:
         """Begin a session, and remember the browser."""
-        browser = self.credentials.note_browser(caller.browser, person_id)
+        browser = self.credentials.remember_browser(caller.browser, person_id)
         use = self.credentials.find_link_use(person_id)
         is_news = use is not None and not use.is_told
-        return Entered(self.accounts.begin_session(person_id), browser, is_news)
+        return SignedIn(self.accounts.begin_session(person_id), browser, is_news)
 
     def confirm(self, subject: Subject, proof: str, caller: Caller) -> str:
         """Check the password, or an authenticator code, of a signed-in person again.
@@ -590,7 +590,7 @@ class Logins:
         Raises SecondFactorLost.
         """
         if found is not None and found.second_factor == UNOPENED and _is_step(code):
-            self.throttle.give_back(budgets)
+            self.throttle.refund(budgets)
             raise SecondFactorLost
 
     def _is_code(self, found: Credentials, code: str) -> bool:

@@ -40,7 +40,7 @@ DIGESTS = "digests.json"
 def load_and_make_pair(
     sources: tuple[Path, ...],
     asked: PairRequest | ProfileRequest,
-    _log: Path,
+    _recording_path: Path,
     _request: ReportRequest,
     out: Path,
     _on_stage: OnStage,
@@ -55,7 +55,7 @@ Asked_co = TypeVar("Asked_co", bound=PairRequest | ProfileRequest, covariant=Tru
 
 
 @dataclass(frozen=True, slots=True)
-class AskedJobs(Generic[Asked_co]):
+class ReportJobs(Generic[Asked_co]):
     """The finished analyses of a report on several, in order, and the request.
 
     For a pair: left, right and optionally trunk. For several days: those before a change first.
@@ -71,7 +71,7 @@ class AskedJobs(Generic[Asked_co]):
         return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:32]
 
 
-AnyJobs = AskedJobs[PairRequest | ProfileRequest]
+AnyReportJobs = ReportJobs[PairRequest | ProfileRequest]
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +124,7 @@ class PairReports:
         with self._publishing:
             shutil.rmtree(self.folder, ignore_errors=True)
 
-    def make(self, asked: AnyJobs) -> PairReport:
+    def make(self, asked: AnyReportJobs) -> PairReport:
         """Return a report on several analyses, from the cache if it is intact.
 
         Raises ------ RecordedProblem, Crashed, Interrupted
@@ -140,7 +140,7 @@ class PairReports:
                     self._make(asked, report)
         return report
 
-    def _make(self, asked: AnyJobs, report: PairReport) -> None:
+    def _make(self, asked: AnyReportJobs, report: PairReport) -> None:
         kept = report.folder
         staging = kept.with_name(f"{kept.name}.{secrets.token_hex(4)}.part")
         out = staging / "out"
@@ -166,7 +166,7 @@ class PairReports:
         finally:
             shutil.rmtree(staging, ignore_errors=True)
 
-    def _publish(self, asked: AnyJobs, out: Path, kept: Path) -> None:
+    def _publish(self, asked: AnyReportJobs, out: Path, kept: Path) -> None:
         """Keep the new report, unless one of the analyses was deleted meanwhile."""
         with self._publishing:
             self._check_there(asked)
@@ -177,7 +177,7 @@ class PairReports:
             for path in entries[:-MOST_KEPT]:
                 shutil.rmtree(path, ignore_errors=True)
 
-    def _check_there(self, asked: AnyJobs) -> None:
+    def _check_there(self, asked: AnyReportJobs) -> None:
         """Raise NotHere if one of the analyses was deleted meanwhile."""
         for job in asked.jobs:
             self.results.store.get(job.id)
