@@ -66,7 +66,7 @@ class Intake:
     settings: Settings
 
     def add(self, path: Path, request: ReportRequest, way_in: WayIn) -> Job:
-        """Store a copy of a file and queue its analysis, unless the same file and settings are already there.
+        """Store a copy of a file and queue its analysis; reuse one of the same bytes and settings.
 
         Raises FileTooLarge, DiskFull or OSError.
         """

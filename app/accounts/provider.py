@@ -63,8 +63,8 @@ class Provider:
         Raises ProviderRefused.
         """
         nonce, verifier = secrets.token_urlsafe(32), secrets.token_urlsafe(48)
-        told = {"nonce": nonce, "verifier": verifier, "wanted": wanted, "confirms": confirms}
-        state = self._tickets.make("provider", TERM_S, **told)
+        data = {"nonce": nonce, "verifier": verifier, "wanted": wanted, "confirms": confirms}
+        state = self._tickets.make("provider", TERM_S, **data)
         again = {"prompt": "login", "max_age": "0"} if confirms else {}
         with _translate_refusals(), self._open(back) as client:
             place = self._read_configuration()["authorization_endpoint"]
@@ -81,21 +81,21 @@ class Provider:
         """
         given = answer.get("state", "")
         try:
-            told = self._tickets.take("provider", given).told
+            data = self._tickets.take("provider", given).data
         except TicketSpent:
             raise ProviderRefused(said="state") from None
         if not hmac.compare_digest(given.encode(), state.encode()):
             raise ProviderRefused(said="state")
         if answer.get("iss", self._issuer) != self._issuer or not answer.get("code"):
             raise ProviderRefused(said="answer")
-        claims = self._read_claims(answer["code"], back, told)
-        return Return(self._find_person(claims), told["wanted"], told["confirms"])
+        claims = self._read_claims(answer["code"], back, data)
+        return Return(self._find_person(claims), data["wanted"], data["confirms"])
 
-    def _read_claims(self, code: str, back: str, told: Mapping[str, Any]) -> Mapping[str, Any]:
+    def _read_claims(self, code: str, back: str, data: Mapping[str, Any]) -> Mapping[str, Any]:
         """Exchange the code for an ID token and check its claims."""
         with _translate_refusals(), self._open(back) as client:
             about = self._read_configuration()
-            token = client.fetch_token(about["token_endpoint"], code=code, code_verifier=told["verifier"])
+            token = client.fetch_token(about["token_endpoint"], code=code, code_verifier=data["verifier"])
             keys = KeySet.import_key_set(_read_json(_check_place(about["jwks_uri"])))
             claims = jwt.decode(str(token["id_token"]), keys, algorithms=list(SIGNED_BY)).claims
             registry = jwt.JWTClaimsRegistry(
@@ -106,7 +106,7 @@ class Provider:
                 aud={"essential": True, "value": self._settings.oidc_client_id},
                 exp={"essential": True},
                 iat={"essential": True},
-                nonce={"essential": True, "value": told["nonce"]},
+                nonce={"essential": True, "value": data["nonce"]},
             )
             registry.validate(claims)
         ours = self._settings.oidc_client_id
@@ -114,7 +114,7 @@ class Provider:
         if claims.get("azp", "" if several else ours) != ours:
             raise ProviderRefused(said="audience")
         age_s = self._accounts.clock() - float(claims.get("auth_time") or 0)
-        if told["confirms"] and age_s > LEEWAY_S:  # the person must have signed in again
+        if data["confirms"] and age_s > LEEWAY_S:  # the person must have signed in again
             raise ProviderRefused(said="stale")
         return claims
 
@@ -132,8 +132,8 @@ class Provider:
             self._accounts.end_person(person.id)
         if not roles or (person is not None and person.ended_at is not None):
             raise NotPermitted(permission="enter")
-        told = (claims.get(key) for key in ("name", "preferred_username"))
-        name = str(next(filter(None, told), subject))[:LONGEST_NAME]
+        names = (claims.get(key) for key in ("name", "preferred_username"))
+        name = str(next(filter(None, names), subject))[:LONGEST_NAME]
         if person is None:
             login = f"{subject}@{urlsplit(self._issuer).netloc}#"  # no typed sign-in name ends like this
             about = Person("", login, name, roles, "", None, self._issuer, False, False)  # noqa: FBT003

@@ -299,9 +299,9 @@ def _record_throttled(connection: Connection, key: str, person_id: str, now_s: f
 
     An entry about an address names no person.
     """
-    kind, told = key.partition(":")[0], f"told:{key}"
-    if _read_tries(connection, told)[1] <= now_s:
-        _write_tries(connection, told, 0, now_s + LOG_PERIOD_S)
+    kind, log_key = key.partition(":")[0], f"told:{key}"
+    if _read_tries(connection, log_key)[1] <= now_s:
+        _write_tries(connection, log_key, 0, now_s + LOG_PERIOD_S)
         record_act(connection, "login.throttled", "" if kind == "address" else person_id, by=kind)
 
 
@@ -319,7 +319,7 @@ class Ticket:
     """Content of a ticket: its person ("" if not known yet) and the stored data."""
 
     person_id: str
-    told: Mapping[str, Any]
+    data: Mapping[str, Any]
 
 
 class TicketStore:
@@ -328,14 +328,14 @@ class TicketStore:
     def __init__(self, database: AccountDatabase, clock: Callable[[], float] = time.time) -> None:
         self._database, self._clock = database, clock
 
-    def make(self, purpose: Purpose, term_s: float, person_id: str = "", **told: Any) -> str:
+    def make(self, purpose: Purpose, term_s: float, person_id: str = "", **data: Any) -> str:
         """Create and return a ticket. A new "password" ticket replaces the person's earlier one."""
         ticket = secrets.token_urlsafe(TICKET_BYTES)
         row = {
             "hash": hash_secret(ticket),
             "purpose": purpose,
             "person_id": person_id or None,
-            "told": json.dumps(told),
+            "told": json.dumps(data),
             "expires_s": self._clock() + term_s,
         }
         with self._database.write() as connection:
@@ -514,7 +514,7 @@ class SignIn:
         return found.person_id, codes
 
     def _open_secret(self, ticket: Ticket) -> str:
-        return self.accounts.secrets.decrypt(str(ticket.told["secret"]), name_second_factor(ticket.person_id))
+        return self.accounts.secrets.decrypt(str(ticket.data["secret"]), name_second_factor(ticket.person_id))
 
     def drop_second_factor(self, person_id: str) -> None:
         """Turn off the authenticator; if it is required, the next sign-in sets up a new one."""
@@ -534,8 +534,8 @@ class SignIn:
         """
         person = self.accounts.get_person(self.tickets.look("password", ticket).person_id)
         self.check_password(person, password)
-        told = self.tickets.take("password", ticket).told
-        use = LinkUse(str(told.get("made_by", NOBODY)), _ADDRESS.sub("-", address)[:LONGEST_ADDRESS])
+        data = self.tickets.take("password", ticket).data
+        use = LinkUse(str(data.get("made_by", NOBODY)), _ADDRESS.sub("-", address)[:LONGEST_ADDRESS])
         self.credentials.set_password_by_link(person, self._passwords.hash_password(password), use)
         self.accounts.end_sessions(person.id)
         return person

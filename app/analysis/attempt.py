@@ -204,9 +204,9 @@ def _follow(child: BaseProcess, pipe: Connection, limits: Limits, on_progress: O
             return Finished(tuple(ResultFile(*file) for file in message["files"]))
         if "code" in message:
             return Refused(message["code"], message["facts"])
-        told = (message["stage"], message["fraction"]) if message else progress
-        if told != progress:
-            progress, still_end_s = told, time.monotonic() + limits.wall_s / 2.0
+        latest = (message["stage"], message["fraction"]) if message else progress
+        if latest != progress:
+            progress, still_end_s = latest, time.monotonic() + limits.wall_s / 2.0
         if not on_progress(*progress):
             return Stopped()
     return _refuse(OutOfTime(s=round(limits.wall_s if end_s <= still_end_s else limits.wall_s / 2.0)))

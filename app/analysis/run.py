@@ -203,8 +203,11 @@ def describe_subject(request: ReportRequest) -> ReportSubject:
 def _analyse_file(
     recording_path: Path, request: ReportRequest, known: KnownFiles, begin: Callable[[Stage], None]
 ) -> Analysis:
-    told = request.select_diary()
-    diary, windows_s = tuple(entry for entry in told if entry.kind != "pose"), request.calibration_windows_s
+    entries = request.select_diary()
+    diary, windows_s = (
+        tuple(entry for entry in entries if entry.kind != "pose"),
+        request.calibration_windows_s,
+    )
     begin("reading")
     if request.source == "angles":
         with recording_path.open("rb") as file:
@@ -212,14 +215,14 @@ def _analyse_file(
     captured = _read_capture(recording_path, request)
     if captured is not None:
         duration_us = round((captured.last_s - captured.first_s) * MICROSECONDS)
-        windows_s = windows_s or find_diary_poses(told, captured.start, duration_us)
+        windows_s = windows_s or find_diary_poses(entries, captured.start, duration_us)
         return analyse_angle_file(captured, begin, diary, windows_s)
     recording = read_joined(recording_path, request, known)
     settings = AnalysisSettings(
         request.method,
         request.pose,
         windows_s,
-        told,
+        entries,
         request.arm_axis,
         request.slip_times_s,
         request.no_slip_times_s,

@@ -293,8 +293,8 @@ def make_study(
     rows: list[Row] = []
     for problem in problems:
         words = describe_problem(problem.code, problem.facts, request.languages[0])
-        told = {"title": words.title, "detail": words.detail, "fix": words.fix}
-        rows.append({"file": problem.name, "code": problem.code, **told})
+        texts = {"title": words.title, "detail": words.detail, "fix": words.fix}
+        rows.append({"file": problem.name, "code": problem.code, **texts})
     (out / "problems.csv").write_bytes(encode_table(("file", "code", "title", "detail", "fix"), rows))
     if not entries:
         raise UnusableStudy(why="study-failed")

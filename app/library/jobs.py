@@ -229,8 +229,8 @@ class JobStore(RowStore):
         """Queue analyses of recordings again, each with its request, in one commit; return their number.
 
         A failed or cancelled analysis is replaced, also in its batch. A report stays until the new one is
-        done, which then replaces it in every study. The jobs take turns with all other waiting jobs; a file
-        dropped on the page goes first.
+        made. Every study contains the new analyses at once. The jobs take turns with all other waiting jobs;
+        a file dropped on the page goes first.
         """
         with self._engine.begin() as connection:
             items = [build_item(connection, job, request) for job, request in asked]

@@ -396,12 +396,12 @@ def tabulate_exposure(figures: Sequence[FigureDifference], words: Words, languag
     for figure in figures:
         values = (figure.ours, figure.reference, figure.difference)
         if figure.name.endswith("_percent"):
-            told = [format_percent(value, language) for value in values]
+            shown = [format_percent(value, language) for value in values]
         elif figure.name.endswith("_deg"):
-            told = [format_angle(value, language, 1) for value in values]
+            shown = [format_angle(value, language, 1) for value in values]
         else:
-            told = [format_number(value, 0, language) for value in values]
-        rows.append((_name_figure(figure.name, entry), *told))
+            shown = [format_number(value, 0, language) for value in values]
+        rows.append((_name_figure(figure.name, entry), *shown))
     return Table.lay(entry, rows, entry["note"])
 
 
@@ -636,8 +636,8 @@ def _tabulate_study(
     rows = []
     for task in dict.fromkeys(cell.task for cell in cells):
         of = {cell.device: cell for cell in cells if cell.task == task}
-        told = (_format_cell(of.get(device), name, language) for name, device in shown)
-        rows.append((name_task(task, LONGEST_STUDY_NAME), *told))
+        texts = (_format_cell(of.get(device), name, language) for name, device in shown)
+        rows.append((name_task(task, LONGEST_STUDY_NAME), *texts))
     return Table(entry["caption"], (entry["task"], *columns), tuple(rows), entry["note"], even=True)
 
 
@@ -645,16 +645,16 @@ def _format_cell(cell: AgreementCell | None, name: str, language: Language) -> s
     """Format mean [standard deviation over people] (the paper's); NA if nobody has the figure."""
     if cell is None:
         return NONE
-    decimals, spread, told = DECIMALS[name], getattr(cell, name), "NA"
+    decimals, spread, shown = DECIMALS[name], getattr(cell, name), "NA"
     if math.isfinite(spread.mean):
-        told = format_number(spread.mean, decimals, language)
+        shown = format_number(spread.mean, decimals, language)
         if math.isfinite(spread.sd):
-            told += f"\u00a0[{format_number(spread.sd, decimals, language)}]"
+            shown += f"\u00a0[{format_number(spread.sd, decimals, language)}]"
     paper = find_paper_row(cell)
     if paper is None:
-        return told
+        return shown
     value = paper[name]
-    return f"{told} ({'NA' if value is None else format_number(value, decimals, language)})"
+    return f"{shown} ({'NA' if value is None else format_number(value, decimals, language)})"
 
 
 def _build_study_sections(

@@ -26,7 +26,7 @@ class Publication:
 
 
 _LISTED = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
-BIBLIOGRAPHY = tuple(Publication(cited, **told) for cited, told in _LISTED.items())
+BIBLIOGRAPHY = tuple(Publication(cited, **fields) for cited, fields in _LISTED.items())
 
 
 def format_bibliography() -> tuple[str, ...]:
@@ -45,11 +45,11 @@ def write_methods(every: Sequence[Results], failed: int, language: Language) -> 
     if not every:
         return f"# {words['title']}\n\n{words['nothing']}\n".encode()
     poses, axes = (_count(every, "calibration", name) for name in ("pose", "axis"))
-    told = ["sensor", "recordings", "fusion"]
-    told += ["pose"] if poses else []
-    told += ["axis"] if axes else []
-    told += ["elevation", "figures", "interval"]
-    told += ["npose"] if "n-pose" in poses else []
+    parts = ["sensor", "recordings", "fusion"]
+    parts += ["pose"] if poses else []
+    parts += ["axis"] if axes else []
+    parts += ["elevation", "figures", "interval"]
+    parts += ["npose"] if "n-pose" in poses else []
     facts = _describe_run(every, words, language) | {
         "failed": str(failed) if failed else "",
         "n": str(axes.total()),
@@ -57,7 +57,7 @@ def write_methods(every: Sequence[Results], failed: int, language: Language) -> 
             fill(words["pose_named"][pose], {"n": str(number)}) for pose, number in poses.items()
         ),
     }
-    text = " ".join(fill(words[name], facts) for name in (*told, "limits", "settings"))
+    text = " ".join(fill(words[name], facts) for name in (*parts, "limits", "settings"))
     sources = "\n".join(f"- {source}" for source in format_bibliography())
     cited = f"## {words['bibliography']}\n\n{sources}\n"
     return f"# {words['title']}\n\n{text}\n\n> {words['note']}\n\n{cited}".encode()

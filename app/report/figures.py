@@ -90,9 +90,9 @@ class Group:
         """Convert a record of the exposure to its form in ``results.json``."""
         return {f.key: getattr(record, f.attribute or f.key) for f in self.figures}
 
-    def read(self, told: Mapping[str, Any]) -> dict[str, Any]:
+    def read(self, described: Mapping[str, Any]) -> dict[str, Any]:
         """Convert the result of :meth:`describe` back to the fields of a record."""
-        return {f.attribute or f.key: told[f.key] for f in self.figures}
+        return {f.attribute or f.key: described[f.key] for f in self.figures}
 
     def name_values(self, record: object, name: str = "") -> dict[str, Any]:
         """Return the figures of a record of the exposure by name."""

@@ -34,7 +34,7 @@ def describe_inspection(facts: Mapping[str, Any], language: Language) -> str:
         "proposals": [_format_proposal(each, words, language) for each in facts["calibration_proposals"]],
         "nonwear": [_format_gap(each, words, language) for each in facts["nonwear_proposals"]],
     }
-    told = {
+    shown = {
         name: _join(lines, words, facts["gap_count"] if name == "gaps" else 0)
         for name, lines in lists.items()
     }
@@ -49,9 +49,9 @@ def describe_inspection(facts: Mapping[str, Any], language: Language) -> str:
         (words["handedness"], _format_number(sanity["handedness"], "", words, language)),
         (words["axes"], sanity["axes"] or words["unseen"]),
         (words["gyro_scale"], scale),
-        (words["corrections"], told.pop("corrections")),
+        (words["corrections"], shown.pop("corrections")),
         *_format_understood(facts["understood"], words, language),
-        *((words[name], text) for name, text in told.items()),
+        *((words[name], text) for name, text in shown.items()),
     ]
     width = max(len(name) for name, _ in rows)
     return "\n".join(f"{name:<{width}}  {value}" for name, value in rows)
@@ -63,10 +63,10 @@ def _format_understood(
     """Return the reader's interpretation of the file, formatted for the language."""
     for name, value in understood.items():
         if value and name not in _TOLD_ABOVE:
-            told = words["term"].get(name, {}).get(value) or clean_text(str(value))
-            if name in _NUMBERS and _NUMBER.fullmatch(told):
-                told = format_exact(float(told), language)
-            yield f"  {words['understood'].get(name, name)}", told
+            shown = words["term"].get(name, {}).get(value) or clean_text(str(value))
+            if name in _NUMBERS and _NUMBER.fullmatch(shown):
+                shown = format_exact(float(shown), language)
+            yield f"  {words['understood'].get(name, name)}", shown
 
 
 def _format_number(value: float | None, unit: str, words: Words, language: Language) -> str:

@@ -144,8 +144,8 @@ def format_cautions(sides: Sequence[PairSide], language: Language) -> str:
     posed = [side for side in sides if format_pose_caution(side.kept.findings, words)]
     if not posed:
         return ""
-    told = entry["both"] if len(posed) == len(sides) else fill(entry["one"], {"name": posed[0].name})
-    return f"{told} {entry['no_range']}"
+    shown = entry["both"] if len(posed) == len(sides) else fill(entry["one"], {"name": posed[0].name})
+    return f"{shown} {entry['no_range']}"
 
 
 def is_confirmed(findings: Findings) -> bool:
@@ -160,12 +160,12 @@ def format_unconfirmed(sides: Sequence[PairSide], effect: str, language: Languag
     ``effect``: key of the sentence with the consequence.
     """
     entry = load_pair_words(language)["unconfirmed"]
-    told = [
+    shown = [
         fill(entry[calibration.state], {"name": side.name})
         for side in sides
         if (calibration := side.kept.findings.calibration) and not is_confirmed(side.kept.findings)
     ]
-    return " ".join((*told, entry[effect])) if told else ""
+    return " ".join((*shown, entry[effect])) if shown else ""
 
 
 def build_report(
@@ -199,7 +199,7 @@ def build_report(
     ends = [r.start + timedelta(microseconds=r.duration_us) for r in recordings if r.start is not None]
     report_id = identify(document)
     footer = fill(words["footer"], {"version": version, "id": report_id})
-    told = ", ".join(fill(label["brief_fact"], {"name": pair.name, "value": pair.value}) for pair in header)
+    shown = ", ".join(fill(label["brief_fact"], {"name": pair.name, "value": pair.value}) for pair in header)
     return Report(
         language=language,
         title=title,
@@ -215,7 +215,7 @@ def build_report(
         sections=tuple(sections),
         report_id=report_id,
         footer=footer,
-        brief=fill(label["brief_two"], {"header": told, "footer": footer}),
+        brief=fill(label["brief_two"], {"header": shown, "footer": footer}),
         made_of=max(ends, key=lambda end: end.replace(tzinfo=None), default=None),
         needs_pose=needs_pose,
         words=label,
@@ -419,8 +419,8 @@ def _judge_arms(sides: Sequence[PairSide], words: Words, verdicts: Words) -> Ver
     """Return the worse verdict of the two, and both arms' verdicts as its reason."""
     levels = [side.kept.findings.quality.verdict for side in sides]
     worst = max(levels, key=("good", "caution", "poor").index)
-    told = dict(zip(("left", "right"), (words["verdict"][level] for level in levels), strict=True))
-    reason = words["verdict_both"] if len(set(levels)) == 1 else fill(words["verdict_each"], told)
+    shown = dict(zip(("left", "right"), (words["verdict"][level] for level in levels), strict=True))
+    reason = words["verdict_both"] if len(set(levels)) == 1 else fill(words["verdict_each"], shown)
     return VerdictLine(worst, verdicts[worst]["label"], reason)
 
 
@@ -598,8 +598,8 @@ def build_comparison(
     arms = dict.fromkeys(sides_of[subject.side or "unknown"] for subject in subjects)
     sentences = []
     for change in (each for name in _TOLD for each in compared.changes if each.name == name):
-        facts, told = _format_change(change, language), entry["sentence"]
-        sentences.append(f"{fill(told[change.name], facts)} {fill(told[change.verdict], facts)}")
+        facts, shown = _format_change(change, language), entry["sentence"]
+        sentences.append(f"{fill(shown[change.name], facts)} {fill(shown[change.verdict], facts)}")
     shares = [
         (side.name, exposure.analysed_s, {int(t.threshold_deg): t.percent for t in exposure.time_above})
         for side in sides

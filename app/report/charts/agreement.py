@@ -55,14 +55,14 @@ def draw_bland_altman(pairs: Pairs, overall: Agreement, words: Words, language: 
     )
     axes = _Axes(entry["across"], entry["upwards"], _mark_angles(language), _mark_errors(reach, language))
 
-    def draw(told: tuple[str, str], width_px: float) -> str:
+    def draw(shown: tuple[str, str], width_px: float) -> str:
         plot = replace(_PLOT, right_px=width_px - 8, bottom_px=214, across=_DEGREES, upwards=ends_deg)
         body = [
             *_draw_cells(counts, plot),
             *_draw_axes(plot, axes),
             *(part for mark in marks for part in _draw_mark(plot, *mark)),
         ]
-        return svg.picture(width_px, plot.bottom_px + 34, f"ba{width_px:.0f}", told, body)
+        return svg.picture(width_px, plot.bottom_px + 34, f"ba{width_px:.0f}", shown, body)
 
     cells = (overall.bias_deg, overall.sd_deg, *limits)
     row = (entry["row"], *(format_angle(value, language, 2) for value in cells))

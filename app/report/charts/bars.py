@@ -44,9 +44,9 @@ def build_bar(exposure: Exposure, words: Words, language: Language) -> Chart:
         percent, duration_s = sum(b.percent for b in inside), sum(b.duration_s for b in inside)
         labels = format_duration(duration_s, language), format_percent(percent, language)
         slices.append(Slice(percent, f"{low}–{high}°", *labels))
-    told = (f"{s.range_label}, {s.duration_label} ({s.percent_label})" for s in slices)
+    shown = (f"{s.range_label}, {s.duration_label} ({s.percent_label})" for s in slices)
     return Chart.draw(
-        (entry["title"], fill(entry["alternative"], {"list": join_clauses(told, language)})),
+        (entry["title"], fill(entry["alternative"], {"list": join_clauses(shown, language)})),
         lambda title, width_px: draw_bar(slices, title, width_px),
         entry["columns"],
         ((s.range_label, s.duration_label, s.percent_label) for s in slices),
@@ -106,10 +106,10 @@ def build_parts(
         elif part.reason:
             length = format_duration(part.recorded_s, language)
             rows.append(_PartRow(name, (), "", fill(entry["left_out"], {"length": length})))
-    told = join_clauses((f"{row.name}, {row.label or row.left_out}" for row in rows), language)
+    shown = join_clauses((f"{row.name}, {row.label or row.left_out}" for row in rows), language)
     classes = format_classes(SHOWN_EDGES_DEG, "°")
     return Chart.draw(
-        (entry["title"], fill(entry["alternative"], {"list": told})),
+        (entry["title"], fill(entry["alternative"], {"list": shown})),
         lambda title, width_px: _draw_parts(key, rows, percent_sign(language), title, width_px),
         (entry["column"], *classes),
         (
@@ -142,7 +142,7 @@ def _draw_parts(
         body.append(svg.text(width_px, y + bar_top + 10, row.label, "ink", "end"))
     bottom = len(rows) * row_height + 28
     scale = ((left, "0", "start"), ((left + right) / 2, f"50{sign}", "middle"), (right, f"100{sign}", "end"))
-    body += [svg.text(x, bottom, told, "soft", anchor) for x, told, anchor in scale]
+    body += [svg.text(x, bottom, shown, "soft", anchor) for x, shown, anchor in scale]
     y, start = bottom + 18, 0.5 if width_px <= NARROW else left
     x = start
     for rank, name in enumerate(format_classes(SHOWN_EDGES_DEG, "°")):

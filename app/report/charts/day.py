@@ -220,8 +220,8 @@ def build_two_days(days: Sequence[tuple[str, Day]], entry: Words, words: Words) 
 
 def build_day_labels(title: str, description: str, words: Words) -> DayLabels:
     """Return the words of a timeline; its legend is the same in every report."""
-    told = (words["day"][name] for name in ("band", "median", "left_out", "missing"))
-    return DayLabels(title, description, *told)
+    shown = (words["day"][name] for name in ("band", "median", "left_out", "missing"))
+    return DayLabels(title, description, *shown)
 
 
 def _format_band(band: MinuteBand, clock: Clock) -> tuple[str, ...]:
@@ -423,12 +423,12 @@ def _draw_block(block: Block, plot: Plot) -> list[str]:
     kind, colour = ("bar edge", svg.RAMP[0]) if block.rank else ("paper edge", svg.PAPER)
     frame = f'class="{kind}" fill="{colour}" stroke="{svg.SOFT}"'
     rank = str(block.rank or "")
-    told = svg.shorten(f"{rank} {block.label}".strip(), end - x - 4)
-    if len(told) < _SHORTEST_NAME:
-        told = rank if svg.estimate_width(rank) <= end - x else ""
+    shown = svg.shorten(f"{rank} {block.label}".strip(), end - x - 4)
+    if len(shown) < _SHORTEST_NAME:
+        shown = rank if svg.estimate_width(rank) <= end - x else ""
     return [
         svg.rect(x, y, max(end - x, 1.0), _LANE_PX - 4, frame),
-        svg.text((x + end) / 2, y + 13, told, "onlight" if block.rank else "ink", "middle"),
+        svg.text((x + end) / 2, y + 13, shown, "onlight" if block.rank else "ink", "middle"),
     ]
 
 

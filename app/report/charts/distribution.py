@@ -59,11 +59,11 @@ def _build_apdf(exposure: Exposure, entry: Words, language: Language) -> Chart:
         angle_deg = exposure.percentiles_deg[percent]
         interval = exposure.intervals.get(f"elevation_p{percent}_deg")
         facts = {"percent": str(percent), "angle": format_angle(angle_deg, language)}
-        told = f" ({format_angle_range(interval, language)})" if interval else ""
+        shown = f" ({format_angle_range(interval, language)})" if interval else ""
         ends = (interval.low, interval.high) if interval else None
         raised_deg = interval.high_pose if interval else None
         marks.append(
-            _MarkedPercentile(percent, angle_deg, ends, fill(entry["mark"], facts) + told, raised_deg)
+            _MarkedPercentile(percent, angle_deg, ends, fill(entry["mark"], facts) + shown, raised_deg)
         )
     is_raised = any(mark.raised_deg is not None for mark in marks)
 
@@ -213,18 +213,18 @@ def _build_eva(eva: Eva, entry: Words, language: Language) -> Chart:
     highest_first = _Grid(rows[::-1], columns, cells[::-1], row_sums[::-1], column_sums)
     plain = [name.removesuffix("°") for name in rows]  # the sign is written once, so that names do not touch
     turned = _Grid(columns, plain, list(zip(*cells, strict=True)), column_sums, row_sums)
-    told = ", ".join(
-        f"{name}: {', '.join(told for _, told in row)}" for name, row in zip(rows, cells, strict=True)
+    shown = ", ".join(
+        f"{name}: {', '.join(shown for _, shown in row)}" for name, row in zip(rows, cells, strict=True)
     )
     by_rows, _, sums = entry["axes"]
     return Chart.draw(
-        (entry["title"], fill(entry["alternative"], {"columns": ", ".join(columns), "list": told})),
+        (entry["title"], fill(entry["alternative"], {"columns": ", ".join(columns), "list": shown})),
         lambda words, width_px: _draw_eva(
             turned if width_px <= NARROW else highest_first, entry["axes"], words, width_px
         ),
         (by_rows, *columns, sums),
         (
-            (name, *(told for _, told in row), total)
+            (name, *(shown for _, shown in row), total)
             for name, row, total in zip(rows, cells, row_sums, strict=True)
         ),
         entry["note"],
@@ -246,22 +246,22 @@ def _draw_eva(grid: _Grid, axes: Sequence[str], words: tuple[str, str], width_px
     for rank, (name, row) in enumerate(zip(grid.rows, grid.cells, strict=True)):
         y = 32 + rank * 22.0
         body.append(svg.text(0, y + 15, name, "ink"))
-        for place, (percent, told) in enumerate(row):
-            body += _draw_cell(left + place * cell, y, cell, percent, told)
+        for place, (percent, shown) in enumerate(row):
+            body += _draw_cell(left + place * cell, y, cell, percent, shown)
         body.append(svg.text(middles[-1], y + 15, grid.row_sums[rank], "ink", "middle"))
     y = 32 + len(grid.rows) * 22 + 15
     body.append(svg.text(0, y, sums))
-    for x, told in zip(middles, grid.column_sums, strict=False):
-        body.append(svg.text(x, y, told, "ink", "middle"))
+    for x, shown in zip(middles, grid.column_sums, strict=False):
+        body.append(svg.text(x, y, shown, "ink", "middle"))
     return svg.picture(width_px, y + 6, f"eva{width_px:.0f}", words, body)
 
 
-def _draw_cell(x_px: float, y_px: float, cell_px: float, percent: float, told: str) -> list[str]:
+def _draw_cell(x_px: float, y_px: float, cell_px: float, percent: float, shown: str) -> list[str]:
     shade = sum(percent >= least for least in SHADES_PERCENT) - 1
     ground = svg.PLATE if shade < 0 else f'class="bar" fill="{svg.RAMP[shade]}"'
     kind = "soft" if shade < 0 else "onlight" if shade < 2 else "light"
     return [
         svg.rect(x_px, y_px, cell_px, 22, ground),
         svg.rect(x_px, y_px, cell_px, 22, f'{svg.EDGE} stroke-width="0.4"'),
-        svg.text(x_px + cell_px / 2, y_px + 15, told, kind, "middle"),
+        svg.text(x_px + cell_px / 2, y_px + 15, shown, kind, "middle"),
     ]

@@ -70,7 +70,7 @@ class UncertaintyBar:
     """
 
     name: str
-    told: str
+    shown: str
     span: Span | None
     is_pose: bool = False
 
@@ -95,7 +95,7 @@ def draw_uncertainty(shown: UncertaintyChart) -> str:
         top = rank * _ROW_PX
         body += [
             svg.text(0, top + 12, doubt.name, "ink"),
-            svg.text(SURE_PX, top + 12, doubt.told, "ink", "end"),
+            svg.text(SURE_PX, top + 12, doubt.shown, "ink", "end"),
         ]
         if doubt.span:
             low, high = map(plot.x, doubt.span)

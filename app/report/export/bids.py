@@ -86,9 +86,9 @@ def _place(every: Sequence[Angles]) -> Iterator[_Run]:
     """
     coded = []
     for angles in every:
-        told = angles.results["recording"]
-        code = find_code(told["subject"]) or f"r{told['sha256'][:12]}"
-        coded.append((code, told["start"] or "", told["sha256"], angles))
+        recording = angles.results["recording"]
+        code = find_code(recording["subject"]) or f"r{recording['sha256'][:12]}"
+        coded.append((code, recording["start"] or "", recording["sha256"], angles))
     labels: dict[str, str] = {}
     counts: Counter[tuple[str, str | None]] = Counter()
     for code, _, _, angles in sorted(coded, key=lambda one: one[:3]):

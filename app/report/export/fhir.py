@@ -82,8 +82,8 @@ def _describe_common(results: Results) -> dict[str, Any]:
     if recording["start"]:
         first = datetime.fromisoformat(recording["start"])
         ends = (first, first + timedelta(seconds=results["time"]["recorded_s"]))
-        told = (end.isoformat(timespec="seconds") if end.tzinfo else end.date().isoformat() for end in ends)
-        common["effectivePeriod"] = dict(zip(("start", "end"), told, strict=True))
+        shown = (end.isoformat(timespec="seconds") if end.tzinfo else end.date().isoformat() for end in ends)
+        common["effectivePeriod"] = dict(zip(("start", "end"), shown, strict=True))
     return common
 
 

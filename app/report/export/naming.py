@@ -49,8 +49,14 @@ def format_file_name(origin: Origin, kind: str) -> str:
 
 def format_report_name(results: Mapping[str, Any], version: int, ending: str) -> str:
     """Return the file name of the report on these results."""
-    told = results["recording"]
-    origin = Origin(told["subject"], told["file_name"], told["start"] or "", told["side"] or "", version)
+    recording = results["recording"]
+    origin = Origin(
+        recording["subject"],
+        recording["file_name"],
+        recording["start"] or "",
+        recording["side"] or "",
+        version,
+    )
     return format_file_name(origin, f"report.{ending}")
 
 

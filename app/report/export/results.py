@@ -142,11 +142,13 @@ def identify_report(settings: AnalysisSettings, findings: Findings, subject: Rep
 
 def _describe_us(record: TimeAccount | TimePart | Span) -> dict[str, object]:
     """Convert a record with its microseconds as seconds; :func:`_read_us` reverses it."""
-    told: dict[str, object] = {}
+    described: dict[str, object] = {}
     for name, value in asdict(record).items():
         is_us = name.endswith("_us")
-        told[f"{name.removesuffix('_us')}_s" if is_us else name] = value / MICROSECONDS if is_us else value
-    return told
+        described[f"{name.removesuffix('_us')}_s" if is_us else name] = (
+            value / MICROSECONDS if is_us else value
+        )
+    return described
 
 
 def _describe_exposure(exposure: Exposure, clock: Clock) -> dict[str, object]:
@@ -348,27 +350,30 @@ def _count_us(seconds: float) -> int:
     return round(seconds * MICROSECONDS)
 
 
-def _read_us(told: Mapping[str, Any]) -> dict[str, Any]:
+def _read_us(stored: Mapping[str, Any]) -> dict[str, Any]:
     """Convert seconds back to the written integer microseconds."""
-    seconds = {name: value for name, value in told.items() if name.endswith("_s")}
-    return {**told, **{f"{name.removesuffix('_s')}_us": _count_us(value) for name, value in seconds.items()}}
+    seconds = {name: value for name, value in stored.items() if name.endswith("_s")}
+    return {
+        **stored,
+        **{f"{name.removesuffix('_s')}_us": _count_us(value) for name, value in seconds.items()},
+    }
 
 
-def _read_exposure(told: Mapping[str, Any]) -> dict[str, Any]:
+def _read_exposure(stored: Mapping[str, Any]) -> dict[str, Any]:
     """Convert the records back to the form of :class:`fusion.exposure.types.Exposure`."""
-    peak, eva, variation = told["peak"], told["eva"], told["variation"]
+    peak, eva, variation = stored["peak"], stored["eva"], stored["variation"]
     ranges = zip(eva["low"] or (), eva["high"] or (), strict=True)
     return {
-        **told,
-        "bins": [_read_range(part) for part in told["bins"]],
-        "time_above": [_read_range(above) for above in told["time_above"]],
-        "percentiles_deg": {p: _read_number(value) for p, value in told["percentiles_deg"].items()},
+        **stored,
+        "bins": [_read_range(part) for part in stored["bins"]],
+        "time_above": [_read_range(above) for above in stored["time_above"]],
+        "percentiles_deg": {p: _read_number(value) for p, value in stored["percentiles_deg"].items()},
         "episodes": [
             stay | {"longer_s": [(part["than_s"], part["total_s"]) for part in stay["longer"]]}
-            for stay in told["episodes"]
+            for stay in stored["episodes"]
         ],
         "velocity_dps": {
-            kind: VELOCITY.read(speed) if speed else None for kind, speed in told["velocity_dps"].items()
+            kind: VELOCITY.read(speed) if speed else None for kind, speed in stored["velocity_dps"].items()
         },
         "elevation_p99_deg": _read_number(peak["elevation_p99_deg"]),
         "peak_windows": peak["windows"],
@@ -378,17 +383,19 @@ def _read_exposure(told: Mapping[str, Any]) -> dict[str, Any]:
             "percent": np.array(eva["percent"], float),
             "intervals": [list(starmap(Interval, zip(*row, strict=True))) for row in ranges],
         },
-        **{key: list(map(_read_part, told[key])) for key in ("by_hour", "by_period", "by_task")},
-        "intervals": _read_intervals(told),
-        **{group.key: group.read(told[group.key]) if told[group.key] else None for group in SINGLE_GROUPS},
+        **{key: list(map(_read_part, stored[key])) for key in ("by_hour", "by_period", "by_task")},
+        "intervals": _read_intervals(stored),
+        **{
+            group.key: group.read(stored[group.key]) if stored[group.key] else None for group in SINGLE_GROUPS
+        },
         "hour_variation": variation["by_hour"],
         "eva_summary": variation["eva"],
         "conventions": {
             convention["key"]: [_read_range(part) for part in convention["classes"]]
-            for convention in told["conventions"]
+            for convention in stored["conventions"]
         },
-        "minutes": {name: np.array(column, float) for name, column in told["minutes"].items()},
-        "histogram_s": np.array(told["histogram_s"], float),
+        "minutes": {name: np.array(column, float) for name, column in stored["minutes"].items()},
+        "histogram_s": np.array(stored["histogram_s"], float),
     }
 
 
@@ -396,24 +403,28 @@ def _read_number(value: float | None) -> float:
     return nan if value is None else value
 
 
-def _read_range(told: Mapping[str, Any]) -> dict[str, Any]:
-    return {**told, "interval": None if told["low"] is None else {end: told[end] for end in _ENDS}}
+def _read_range(stored: Mapping[str, Any]) -> dict[str, Any]:
+    return {**stored, "interval": None if stored["low"] is None else {end: stored[end] for end in _ENDS}}
 
 
-def _read_intervals(told: Mapping[str, Any]) -> dict[str, Interval]:
-    posed = told["intervals_pose"]
-    return {name: Interval(*ends, *posed.get(name, ())) for name, ends in told["intervals"].items()}
+def _read_intervals(stored: Mapping[str, Any]) -> dict[str, Interval]:
+    posed = stored["intervals_pose"]
+    return {name: Interval(*ends, *posed.get(name, ())) for name, ends in stored["intervals"].items()}
 
 
-def _read_part(told: Mapping[str, Any]) -> dict[str, Any]:
+def _read_part(stored: Mapping[str, Any]) -> dict[str, Any]:
     percentiles_deg, percent_above = (
-        {found[1]: _read_number(value) for name, value in told.items() if (found := pattern.fullmatch(name))}
+        {
+            found[1]: _read_number(value)
+            for name, value in stored.items()
+            if (found := pattern.fullmatch(name))
+        }
         for pattern in (_PERCENTILE, _SHARE)
     )
     return {
-        **told,
+        **stored,
         "percentiles_deg": percentiles_deg,
         "percent_above": percent_above,
-        "reason": told.get("excluded_as") or "",
-        "intervals": _read_intervals(told),
+        "reason": stored.get("excluded_as") or "",
+        "intervals": _read_intervals(stored),
     }

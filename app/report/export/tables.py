@@ -123,13 +123,13 @@ def build_problem_row(origin: Origin, code: str, facts: Mapping[str, Fact], lang
 
 def summarise_results(results: Results) -> Row:
     """Return the row of one analysed recording."""
-    told = read_figures(results)
+    shown = read_figures(results)
     for suffix in ("", "_pose"):
         for name, (low, high) in read_ranges(results, suffix).items():
-            told |= {f"{name}_low{suffix}": low, f"{name}_high{suffix}": high}
-    told["warnings"] = " ".join(warning["code"] for warning in results["quality"]["warnings"])
-    told |= {place: find_place(results, place) for place in ("path", "folder")}
-    return {column.name: told.get(column.name) for column in SUMMARY}
+            shown |= {f"{name}_low{suffix}": low, f"{name}_high{suffix}": high}
+    shown["warnings"] = " ".join(warning["code"] for warning in results["quality"]["warnings"])
+    shown |= {place: find_place(results, place) for place in ("path", "folder")}
+    return {column.name: shown.get(column.name) for column in SUMMARY}
 
 
 def summarise_failure(origin: Origin, code: str) -> Row:
@@ -178,8 +178,8 @@ def describe_dictionary() -> list[Row]:
     """Return one row for each column of the tables and of the angles, and each field of ``results.json``."""
     rows: list[Row] = []
 
-    def add(file: str, name: str, kind: str | None, told: Iterable[str]) -> None:
-        english, french = told
+    def add(file: str, name: str, kind: str | None, shown: Iterable[str]) -> None:
+        english, french = shown
         words = {"unit": find_unit(name), "english": english, "french": french}
         rows.append({"file": file, "column": name, "kind": kind, **words})
 
@@ -189,8 +189,8 @@ def describe_dictionary() -> list[Row]:
     )
     for table, columns in tables:
         for column in columns:
-            told = (column.explain(language, table) for language in LANGUAGES)
-            add(f"{table}.csv", column.name, column.kind, told)
+            shown = (column.explain(language, table) for language in LANGUAGES)
+            add(f"{table}.csv", column.name, column.kind, shown)
     angles = [load_wording(language, "tables")["elevation"] for language in LANGUAGES]
     fields = [load_wording(language, "fields") for language in LANGUAGES]
     for file, words in (("elevation.parquet", angles), ("results.json", fields)):

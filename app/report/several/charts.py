@@ -44,8 +44,8 @@ def build_overlays(arms: Sequence[tuple[str, ArmDays]], words: Words, language: 
     facts = {"list": ", ".join(names), "start": clock.format(0), "end": clock.format(end_s)}
     alternative = fill(entry["alternative"], facts)
     panels = [_lay_out(name, run, clock, end_s, entry) for name, run in zip(names, placed, strict=True)]
-    told = (entry["outer"], entry["median"], "", entry["unknown"])
-    labels = DayLabels(entry["title"], alternative, *told, inner=entry["inner"])
+    shown = (entry["outer"], entry["median"], "", entry["unknown"])
+    labels = DayLabels(entry["title"], alternative, *shown, inner=entry["inner"])
     return Chart.draw(
         (entry["title"], alternative),
         lambda _, width_px: draw_overlays(panels, labels, width_px),
@@ -235,13 +235,13 @@ _MOST_OVER = 1.3
 class FigureRow:
     """A day, or a mean of days (``is_mean``, in bold).
 
-    ``values`` and ``told``: each figure and its text; None if unknown. ``ranges``: drawn as lines over the
+    ``values`` and ``shown``: each figure and its text; None if unknown. ``ranges``: drawn as lines over the
     bars; empty if there are none. ``is_left_out``: does not count, so that its bar is empty.
     """
 
     label: str
     values: tuple[float | None, ...]
-    told: tuple[str, ...]
+    shown: tuple[str, ...]
     ranges: tuple[Span | None, ...] = ()
     is_mean: bool = False
     is_left_out: bool = False
@@ -256,7 +256,7 @@ def build_rows(
         (title, fill(words["rows"]["alternative"], {"title": title})),
         lambda words, width_px: _draw_rows(rows, columns, words, width_px),
         (first, *columns),
-        ((row.label, *row.told) for row in rows),
+        ((row.label, *row.shown) for row in rows),
         words["rows"]["note"],
     )
 
@@ -294,7 +294,7 @@ def _find_end(rows: Sequence[FigureRow], column: int) -> float:
 
 def _draw_figure(row: FigureRow, column: int, plot: Plot, top_px: float) -> list[str]:
     x, value = plot.left_px, row.values[column]
-    body = [svg.text(x, top_px + 11, row.told[column], "strong" if row.is_mean else "ink")]
+    body = [svg.text(x, top_px + 11, row.shown[column], "strong" if row.is_mean else "ink")]
     if value is None:
         return body
     kind = f'{svg.EDGE} stroke-width="0.7"' if row.is_left_out else svg.BAND

@@ -230,9 +230,9 @@ _OVERLAY_COLUMNS = ("subject", "side", "stage", "clock", "days", *(f"p{p}_deg" f
 def encode_day_table(studied: StudiedDays) -> bytes:
     """Encode ``profile.csv``: a row for each day."""
     rows = (
-        round_all({**told, **told["figures"], "subject": arm.subject, "stage": arm.stage})
+        round_all({**shown, **shown["figures"], "subject": arm.subject, "stage": arm.stage})
         for arm in studied.arms
-        for told in map(_describe_day, arm.days)
+        for shown in map(_describe_day, arm.days)
     )
     return encode_table(_DAY_COLUMNS, rows)
 

@@ -118,9 +118,9 @@ def _build_verdict(studied: StudiedDays, entry: Words, differences: Words) -> Ve
         return VerdictLine("poor", entry["one"]["label"], entry["one"]["reason"])
     if not studied.differences:
         return VerdictLine("good", entry["alike"]["label"], entry["alike"]["reason"])
-    told = "; ".join(differences[name] for name in studied.differences)
+    shown = "; ".join(differences[name] for name in studied.differences)
     level = "poor" if "poor" in studied.differences else "caution"
-    return VerdictLine(level, entry["unlike"]["label"], fill(entry["unlike"]["reason"], {"list": told}))
+    return VerdictLine(level, entry["unlike"]["label"], fill(entry["unlike"]["reason"], {"list": shown}))
 
 
 # The answer in sentences.
@@ -132,7 +132,7 @@ def _list_sentences(studied: StudiedDays, entry: Words, language: Language) -> I
         return _list_change_sentences(studied, entry["change"], language)
     if studied.is_group:
         return _list_group_sentences(studied, entry, language)
-    return (told for arm in studied.arms for told in _list_arm_sentences(arm, entry, language))
+    return (shown for arm in studied.arms for shown in _list_arm_sentences(arm, entry, language))
 
 
 def _list_arm_sentences(arm: ArmDays, entry: Words, language: Language) -> list[str]:
@@ -180,9 +180,11 @@ def _format_trend(arm: ArmDays, sentence: Words, language: Language) -> list[str
         "outside": str(trend.outside),
         "later": str(len(starts) - 1),
     }
-    told = f"{fill(entry['told'], facts)} {fill(entry['larger' if trend.is_larger else 'not larger'], facts)}"
+    shown = (
+        f"{fill(entry['told'], facts)} {fill(entry['larger' if trend.is_larger else 'not larger'], facts)}"
+    )
     outside = fill(entry["outside" if trend.outside else "none"], facts)
-    return [f"{told} {outside}" if len(starts) > 2 else told]
+    return [f"{shown} {outside}" if len(starts) > 2 else shown]
 
 
 def _list_group_sentences(studied: StudiedDays, entry: Words, language: Language) -> Iterator[str]:
@@ -210,8 +212,8 @@ def _list_group_sentences(studied: StudiedDays, entry: Words, language: Language
 
 def _format_two_ends(name: str, interval: Interval | None, language: Language) -> dict[str, str]:
     ends = (interval.low, interval.high) if interval else ()
-    told = (format_number(end, 1, language) for end in ends)
-    return dict(zip((f"{name}_low", f"{name}_high"), told, strict=False))
+    shown = (format_number(end, 1, language) for end in ends)
+    return dict(zip((f"{name}_low", f"{name}_high"), shown, strict=False))
 
 
 def _format_pose(ends: PoseEnds | None, name: str, language: Language) -> str:
@@ -243,8 +245,8 @@ def _list_change_sentences(studied: StudiedDays, entry: Words, language: Languag
             "high": format_number(span[1], 1, language) if span else "",
             "detectable": format_points(change["detectable"], MAIN, language) if change["detectable"] else "",
         }
-        told = entry["group" if span else "person"]
-        yield f"{fill(told['told'], facts)} {fill(told[change['verdict']], facts)}"
+        shown = entry["group" if span else "person"]
+        yield f"{fill(shown['told'], facts)} {fill(shown[change['verdict']], facts)}"
 
 
 # Charts and chapters.
@@ -285,11 +287,11 @@ def _lay_mean(arm: ArmDays, language: Language) -> list[FigureRow]:
 def _lay_row(
     label: str, values: list[float | None], language: Language, *, is_left_out: bool = False
 ) -> FigureRow:
-    told = (
+    shown = (
         NONE if value is None else format_figure(value, key, language)
         for key, value in zip(TILES, values, strict=True)
     )
-    return FigureRow(label, tuple(values), tuple(told), is_left_out=is_left_out)
+    return FigureRow(label, tuple(values), tuple(shown), is_left_out=is_left_out)
 
 
 def _list_sections(studied: StudiedDays, words: Words, language: Language) -> Iterator[Section]:
@@ -410,7 +412,7 @@ def _build_days_table(studied: StudiedDays, words: Words, language: Language) ->
         )
         findings, figures = day.kept.findings, day.list_figures()
         lasted = format_duration(findings.time.analysed_us / MICROSECONDS, language)
-        told = (
+        shown = (
             NONE if (value := figures[name]) is None else format_figure(value, name, language)
             for name in FIGURES
         )
@@ -418,7 +420,7 @@ def _build_days_table(studied: StudiedDays, words: Words, language: Language) ->
             (
                 ", ".join(filter(None, named)),
                 f"{lasted} ({words['left_out'][day.left_out]})" if day.left_out else lasted,
-                *told,
+                *shown,
                 verdicts[findings.quality.verdict],
             )
         )

@@ -115,13 +115,13 @@ def build_verdict(context: Context) -> VerdictLine:
     entry = words["verdict"][verdict]
     counted = _list_counted(findings)
     is_posed = verdict == "good" and format_pose_caution(findings, words)
-    told = [entry["posed" if is_posed else "reason"]]
+    shown = [entry["posed" if is_posed else "reason"]]
     if counted:
         others = join_clauses((_format_flag(flag, language) for flag in counted[1:]), language)
         also = fill(words["heading"]["also"], {"others": others}) if others else ""
-        told = [_describe_flag(counted[0], language), also]
-    told.append(_format_not_analysed(context))
-    return VerdictLine(verdict, entry["label"], " ".join(filter(None, told)))
+        shown = [_describe_flag(counted[0], language), also]
+    shown.append(_format_not_analysed(context))
+    return VerdictLine(verdict, entry["label"], " ".join(filter(None, shown)))
 
 
 def format_quality(context: Context) -> str:
@@ -131,8 +131,8 @@ def format_quality(context: Context) -> str:
     if not counted:
         return str(words["profile"]["no_fault_posed" if format_pose_caution(findings, words) else "no_fault"])
     more = len(counted) - MOST_REASONS
-    told = join_clauses(counted[:MOST_REASONS], language)
-    facts = {"reasons": told[0].upper() + told[1:], "more": str(more) if more > 0 else ""}
+    shown = join_clauses(counted[:MOST_REASONS], language)
+    facts = {"reasons": shown[0].upper() + shown[1:], "more": str(more) if more > 0 else ""}
     return fill(words["profile"]["reasons"], facts)
 
 
@@ -164,8 +164,8 @@ def _format_not_analysed(context: Context) -> str:
         missing = words["time"]["missing"]
         parts.append((missing[0].lower() + missing[1:], time.missing_us))
     parts.sort(key=lambda part: -part[1])
-    told = ", ".join(f"{name} {format_duration(us / MICROSECONDS, context.language)}" for name, us in parts)
-    return fill(words["heading"]["not_analysed"], {"parts": told})
+    shown = ", ".join(f"{name} {format_duration(us / MICROSECONDS, context.language)}" for name, us in parts)
+    return fill(words["heading"]["not_analysed"], {"parts": shown})
 
 
 def _sum_exclusions(findings: Findings) -> Counter[str]:
@@ -236,9 +236,9 @@ def format_needs_pose(context: Context) -> str:
     every = [context.clock.format(still.start_s, with_seconds=True) for still in calibration.proposals]
     further = len(every) - MOST_TIMES
     more = [fill(entry["more"], {"n": str(further)})] if further > 0 else []
-    told = [*every[:MOST_TIMES], *more]
+    shown = [*every[:MOST_TIMES], *more]
     facts = {
-        "times": f" {entry['or']} ".join(filter(None, (", ".join(told[:-1]), told[-1]))),
+        "times": f" {entry['or']} ".join(filter(None, (", ".join(shown[:-1]), shown[-1]))),
         "apart": format_angle(calibration.spread_deg, context.language),
     }
     return fill(context.words["pose_state"]["needs"], facts)
@@ -515,7 +515,7 @@ def _describe_calibration(calibration: CalibrationFacts, context: Context) -> It
     )
     # in state "none" walking itself determined the axis
     walking_deg = None if calibration.state == "none" else calibration.walking_apart_deg
-    told = {
+    shown = {
         "found": format_found(context.findings, context.words),
         "sigma": tell_angle(calibration.sigma_deg),
         "pose": context.words["pose"][calibration.pose] if calibration.pose else "",
@@ -529,7 +529,7 @@ def _describe_calibration(calibration: CalibrationFacts, context: Context) -> It
         "score": "" if score is None else format_number(score, 2, language),
         "bias": fill(entry["bias_value"], {"values": bias}),
     }
-    return (Pair(entry[name], value) for name, value in told.items() if value)
+    return (Pair(entry[name], value) for name, value in shown.items() if value)
 
 
 def _build_provenance(context: Context) -> Section:
@@ -682,8 +682,8 @@ def _list_cycles(exposure: Exposure, language: Language) -> Rows:
     for c in exposure.cycles:
         name = f"{c.lower_deg:g}–{c.upper_deg:g}°" if c.upper_deg is not None else f"≥ {c.lower_deg:g}°"
         interval = exposure.intervals.get(CYCLES["count"].spell(CYCLES.describe(c)))
-        told = format_ends(interval, 1, language) or NONE
-        rows.append((name, format_number(c.count, 1, language), told))
+        shown = format_ends(interval, 1, language) or NONE
+        rows.append((name, format_number(c.count, 1, language), shown))
     return rows
 
 
@@ -693,8 +693,8 @@ def _list_velocities(exposure: Exposure, entry: Words, language: Language) -> Ro
         velocity = exposure.velocity_dps.get(kind)
         if velocity is not None:
             values = VELOCITY.name_values(velocity, kind)
-            told = (format_number(value, 1, language) for value in values.values())
-            rows.append((entry["velocities"]["kind"][kind], *told))
+            shown = (format_number(value, 1, language) for value in values.values())
+            rows.append((entry["velocities"]["kind"][kind], *shown))
             rows += _list_ranges(exposure, list(values), entry["percentiles"], language)
     return rows
 

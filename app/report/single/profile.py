@@ -131,16 +131,16 @@ def _build_rises(context: Context) -> Tile:
 def _build_tile(scale: TileScale, facts: Mapping[str, str], context: Context) -> Tile:
     entry, name = context.words["profile"], scale.words[0]
     calibration = context.findings.calibration
-    told = {
+    shown = {
         "needed": context.words["pose_state"]["needed"] if calibration and calibration.needs_pose else "",
         **facts,
         "range": fill(entry["range"][choose_ranges(context.findings)], facts) if facts["range"] else "",
         "pose": fill(entry["with_pose"], {"high": facts["pose"]}) if facts["pose"] else "",
     }
-    parts = ", ".join(part for part in (*told.values(), scale.published_label) if part)
+    parts = ", ".join(part for part in (*shown.values(), scale.published_label) if part)
     alternative = fill(entry["tile"], {"name": name, "parts": parts})
     drawn = draw_tile(replace(scale, words=(name, alternative))) if facts["value"] != NONE else ""
-    return Tile(name=name, scale=drawn, alternative=alternative, **told)
+    return Tile(name=name, scale=drawn, alternative=alternative, **shown)
 
 
 def _find_pose_part(value: float, interval: Interval | None) -> tuple[float, float] | None:
@@ -162,8 +162,8 @@ def _extend_scale(end: float, largest: float) -> float:
 
 def _format_published(values: Sequence[float], language: Language) -> str:
     """Format a published value, or a range of two, with its published digits."""
-    told = "–".join(format_number(v, 0 if v >= 10 else 1, language) for v in values)
-    return told + percent_sign(language) if told else ""
+    shown = "–".join(format_number(v, 0 if v >= 10 else 1, language) for v in values)
+    return shown + percent_sign(language) if shown else ""
 
 
 # Tasks.
@@ -242,12 +242,12 @@ def _build_uncertainty(context: Context) -> Drawing:
     ]
     spans = [doubt.span for doubt in doubts if doubt.span]
     if not spans:
-        pose = [f"{doubt.name.capitalize()}: {doubt.told}." for doubt in doubts if doubt.is_pose]
+        pose = [f"{doubt.name.capitalize()}: {doubt.shown}." for doubt in doubts if doubt.is_pose]
         return Drawing(entry["title"], "", "", " ".join((entry["none"][choose_ranges(findings)], *pose)))
     largest = max(high for _, high in spans)
     end = min(_extend_scale(20.0, max(1.1 * above.percent, 1.05 * largest)), 100.0)
-    told = join_clauses((f"{doubt.name}, {doubt.told}" for doubt in doubts), language)
-    facts = {"value": format_percent(above.percent, language), "list": told}
+    shown = join_clauses((f"{doubt.name}, {doubt.shown}" for doubt in doubts), language)
+    facts = {"value": format_percent(above.percent, language), "list": shown}
     words = (entry["title"], fill(entry["alternative"], facts))
     drawn = draw_uncertainty(
         UncertaintyChart(words, above.percent, end, _format_published((end,), language), doubts)
@@ -262,11 +262,11 @@ def _find_pose_uncertainty(value: float, interval: Interval | None, context: Con
         return []
     part = _find_pose_part(value, interval)
     if part:
-        told = fill(entry["up_to"], {"high": format_percent(part[1], context.language)})
-        return [UncertaintyBar(entry["pose"], told, (value, part[1]), is_pose=True)]
-    told = entry["of_pose"].get(calibration.pose, "")
+        shown = fill(entry["up_to"], {"high": format_percent(part[1], context.language)})
+        return [UncertaintyBar(entry["pose"], shown, (value, part[1]), is_pose=True)]
+    shown = entry["of_pose"].get(calibration.pose, "")
     is_one_sided = bool(format_pose_caution(context.findings, context.words))
-    return [UncertaintyBar(entry["pose"], told, None, is_pose=is_one_sided)] if told else []
+    return [UncertaintyBar(entry["pose"], shown, None, is_pose=is_one_sided)] if shown else []
 
 
 # Next steps.

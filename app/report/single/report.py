@@ -127,8 +127,8 @@ def _format_longest(episodes: Episodes, context: Context) -> str:
     interval = context.exposure.intervals.get(f"episodes_above_{MAIN_THRESHOLD_DEG}_longest_s")
     longest = format_duration(episodes.longest_s, language)
     if interval is not None:
-        told = {"longest": longest, "range": format_duration_range(interval, language)}
-        longest = fill(entry["longest_range"], told)
+        shown = {"longest": longest, "range": format_duration_range(interval, language)}
+        longest = fill(entry["longest_range"], shown)
     if episodes.longest_start_s is None:
         return longest
     moment = context.clock.at(episodes.longest_start_s)
@@ -181,12 +181,12 @@ def _build_header(context: Context) -> tuple[Pair, ...]:
 
 
 def _build_conclusion(context: Context) -> Note | None:
-    concluded, told = context.subject.conclusion, context.words["conclusion"]
+    concluded, shown = context.subject.conclusion, context.words["conclusion"]
     if concluded is None:
         return None
     when = format_date(datetime.fromisoformat(concluded.date), context.language)
-    title = fill(told["title"], {"name": clean_text(concluded.name), "date": when})
-    return Note(title, (*clean_paragraphs(concluded.text), told["typed"]))
+    title = fill(shown["title"], {"name": clean_text(concluded.name), "date": when})
+    return Note(title, (*clean_paragraphs(concluded.text), shown["typed"]))
 
 
 def _format_amendment(context: Context) -> str:

@@ -43,14 +43,14 @@ def describe_problem(code: str, facts: Mapping[str, Fact], language: Language) -
     words = load_wording(language)
     entry = words["problem"].get(code) or words["problem"][UNKNOWN_PROBLEM]
     first, *others = _split_rows(facts)
-    told = format_facts(first, language)
+    shown = format_facts(first, language)
     rows = (fill(entry["another"], format_facts(row, language)) for row in others)
-    more = fill(entry.get("more", ""), told)
-    places = [fill(text, told) for name, text in words["where"].items() if told.get(name)]
+    more = fill(entry.get("more", ""), shown)
+    places = [fill(text, shown) for name, text in words["where"].items() if shown.get(name)]
     return Problem(
-        title=fill(entry["title"], told),
-        detail=" ".join([fill(_choose_detail(entry, facts), told), *rows, more]).strip(),
-        fix=fill(entry["fix"], told),
+        title=fill(entry["title"], shown),
+        detail=" ".join([fill(_choose_detail(entry, facts), shown), *rows, more]).strip(),
+        fix=fill(entry["fix"], shown),
         where=", ".join(places) or None,
     )
 
@@ -60,10 +60,10 @@ def describe_flag(flag: "QualityFlag", language: Language) -> CaveatWords:
     entry = load_wording(language)["flag"].get(flag.code)
     if entry is None:
         return CaveatWords(flag.code, "")
-    told = format_facts(flag.facts, language)
+    shown = format_facts(flag.facts, language)
     if flag.seconds:
-        told["lasted"] = format_duration(flag.seconds, language)
-    return CaveatWords(fill(entry["title"], told), fill(_choose_detail(entry, told), told))
+        shown["lasted"] = format_duration(flag.seconds, language)
+    return CaveatWords(fill(entry["title"], shown), fill(_choose_detail(entry, shown), shown))
 
 
 def _choose_detail(entry: Words, facts: Mapping[str, Fact]) -> str:
@@ -73,15 +73,15 @@ def _choose_detail(entry: Words, facts: Mapping[str, Fact]) -> str:
 
 def format_facts(facts: Mapping[str, Fact], language: Language) -> dict[str, str]:
     """Format facts for a sentence: numbers by the language, fixed terms of the code by its words."""
-    words, told = load_wording(language), {}
+    words, shown = load_wording(language), {}
     for name, value in facts.items():
         if isinstance(value, str):
             terms = words["reason"] if name == "left_out" else words["fact"].get(name, {})
-            told[name] = str(terms.get(value) or clean_text(value))
+            shown[name] = str(terms.get(value) or clean_text(value))
         else:
             decimals = 2 if abs(value) >= 0.1 else 4
-            told[name] = format_exact(value if isinstance(value, int) else round(value, decimals), language)
-    return told
+            shown[name] = format_exact(value if isinstance(value, int) else round(value, decimals), language)
+    return shown
 
 
 def find_flag_codes() -> tuple[str, ...]:
@@ -109,23 +109,23 @@ VECTORS = ("acceleration", "angular_rate")
 def format_columns(profile: str, language: Language) -> str:
     """Format a column profile: "Acceleration: p, q, r (mg) · Angular rate (gyroscope): 5, 6, 7 · Time: k"."""
     values, words = json.loads(profile), load_wording(language, "columns")
-    told = {}
+    shown = {}
     for name in filter(values.get, VECTORS):
         factor = values.get(f"{name}_factor")
         unit = f" (× {_format_factor(factor, language)})" if factor else _format_unit(values, name)
-        told[name] = _format_places(values.get(name)) + unit
+        shown[name] = _format_places(values.get(name)) + unit
     if values.get("sensor"):
-        told["sensor"] = clean_text(values["sensor"])
-        told |= {name: str(values[f"{name}_unit"]) for name in VECTORS if values.get(f"{name}_unit")}
+        shown["sensor"] = clean_text(values["sensor"])
+        shown |= {name: str(values[f"{name}_unit"]) for name in VECTORS if values.get(f"{name}_unit")}
     if values.get("time") is not None:
-        told["time"] = _format_places([values["time"]]) + _format_unit(values, "time")
+        shown["time"] = _format_places([values["time"]]) + _format_unit(values, "time")
     if values.get("rate_hz"):
-        told["rate"] = _format_factor(values["rate_hz"], language)
+        shown["rate"] = _format_factor(values["rate_hz"], language)
     if values.get("date_order"):
-        told["date_order"] = words.get(values["date_order"], values["date_order"])
+        shown["date_order"] = words.get(values["date_order"], values["date_order"])
     if values.get("pose_held"):
-        told["pose_held"] = words[values["pose_held"]]
-    return " · ".join(f"{words[name]}{words['colon']} {text}" for name, text in told.items())
+        shown["pose_held"] = words[values["pose_held"]]
+    return " · ".join(f"{words[name]}{words['colon']} {text}" for name, text in shown.items())
 
 
 def _format_unit(values: Mapping[str, Any], name: str) -> str:
