@@ -312,7 +312,7 @@ class AccountStore:
 
     def find_sessions(self, person_id: str) -> Sequence[Session]:
         """Return the active sessions of a person, newest first."""
-        about = select(sessions).where(sessions.c.person_id == person_id, *_go_on(self.clock()))
+        about = select(sessions).where(sessions.c.person_id == person_id, *_is_active(self.clock()))
         rows = self.database.read_all(about.order_by(sessions.c.began_s.desc()))
         return [Session(row.hash, row.began_s, row.used_s) for row in rows]
 
@@ -475,14 +475,14 @@ def check_login(login: str) -> str:
     return name
 
 
-def _go_on(now_s: float) -> tuple[Any, ...]:
+def _is_active(now_s: float) -> tuple[Any, ...]:
     return (sessions.c.used_s > now_s - IDLE_S, sessions.c.began_s > now_s - LONGEST_S)
 
 
 def _select_sessions(now_s: float) -> Select[Any]:
     """Select the active sessions with their people."""
     joined = select(people, sessions.c.used_s).join(sessions, sessions.c.person_id == people.c.id)
-    return joined.where(*_go_on(now_s), people.c.ended_at.is_(None))
+    return joined.where(*_is_active(now_s), people.c.ended_at.is_(None))
 
 
 def _select_tokens(now_s: float) -> Select[Any]:

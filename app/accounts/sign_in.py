@@ -29,7 +29,7 @@ from app.accounts.accounts import (
 )
 from app.accounts.subjects import Subject
 from app.errors import LoginRefused, SecondFactorLost, SecretUnreadable, TicketSpent, TooManyTries
-from app.library.audit_log import NOBODY, find_actor
+from app.library.audit_log import NOBODY, get_actor
 from app.library.database.tables import known_browsers, link_uses, people, recovery_codes, tickets, tries
 from app.library.rows import format_now
 from app.settings import Settings
@@ -347,7 +347,7 @@ class TicketStore:
             connection.execute(insert(tickets).values(row))
         return ticket
 
-    def look(self, purpose: Purpose, ticket: str) -> Ticket:
+    def peek(self, purpose: Purpose, ticket: str) -> Ticket:
         """Return the content of a ticket without using it up. Raises TicketSpent."""
         return _read_ticket(self._database.read_one(select(tickets).where(*self._find(purpose, ticket))))
 
@@ -445,7 +445,7 @@ class SignIn:
 
         Raises LoginRefused, SecondFactorLost, TooManyTries, TicketSpent or NotInstalled.
         """
-        person_id = self.tickets.look("code", ticket).person_id
+        person_id = self.tickets.peek("code", ticket).person_id
         found = self.credentials.find_of(person_id)
         budgets = self._take(found, caller, limit_code(person_id))
         self._check_second_factor(found, code, budgets)
@@ -494,7 +494,7 @@ class SignIn:
 
     def show_enrolment(self, ticket: str) -> tuple[str, str]:
         """Return the secret of an enrolment as text and as a QR code. Raises TicketSpent or NotInstalled."""
-        found = self.tickets.look("enrol", ticket)
+        found = self.tickets.peek("enrol", ticket)
         secret, person = self._open_secret(found), self.accounts.get_person(found.person_id)
         return secret, self._passwords.draw_secret(secret, person.login)
 
@@ -503,7 +503,7 @@ class SignIn:
 
         Raises LoginRefused, TicketSpent or NotInstalled.
         """
-        found = self.tickets.look("enrol", ticket)
+        found = self.tickets.peek("enrol", ticket)
         secret = self._open_secret(found)
         step = self._passwords.find_step(secret, code, self.accounts.clock(), 0)
         if step is None:
@@ -524,7 +524,7 @@ class SignIn:
 
     def make_link(self, person_id: str, term_s: float) -> str:
         """Create the last part of a single-use link with which a person chooses a password."""
-        return self.tickets.make("password", term_s, person_id, made_by=find_actor())
+        return self.tickets.make("password", term_s, person_id, made_by=get_actor())
 
     def set_password_by_link(self, ticket: str, password: str, address: str) -> Person:
         """Set a password through a link, used from ``address``, and end every session of the person.
@@ -532,7 +532,7 @@ class SignIn:
         The person must then sign in with it and the second factor. Raises TicketSpent, WeakPassword or
         NotInstalled.
         """
-        person = self.accounts.get_person(self.tickets.look("password", ticket).person_id)
+        person = self.accounts.get_person(self.tickets.peek("password", ticket).person_id)
         self.check_password(person, password)
         data = self.tickets.take("password", ticket).data
         use = LinkUse(str(data.get("made_by", NOBODY)), _ADDRESS.sub("-", address)[:LONGEST_ADDRESS])

@@ -173,7 +173,7 @@ def run_beside(act: Callable[[], T], on_wait: Callable[[], object]) -> T:
         return work.result()
 
 
-def make_now(attempt: Attempt) -> tuple[ResultFile, ...]:
+def run_and_wait(attempt: Attempt) -> tuple[ResultFile, ...]:
     """Make an attempt while the caller waits; return the files.
 
     Raises ------ RecordedProblem

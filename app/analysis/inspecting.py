@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from app.analysis.attempt import Attempt, MakeReport, choose_limits, make_now
+from app.analysis.attempt import Attempt, MakeReport, choose_limits, run_and_wait
 from app.analysis.fork_server import warm_up
 from app.request import OnStage, ReportRequest
 from app.settings import Settings
@@ -86,7 +86,7 @@ class Inspector:
         with self._turns, tempfile.TemporaryDirectory(prefix=PREFIX, dir=self.folder) as folder:
             out = Path(folder)
             limits = choose_limits(self.settings, recording_path.stat().st_size)
-            make_now(Attempt(recording_path, request, out, make, limits))
+            run_and_wait(Attempt(recording_path, request, out, make, limits))
             return (out / name).read_bytes()
 
 

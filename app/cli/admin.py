@@ -225,7 +225,7 @@ def verify(
     from app.library.database.connect import check_whole  # noqa: PLC0415  the database, and only this needs it
     from app.ops.backup import find_damage  # noqa: PLC0415
     from app.ops.place import check_used, record_command  # noqa: PLC0415
-    from app.ops.verify import find_faults, find_kept  # noqa: PLC0415
+    from app.ops.verify import find_expected, find_faults  # noqa: PLC0415
 
     with _refusals_printed(lang, find_settings(data)):
         settings = find_settings(data)
@@ -233,7 +233,7 @@ def verify(
             check_used(settings)
             check_whole(settings.database_url)
             record_command(settings, "store.verified")
-            kept = find_kept(settings)
+            kept = find_expected(settings)
             number, faults = len(kept), tuple(find_faults(settings, kept))
         else:
             copied = find_damage(file, identity)

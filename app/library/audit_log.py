@@ -118,12 +118,12 @@ def acting(who: str) -> Iterator[None]:
         _actor.reset(token)
 
 
-def find_actor() -> str:
+def get_actor() -> str:
     """Return the current actor."""
     return _actor.get()
 
 
-def begin_touching() -> dict[str, str]:
+def begin_collecting_reads() -> dict[str, str]:
     """Start collecting the analyses whose files this task reads: recording id by analysis id."""
     found: dict[str, str] = {}
     _touched.set(found)
@@ -155,7 +155,7 @@ def record(
         raise ValueError(act)
     line = {
         "at": datetime.now(UTC).isoformat(timespec="microseconds"),
-        "who": find_actor() if who is None else who,
+        "who": get_actor() if who is None else who,
         "act": act,
         "recording_id": recording_id,
         "analysis_id": analysis_id,

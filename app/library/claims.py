@@ -14,7 +14,7 @@ from sqlalchemy import ColumnElement, Connection, Float, exists, func, insert, s
 from sqlalchemy.ext.compiler import compiles
 from sqlalchemy.sql.functions import FunctionElement
 
-from app.library.audit_log import Act, find_actor, record
+from app.library.audit_log import Act, get_actor, record
 from app.library.database.tables import analyses, batch_items, recordings
 from app.library.rows import TRANSITIONS, JobState, find_sources, format_now, select_running_s
 from app.library.side_files import increment_revision, increment_revision_of
@@ -39,12 +39,12 @@ class DatabaseClock(FunctionElement[float]):
 
 
 @compiles(DatabaseClock, "sqlite")
-def _tell_time_in_sqlite(*_: object, **__: object) -> str:
+def _compile_clock_for_sqlite(*_: object, **__: object) -> str:
     return "((julianday('now') - 2440587.5) * 86400.0)"
 
 
 @compiles(DatabaseClock, "postgresql")
-def _tell_time_in_postgresql(*_: object, **__: object) -> str:
+def _compile_clock_for_postgresql(*_: object, **__: object) -> str:
     return "CAST(extract(epoch FROM clock_timestamp()) AS double precision)"
 
 
@@ -139,7 +139,7 @@ def enqueue_all(
             "priority": PAGE_PRIORITY if way_in == "web" else SCRIPT_PRIORITY,
             "turn": first + place,
             "batch_id": batch_id,
-            "asked_by": find_actor(),
+            "asked_by": get_actor(),
         }
         for place, ((recording_id, sha256, _), request) in enumerate(zip(items, requests, strict=True))
     ]
@@ -186,7 +186,7 @@ def _find_turn(connection: Connection, batch_id: str | None) -> int:
     waits = (analyses.c.state == JobState.QUEUED, analyses.c.priority == SCRIPT_PRIORITY)
     flow = analyses.c.batch_id.is_not_distinct_from(batch_id)
     if batch_id is None:
-        flow &= analyses.c.asked_by == find_actor()
+        flow &= analyses.c.asked_by == get_actor()
     own = select(func.max(analyses.c.turn)).where(flow, *waits)
     last = connection.execute(own).scalar()
     if last is not None:

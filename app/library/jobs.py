@@ -446,7 +446,7 @@ class JobStore(RowStore):
         """Execute a change in a separate transaction."""
         self._write(change)
 
-    def may_hold(self, recording_id: str) -> bool:
+    def may_have_row(self, recording_id: str) -> bool:
         """Return whether a recording has a row; True if the database does not respond."""
         try:
             return self._read_one(select(recordings.c.id).where(recordings.c.id == recording_id)) is not None

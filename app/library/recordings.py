@@ -12,7 +12,7 @@ from typing import Any, Literal, get_args
 from sqlalchemy import Connection, Row, Select, delete, exists, insert, select, tuple_, update
 
 from app.errors import NotHere, OnHold, PurgedSince, StaleVersion
-from app.library.audit_log import Act, find_actor, record
+from app.library.audit_log import Act, get_actor, record
 from app.library.batches import join_study
 from app.library.claims import WayIn, cancel_job, enqueue
 from app.library.database.connect import BUSY_TIMEOUT_S, lock_tables
@@ -380,7 +380,7 @@ def _find_repeated(connection: Connection, stored: StoredRecording, about: Descr
     """
     lock_tables(connection)
     is_new = recordings.c.since_s >= select_running_s() - REPETITION_S
-    mine = (recordings.c.sha256 == stored.sha256, recordings.c.stored_by == find_actor())
+    mine = (recordings.c.sha256 == stored.sha256, recordings.c.stored_by == get_actor())
     query = select(recordings).where(*mine, is_new, recordings.c.state == STORED)
     rows = connection.execute(query.order_by(recordings.c.created_at)).all()
     return next((row.id for row in rows if _read_description(row) == about), None)
@@ -392,7 +392,7 @@ def _read_description(row: Row[Any]) -> Description:
 
 def check_not_purged(connection: Connection, stored: StoredRecording, about: Description) -> None:
     """Reject a repeated request that would bring back permanently deleted data. Raises PurgedSince."""
-    key = _hash_upload(find_actor(), stored.sha256, about)
+    key = _hash_upload(get_actor(), stored.sha256, about)
     is_old = purged_uploads.c.since_s < select_running_s() - REPETITION_S
     known = select(purged_uploads.c.key).where(purged_uploads.c.key == key, ~is_old)
     if connection.execute(known).first() is not None:
@@ -432,7 +432,7 @@ def insert_recording(
     )
     row = asdict(stored) | {"state": state, "created_at": format_now()}
     row |= {"duplicate_of": connection.execute(same).scalar_one_or_none(), "since_s": select_running_s()}
-    row |= {"stored_by": find_actor()}
+    row |= {"stored_by": get_actor()}
     connection.execute(insert(recordings).values(row | asdict(about)))
     record(connection, "recording.stored", stored.id)
 

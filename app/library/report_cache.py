@@ -18,7 +18,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from app.analysis.attempt import Attempt, choose_limits, make_now
+from app.analysis.attempt import Attempt, choose_limits, run_and_wait
 from app.errors import RecordedProblem
 from app.library.results import ResultReader
 from app.library.rows import Job
@@ -156,7 +156,7 @@ class PairReports:
                         shutil.copyfile(path, folder / name)
             make = partial(load_and_make_pair, sources, asked.request)
             limits = choose_limits(self.settings, sum(job.size_bytes for job in asked.jobs))
-            make_now(Attempt(sources[0], ReportRequest(""), out, make, limits))
+            run_and_wait(Attempt(sources[0], ReportRequest(""), out, make, limits))
             digests = {path.name: hash_file(path) for path in out.iterdir()}
             (out / DIGESTS).write_text(json.dumps(digests))
             self._publish(asked, out, kept)

@@ -12,7 +12,7 @@ from pathlib import Path
 from app.errors import NoSuchFile, NotFinished, ResultDamaged, StoreDamaged
 from app.library.audit_log import touch
 from app.library.claims import WayIn
-from app.library.database.connect import one_request_at_a_time
+from app.library.database.connect import lock_requests
 from app.library.jobs import JobStore
 from app.library.rows import Job, JobState
 from app.request import ReportRequest
@@ -89,7 +89,7 @@ def find_or_add(
     """
     if again:
         return add(), False
-    with _one_at_a_time, one_request_at_a_time(store.engine):
+    with _one_at_a_time, lock_requests(store.engine):
         same = find_same(store, storage, recording, request, way_in)
         return same or add(), same is not None
 

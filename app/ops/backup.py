@@ -65,8 +65,8 @@ from app.library.database.tables import (
 from app.library.jobs import JobStore
 from app.library.recordings import drop_empty_batches
 from app.ops.place import NO_ACCOUNTS, Accounts, find_accounts
-from app.ops.recover import catch_up, find_unknown
-from app.ops.verify import Fault, KeptFile, find_faults, find_files, find_kept, read_promised
+from app.ops.recover import find_unknown, update_side_files
+from app.ops.verify import ExpectedFile, Fault, find_expected, find_faults, find_files, read_expected
 from app.settings import Settings
 from app.store.folder import (
     COPY_BYTES,
@@ -257,7 +257,9 @@ def _write(settings: Settings, storage: Storage, path: Path, recipients: Sequenc
     return copied
 
 
-def _write_rows(settings: Settings, archive: zipfile.ZipFile) -> tuple[dict[str, Any], tuple[KeptFile, ...]]:
+def _write_rows(
+    settings: Settings, archive: zipfile.ZipFile
+) -> tuple[dict[str, Any], tuple[ExpectedFile, ...]]:
     """Write all rows from one transaction; return their part of the manifest, and the files they refer to."""
     engine = connect(settings.database_url).execution_options(**READ_ONLY)
     if engine.dialect.name == "postgresql":
@@ -268,7 +270,7 @@ def _write_rows(settings: Settings, archive: zipfile.ZipFile) -> tuple[dict[str,
             if revision is None:
                 raise BackupRefused(why=f"{engine.url.render_as_string()}: no tables")
             write_all_rows(connection, archive)
-            files = read_promised(connection)
+            files = read_expected(connection)
     finally:
         engine.dispose()
     made_at = datetime.now(UTC).isoformat(timespec="seconds")
@@ -277,13 +279,13 @@ def _write_rows(settings: Settings, archive: zipfile.ZipFile) -> tuple[dict[str,
 
 
 def _write_files(
-    settings: Settings, storage: Storage, archive: zipfile.ZipFile, files: tuple[KeptFile, ...]
+    settings: Settings, storage: Storage, archive: zipfile.ZipFile, files: tuple[ExpectedFile, ...]
 ) -> Copied:
     """Copy every file of the rows. Raises _PurgedMeanwhileError if a file is missing with its row."""
     storage.prepare()
     faults = tuple(fault for file in files if (fault := _write_file(storage, archive, file)))
     if faults:
-        still = {file.name for file in find_kept(settings)}
+        still = {file.name for file in find_expected(settings)}
         if any(fault.name not in still for fault in faults):
             raise _PurgedMeanwhileError
     with closing(JobStore(settings)) as store:  # a backup contains no recording without a row
@@ -291,7 +293,7 @@ def _write_files(
     return Copied(len(files), (*faults, *(Fault(f"recordings/{one}", "no_row") for one in unknown)))
 
 
-def _write_file(storage: Storage, archive: zipfile.ZipFile, file: KeptFile) -> Fault | None:
+def _write_file(storage: Storage, archive: zipfile.ZipFile, file: ExpectedFile) -> Fault | None:
     """Copy a file to its end, or as far as the disk can read it.
 
     Returns its fault; None if its content matches its row.
@@ -324,7 +326,7 @@ def _read_chunk(source: IO[bytes]) -> bytes:
         return b""
 
 
-def _compare(path: Path, file: KeptFile) -> Fault | None:
+def _compare(path: Path, file: ExpectedFile) -> Fault | None:
     """Compare the content of a file with its row."""
     try:
         sha256 = hash_file(path)
@@ -333,7 +335,7 @@ def _compare(path: Path, file: KeptFile) -> Fault | None:
     return None if sha256 == file.sha256 else Fault(file.name, "damaged")
 
 
-def _read_promised(archive: zipfile.ZipFile, erased: Collection[str] = ()) -> Iterator[KeptFile]:
+def _read_expected(archive: zipfile.ZipFile, erased: Collection[str] = ()) -> Iterator[ExpectedFile]:
     """Return the files that a backup must contain by its rows, without those of erased recordings."""
     tables = ("recordings", "analyses", "result_files")
     known, jobs, files = (tuple(read_rows(archive, table)) for table in tables)
@@ -365,7 +367,7 @@ def find_damage(path: Path, identity: Path | None = None) -> Copied:
     """
     with open_backup(path, identity) as (archive, manifest):
         listed = {fault["name"] for fault in manifest.get("faults", ())}
-        files = tuple(_read_promised(archive))
+        files = tuple(_read_expected(archive))
         faults = []
         for file in files:
             found, is_known = _read_member(archive, f"files/{file.name}"), file.name in listed
@@ -435,7 +437,7 @@ def restore(settings: Settings, path: Path, identity: Path | None = None) -> Cop
             erased = parse_ledger(ledger + b"\n" + (beside.read_bytes() if beside.is_file() else b""))
             copied = _restore(settings, archive, erased)
             with closing(JobStore(settings)) as store:
-                catch_up(store, open_storage(settings))
+                update_side_files(store, open_storage(settings))
                 found = find_accounts(store.reader)
             AccountStore(settings).exist()  # marks the folder of a server with accounts
             return replace(copied, accounts=found)
@@ -454,7 +456,7 @@ def _restore(settings: Settings, archive: zipfile.ZipFile, erased: frozenset[str
             storage.prepare()
             storage.add_erased(erased)
             erased = storage.find_erased()
-            files, present = tuple(_read_promised(archive, erased)), frozenset(storage.find_names())
+            files, present = tuple(_read_expected(archive, erased)), frozenset(storage.find_names())
             beside = {f"{file.name}{SIDE_SUFFIX}" for file in files}
             strangers = sorted(present - {file.name for file in files} - beside)
             if strangers:
@@ -491,7 +493,7 @@ def _check_no_rows(connection: Connection) -> None:
 
 
 def _restore_file(
-    storage: Storage, archive: zipfile.ZipFile, file: KeptFile, *, is_present: bool
+    storage: Storage, archive: zipfile.ZipFile, file: ExpectedFile, *, is_present: bool
 ) -> Fault | None:
     """Restore one file; a damaged copy never replaces a present file."""
     with suppress(OSError):
@@ -566,7 +568,7 @@ def drill(backup: Path, identity: Path | None = None, place: Path | None = None)
             engine="embedded",
         )
         restored = restore(settings, backup, identity)
-        kept = find_kept(settings)
+        kept = find_expected(settings)
         found = {*restored.faults, *find_faults(settings, kept)}
         faults = tuple(sorted(found, key=lambda fault: fault.name))
         return Drilled(len(kept), faults, (time.monotonic() - begun_s) / 60)

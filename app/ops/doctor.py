@@ -20,7 +20,7 @@ from app.library.database.connect import check_whole, connect, open_database, tr
 from app.library.jobs import JobStore
 from app.ops.place import find_unreadable, is_used
 from app.ops.recover import find_strange, find_unknown
-from app.ops.verify import find_faults, find_kept, measure_kept
+from app.ops.verify import find_expected, find_faults, measure_expected
 from app.report.render.html import find_template_folder
 from app.settings import Settings
 from app.store.folder import open_storage
@@ -171,8 +171,8 @@ def _find_quarantined(settings: Settings) -> Mapping[str, str]:
 
 def _find_damaged(settings: Settings) -> Mapping[str, str] | None:
     """Find stored files that differ from their rows; leave a large store to ``acromion verify``."""
-    files = find_kept(settings)
-    if measure_kept(settings) > MOST_READ_BYTES:
+    files = find_expected(settings)
+    if measure_expected(settings) > MOST_READ_BYTES:
         return None
     faults = [one.name for one in find_faults(settings, files) if one.finding in ("missing", "damaged")]
     return {"number": str(len(faults)), "first": faults[0]} if faults else {}

@@ -162,7 +162,7 @@ def drop_stale_attempts(store: JobStore, storage: Storage) -> tuple[int, int]:
     return len(stale) - newer, newer
 
 
-def catch_up(store: JobStore, storage: Storage) -> int:
+def update_side_files(store: JobStore, storage: Storage) -> int:
     """Write every missing or outdated side file, and the file of views; return their number."""
     writer = SideWriter(store.engine, store.reader, storage)
     names = storage.find_recordings()
@@ -250,7 +250,7 @@ def _recover(store: JobStore, storage: Storage, *, has_copy: bool) -> Recovered:
     troubles += [Trouble(one, "no_bytes") for one in sorted(before - names) if store.is_kept(one)]
     troubles += [Trouble(name, "strange") for name in find_unknown(store, storage).strange]
     SavedViews(store.engine, store.reader, storage).recover()
-    catch_up(store, storage)
+    update_side_files(store, storage)
     return Recovered(
         recordings=added["recordings"],
         trashed=added["trashed"],

@@ -27,7 +27,7 @@ Rows = Iterable[Mapping[str, Any]]
 
 
 @dataclass(frozen=True, slots=True)
-class KeptFile:
+class ExpectedFile:
     """A file by its name in the store, with the SHA-256 of its row."""
 
     name: str
@@ -59,34 +59,34 @@ class Fault:
     ]
 
 
-def find_files(recordings: Rows, analyses: Rows, result_files: Rows) -> Iterator[KeptFile]:
+def find_files(recordings: Rows, analyses: Rows, result_files: Rows) -> Iterator[ExpectedFile]:
     """Return every recording and every result that has a row."""
     kept = [row for row in recordings if row["state"] != PURGING]
     for row in kept:
-        yield _check_name(KeptFile(f"recordings/{row['id']}", row["sha256"]))
+        yield _check_name(ExpectedFile(f"recordings/{row['id']}", row["sha256"]))
     ids = {row["id"] for row in kept}
     tokens = {row["id"]: row["token"] for row in analyses if row["recording_id"] in ids}
     for row in result_files:
         analysis_id = row["analysis_id"]
         if analysis_id in tokens:
             name = f"analyses/{analysis_id}/{tokens[analysis_id]}/{row['name']}"
-            yield _check_name(KeptFile(name, row["sha256"]))
+            yield _check_name(ExpectedFile(name, row["sha256"]))
 
 
-def _check_name(file: KeptFile) -> KeptFile:
+def _check_name(file: ExpectedFile) -> ExpectedFile:
     """Check a name, which may come from a foreign backup, before it becomes a path."""
     if not _NAME.fullmatch(file.name):
         raise BackupRefused(why=file.name[:80])
     return file
 
 
-def find_kept(settings: Settings) -> tuple[KeptFile, ...]:
+def find_expected(settings: Settings) -> tuple[ExpectedFile, ...]:
     """Return every file that has a row now."""
     with _reading(settings) as connection:
-        return read_promised(connection)
+        return read_expected(connection)
 
 
-def read_promised(connection: Connection) -> tuple[KeptFile, ...]:
+def read_expected(connection: Connection) -> tuple[ExpectedFile, ...]:
     """Return the files of the rows."""
     columns = (
         (recordings.c.id, recordings.c.sha256, recordings.c.state),
@@ -97,14 +97,14 @@ def read_promised(connection: Connection) -> tuple[KeptFile, ...]:
     return tuple(find_files(*rows))
 
 
-def measure_kept(settings: Settings) -> int:
+def measure_expected(settings: Settings) -> int:
     """Return the total size of all recordings and results by their rows, in bytes."""
     sizes = [select(func.coalesce(func.sum(table.c.size_bytes), 0)) for table in (recordings, result_files)]
     with _reading(settings) as connection:
         return sum(int(connection.execute(size).scalar_one()) for size in sizes)
 
 
-def find_faults(settings: Settings, files: tuple[KeptFile, ...]) -> Iterator[Fault]:
+def find_faults(settings: Settings, files: tuple[ExpectedFile, ...]) -> Iterator[Fault]:
     """Read every file and compare it with its row, and find files without one.
 
     The server may run meanwhile: a file whose row was deleted or added since is not a fault, nor is a file of
@@ -115,7 +115,7 @@ def find_faults(settings: Settings, files: tuple[KeptFile, ...]) -> Iterator[Fau
     beside = {f"{file.name}{SIDE_SUFFIX}" for file in files if file.name.startswith("recordings/")}
     strangers = set(storage.find_names()) - {file.name for file in files} - beside
     suspects = [fault for file in files if (fault := _check(storage, file))]
-    still = {file.name for file in find_kept(settings)} if suspects or strangers else set()
+    still = {file.name for file in find_expected(settings)} if suspects or strangers else set()
     yield from (fault for fault in suspects if fault.name in still)
     if strangers:
         running = select(analyses.c.id, analyses.c.token).where(analyses.c.state == JobState.RUNNING)
@@ -170,7 +170,7 @@ def _reading(settings: Settings) -> Iterator[Connection]:
         engine.dispose()
 
 
-def _check(storage: Storage, file: KeptFile) -> Fault | None:
+def _check(storage: Storage, file: ExpectedFile) -> Fault | None:
     try:
         sha256, _ = storage.hash(file.name)
     except FileNotFoundError:

@@ -374,7 +374,7 @@ def tabulate_overall(overall: Agreement, words: Words, language: Language) -> Ta
         "duration": format_duration(overall.duration_s, language),
         "samples": format_number(overall.count, 0, language),
     }
-    return Table.lay(entry, ((entry["row"][name], value) for name, value in values.items()), entry["note"])
+    return Table.build(entry, ((entry["row"][name], value) for name, value in values.items()), entry["note"])
 
 
 def tabulate_strata(strata: Sequence[Stratum], key: str, words: Words, language: Language) -> Table:
@@ -387,7 +387,7 @@ def tabulate_strata(strata: Sequence[Stratum], key: str, words: Words, language:
         one = stratum.agreement
         errors = format_angles((one.rmse_deg, one.mean_absolute_error_deg, one.bias_deg), language)
         rows.append((name, format_percent(stratum.percent, language), *errors))
-    return Table.lay(entry, rows)
+    return Table.build(entry, rows)
 
 
 def tabulate_exposure(figures: Sequence[FigureDifference], words: Words, language: Language) -> Table:
@@ -402,7 +402,7 @@ def tabulate_exposure(figures: Sequence[FigureDifference], words: Words, languag
         else:
             shown = [format_number(value, 0, language) for value in values]
         rows.append((_name_figure(figure.name, entry), *shown))
-    return Table.lay(entry, rows, entry["note"])
+    return Table.build(entry, rows, entry["note"])
 
 
 def _name_figure(name: str, entry: Words) -> str:
@@ -428,7 +428,7 @@ def tabulate_repeated(tasks: Sequence[TaskAgreement], words: Words, language: La
         for task in tasks
         if task.repetitions > 1
     )
-    return Table.lay(words["repeated"], rows, words["repeated"]["note"])
+    return Table.build(words["repeated"], rows, words["repeated"]["note"])
 
 
 def format_limits(limits: Limits, language: Language) -> list[str]:
@@ -450,7 +450,7 @@ def tabulate_lags(windows: Sequence[WindowLag], words: Words, language: Language
         for k in (chosen if is_cut else range(len(windows)))
     )
     cut = {"shown": str(MOST_LAGS), "all": str(len(windows))} if is_cut else {}
-    return Table.lay(entry, rows, fill(entry["note"], cut))
+    return Table.build(entry, rows, fill(entry["note"], cut))
 
 
 # The report.

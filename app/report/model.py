@@ -37,7 +37,7 @@ class Table:
     even: bool = False
 
     @classmethod
-    def lay(
+    def build(
         cls, entry: Words, rows: Iterable[Iterable[str]], note: str = "", *, prose: bool = False
     ) -> Table:
         """Build a table from its words (caption and columns) and rows."""

@@ -503,7 +503,7 @@ def _build_figures(pair: ArmPair, entry: Words, language: Language) -> Section:
         add(fill(entry["percentile"], {"p": str(p)}), (*angles, ratio), names)
     both = (format_percent(shared.both_above_60_percent, language), NONE, NONE)
     add(entry["both"], both, ("both_above_60_percent", "", ""))
-    table = Table.lay(entry, rows, entry["note"])
+    table = Table.build(entry, rows, entry["note"])
     return Section("figures", entry["title"], tables=(table,))
 
 
@@ -521,7 +521,7 @@ def _build_trunk(pair: ArmPair, words: Words, language: Language) -> Section:
     )
     if not rows:
         return Section("trunk", entry["title"], (entry["missing"],))
-    table = Table.lay(entry, rows)
+    table = Table.build(entry, rows)
     return Section("trunk", entry["title"], (entry["limit"],), tables=(table,))
 
 
@@ -606,7 +606,7 @@ def build_comparison(
         for exposure in (side.kept.findings.exposure,)
     ]
     table, rows = entry["table"], format_rows(compared.changes, language)
-    changes = Table.lay(table, rows, fill(table["note"], {"source": SOURCE}))
+    changes = Table.build(table, rows, fill(table["note"], {"source": SOURCE}))
     return build_report(
         (before, after),
         describe_comparison(before, after, same_subject=same_subject),

@@ -493,7 +493,7 @@ def is_recording_whole(storage: Storage, recording_id: str, sha256: str) -> bool
     return _is_whole(storage, format_recording_name(recording_id), sha256)
 
 
-def seems_whole(storage: Storage, stored: StoredRecording) -> bool:
+def seems_intact(storage: Storage, stored: StoredRecording) -> bool:
     """Return whether a displayed recording seems complete, by its size only if reading it takes long."""
     mark = storage.find_mark(format_recording_name(stored.id))
     if mark is None or mark[0] != stored.size_bytes:

@@ -19,13 +19,13 @@ from app.http.api.webhooks import WebhookSender
 from app.library.audit_log import Act, AuditFilter, find_lines, record_alone
 from app.ops.copies import keep_daily_copy, renew_copies
 from app.ops.recover import (
-    catch_up,
     check_known,
     drop_stale_attempts,
     find_strange,
     finish_purges,
     quarantine_strange,
     restore_known,
+    update_side_files,
 )
 from app.queue.leader import Leader
 from app.services import Services
@@ -107,7 +107,7 @@ def reconcile(services: Services) -> None:
     for upload_id in services.incoming.find_stale(uploads.find_growing(), uploads.find_known(), INCOMING_S):
         swept += services.incoming.sweep(upload_id)
     swept += storage.drop_temporary(TEMPORARY_S)
-    written = catch_up(store, storage)
+    written = update_side_files(store, storage)
     services.quarantined = find_strange(storage)
     counts = {
         "recordings came back from quarantine: they have rows": back,

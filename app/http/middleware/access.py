@@ -33,7 +33,7 @@ from app.http.middleware.problems import holds_token
 from app.library.audit_log import (
     NOBODY,
     Act,
-    begin_touching,
+    begin_collecting_reads,
     record_alone,
     record_readings,
     record_refusal,
@@ -120,7 +120,7 @@ class Recorder:
 
     def __init__(self, scope: Scope, send: Send, known: KnownReadings, refused: RefusedLines) -> None:
         self._scope, self._send, self._known, self._refused = scope, send, known, refused
-        self._touched = begin_touching()
+        self._touched = begin_collecting_reads()
         self.refusal: Exception | None = None
         self._is_open = False
 

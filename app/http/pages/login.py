@@ -134,7 +134,7 @@ def open_once(ticket: str, page: UsedPage) -> Response:
 @router.get("/login/link/{ticket}")
 def open_link(ticket: str, page: UsedPage) -> Response:
     """Ask for a password; the link is used up by setting one, not by looking."""
-    page.sign_in.tickets.look("password", ticket)
+    page.sign_in.tickets.peek("password", ticket)
     return render_with_problem(page, "access/new_password.html", None, ticket=ticket)
 
 

@@ -184,7 +184,7 @@ def lock_tables(connection: Connection, lock: int = _TABLES_LOCK) -> None:
 
 
 @contextmanager
-def one_request_at_a_time(engine: Engine) -> Iterator[None]:
+def lock_requests(engine: Engine) -> Iterator[None]:
     """Allow only one server of a PostgreSQL database at a time to find or add an analysis.
 
     SQLite has only one server, whose requests already take turns.

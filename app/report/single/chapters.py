@@ -320,7 +320,7 @@ def _build_published(context: Context) -> Section:
     elif any(item.reason == "not computed" and item.reference.key == "velocity" for item in compared):
         why = fill(comparison["does_not_apply"], {"reason": comparison["reason"]["not_computed_velocity"]})
         note = f"{words['reference']['velocity']['name']} – {why}"
-    table = Table.lay(entry, rows, prose=True, note=note)
+    table = Table.build(entry, rows, prose=True, note=note)
     paragraphs = (*(entry["statement"][key] for key in STATEMENTS), entry["groups"])
     return Section("published", entry["title"], (" ".join(paragraphs),), tables=(table,))
 
@@ -402,7 +402,7 @@ def _tabulate_parts(parts: Sequence[tuple[str, PartExposure]], entry: Words, con
             )
             rows.append((range_name, "", *cells))
     cut = {"shown": str(MOST_PARTS), "all": str(len(parts))} if len(parts) > MOST_PARTS else {}
-    return Table.lay(entry, rows, note=fill(entry["note"], cut))
+    return Table.build(entry, rows, note=fill(entry["note"], cut))
 
 
 # Quality and time.
@@ -418,7 +418,7 @@ def _build_quality(context: Context) -> Section:
         lasted = format_duration(flag.seconds, clock.language) if flag.seconds else NONE
         rows.append((flag.code, _describe_flag(flag, clock.language), count, lasted, *places))
     entry = words["quality"]
-    flags = Table.lay(entry, rows, prose=True)
+    flags = Table.build(entry, rows, prose=True)
     tables = (flags, _tabulate_time(context), _tabulate_time_parts(context))
     return Section("quality", words["section"]["quality"], tables=tuple(t for t in tables if t.rows))
 
@@ -437,7 +437,7 @@ def _tabulate_time(context: Context) -> Table:
         f"{format_reason(reason, context.words)} ({format_duration(us / MICROSECONDS, language)})"
         for reason, us in _sum_exclusions(context.findings).items()
     )
-    return Table.lay(entry, rows, note=fill(entry["note"], {"reasons": reasons}))
+    return Table.build(entry, rows, note=fill(entry["note"], {"reasons": reasons}))
 
 
 def _build_time_rows(
@@ -468,7 +468,7 @@ def _tabulate_time_parts(context: Context) -> Table:
         name = format_reason(part.name, words) if is_excluded else str(kinds.get(part.name, part.name))
         amounts.append((fill(entry[part.account], {"name": name}), part.duration_us))
     rows = _build_time_rows(amounts, time.recorded_us, context.language)
-    return Table.lay(entry, rows, note=entry["note"])
+    return Table.build(entry, rows, note=entry["note"])
 
 
 # Method and provenance.
@@ -493,39 +493,42 @@ def _describe_calibration(calibration: CalibrationFacts, context: Context) -> It
     """Describe the calibration: how the axis was found, every window, and the uncertainty."""
     entry, language, score = context.words["calibration"], context.language, calibration.score
 
-    def tell_angle(angle_deg: float | None) -> str:
+    def format_optional_angle(angle_deg: float | None) -> str:
         return "" if angle_deg is None else format_angle(angle_deg, language, 1)
 
-    def tell_time(at_s: float) -> str:
+    def format_time(at_s: float) -> str:
         return context.clock.format(at_s, with_seconds=True)
 
-    def tell_still(still: StillFacts | None) -> str:
+    def format_still(still: StillFacts | None) -> str:
         if still is None:
             return ""
         second, length = (
             format_number(still.start_s, 2, language),
             format_duration(still.duration_s, language),
         )
-        return fill(entry["place"], {"time": tell_time(still.start_s), "second": second, "length": length})
+        return fill(entry["place"], {"time": format_time(still.start_s), "second": second, "length": length})
 
     bias = join_clauses((format_number(value, 3, language) for value in calibration.gyro_bias_dps), language)
     repeats = (
-        fill(entry["repeated"], {"time": tell_time(still.start_s), "apart": tell_angle(still.apart_deg)})
+        fill(
+            entry["repeated"],
+            {"time": format_time(still.start_s), "apart": format_optional_angle(still.apart_deg)},
+        )
         for still in calibration.repeats
     )
     # in state "none" walking itself determined the axis
     walking_deg = None if calibration.state == "none" else calibration.walking_apart_deg
     shown = {
         "found": format_found(context.findings, context.words),
-        "sigma": tell_angle(calibration.sigma_deg),
+        "sigma": format_optional_angle(calibration.sigma_deg),
         "pose": context.words["pose"][calibration.pose] if calibration.pose else "",
-        "window": tell_still(calibration.still),
-        "second": tell_still(calibration.second),
+        "window": format_still(calibration.still),
+        "second": format_still(calibration.second),
         "repeats": join_clauses(repeats, language),
-        "repeat": tell_angle(calibration.repeat_deg),
-        "slips": ", ".join(map(tell_time, calibration.slip_times_s)),
-        "no_slips": ", ".join(map(tell_time, calibration.no_slip_times_s)),
-        "walking": tell_angle(walking_deg),
+        "repeat": format_optional_angle(calibration.repeat_deg),
+        "slips": ", ".join(map(format_time, calibration.slip_times_s)),
+        "no_slips": ", ".join(map(format_time, calibration.no_slip_times_s)),
+        "walking": format_optional_angle(walking_deg),
         "score": "" if score is None else format_number(score, 2, language),
         "bias": fill(entry["bias_value"], {"values": bias}),
     }

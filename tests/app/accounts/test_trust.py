@@ -189,14 +189,14 @@ def test_a_recording_goes_when_the_server_has_run_for_its_term(house: House, cal
     clinician = dict(house.log_in("clinician"))
     old = ask(caller, clinician)["recording_id"]
     apply_retention(house.services, 29 * DAY_S)
-    is_there = house.services.store.may_hold(old)
+    is_there = house.services.store.may_have_row(old)
     house.services.retention.put("recordings", 30)
     new = caller.post("/api/v1/recordings", content=b"newer", headers=clinician).json()["id"]
 
     apply_retention(house.services, 1 * DAY_S)
 
     assert is_there
-    assert [house.services.store.may_hold(one) for one in (old, new)] == [False, True]
+    assert [house.services.store.may_have_row(one) for one in (old, new)] == [False, True]
     assert find_acts(house.services, "recording.purged") == [("system", old, "")]
 
 
@@ -208,7 +208,7 @@ def test_the_trash_has_a_term(house: House, caller: TestClient) -> None:
 
     apply_retention(house.services, 2 * DAY_S)
 
-    assert not house.services.store.may_hold(recording_id)
+    assert not house.services.store.may_have_row(recording_id)
 
 
 def test_a_result_goes_by_its_term_and_the_recording_stays(

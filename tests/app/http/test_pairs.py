@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from starlette.testclient import TestClient
 
-from app.analysis.attempt import Attempt, load_and_make_report, make_now
+from app.analysis.attempt import Attempt, load_and_make_report, run_and_wait
 from app.analysis.pair import make_report_of_two
 from app.http.api.pairs import ChangeView, PairView
 from app.library import report_cache as pairs
@@ -243,11 +243,11 @@ def test_what_a_purge_overtakes_is_not_kept(
     recording = client.get(f"/api/v1/analyses/{two[0]}").json()["recording_id"]
 
     def purge_meanwhile(attempt: Attempt) -> object:
-        made = make_now(attempt)
+        made = run_and_wait(attempt)
         assert client.delete(f"/api/v1/recordings/{recording}?purge=true").status_code == 200
         return made
 
-    monkeypatch.setattr(pairs, "make_now", purge_meanwhile)
+    monkeypatch.setattr(pairs, "run_and_wait", purge_meanwhile)
 
     answer = client.get("/api/v1/pair/report.pdf", params=ask_pair(two, lang="en"))
 

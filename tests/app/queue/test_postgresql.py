@@ -13,7 +13,7 @@ from sqlalchemy import Engine, text, update
 from sqlalchemy.exc import OperationalError
 
 from app.http.api.library.analyses import run_to_end
-from app.library.database.connect import lock_tables, one_request_at_a_time, open_database
+from app.library.database.connect import lock_requests, lock_tables, open_database
 from app.library.database.tables import analyses, recordings
 from app.library.jobs import JobStore
 from app.library.recordings import Description, RecordingStore, insert_recording
@@ -186,7 +186,7 @@ def test_an_analysis_that_two_servers_are_asked_for_at_once_is_made_once(
         return store.add_analysis(own, asked)
 
     with ThreadPoolExecutor(1) as other:
-        with one_request_at_a_time(store.engine):  # the other server's
+        with lock_requests(store.engine):  # the other server's
             waiting = other.submit(find_or_add, store, storage, own, asked, "api", add)
             time.sleep(0.3)
             made = add()

@@ -60,7 +60,7 @@ from app.report.words.wording import (
 )
 from app.request import LONGEST_CONCLUSION, LONGEST_SUBJECT, Conclusion, ConclusionDraft, ReportRequest
 from app.services import Services, choose_language, find_services
-from app.store.folder import StoredRecording, seems_whole
+from app.store.folder import StoredRecording, seems_intact
 from fusion.errors import SeveralSensors
 from fusion.pose.rules import WINDOW_FAULTS
 from fusion.recording import MICROSECONDS
@@ -179,7 +179,7 @@ def build_damage(page: Page, facts: Mapping[str, ProblemFact]) -> Damage | None:
 def describe_source(page: Page, job: Job) -> Problem | None:
     """Describe a damaged or missing recording of an analysis; None if it seems whole."""
     stored = StoredRecording(job.recording_id, job.sha256, job.size_bytes)
-    is_whole = seems_whole(page.services.storage, stored)
+    is_whole = seems_intact(page.services.storage, stored)
     return None if is_whole else describe_problem(StoreDamaged.code, {}, page.language)
 
 
