@@ -3,8 +3,8 @@
     mkdocs build --strict -f docs/mkdocs.yml
 
 mkdocs loads this module as its hook. A page with ``words: en`` (or ``fr``) in its head is a Jinja template,
-which is filled with the words and drawings of the product. The hook also renders the example's report and runs
-the notebook.
+which is filled with the words and drawings of the product. The hook also renders the example's report and
+runs the notebook.
 """
 
 import json
