@@ -32,7 +32,7 @@ OTHER_SUFFIXES = {".md", ".pdf", ".json", ".npz", ".bvh"}
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of a file: the columns of the table after its name."""
+    """The outcome for one file: the columns of the table after its name."""
 
     read: str
     device: str = ""
