@@ -1,6 +1,6 @@
 """``results.json``: every figure of an analysis, and all other content of its report.
 
-The keys are public (docs/dictionary.md). Numbers keep every digit, so that a report rendered again from the
+The keys are public (docs/reference/dictionary.md). Numbers keep every digit, so that a report rendered again from the
 file is the same; tables and pages round them (:func:`app.report.figures.load_results`). A person's reason for
 a correction is not included.
 """
