@@ -1,7 +1,7 @@
 """What a shift costs, and what many would: ``python -m benchmarks.cost [--hours 8]``.
 
 Measures one analysis in a process that has done one before (processor, memory, bytes, objects, stages told),
-and prints from it the plan of docs/scaling.md: machines and money for 1,000, 100,000 and 10 million shifts a
+and prints a plan from it (docs/it/many-machines.md): machines and money for 1,000, 100,000 and 10 million shifts a
 day. The plan is arithmetic; every assumption stands in :class:`Prices` and :class:`Plan`.
 """
 
