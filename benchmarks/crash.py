@@ -1,7 +1,7 @@
 """Run the crash tests for long: ``python -m benchmarks.crash --kills 200 --power-cuts 50``.
 
-Every second kill ends everything at once (server, workers, helpers, children) while analyses run. The table in
-``docs/reference/reliability.md`` shows the rounds that were run. Power cuts need root (a loop-mounted ext4).
+Every second kill ends everything at once (server, workers, helpers, children) while analyses run. The
+table in ``docs/reference/reliability.md`` shows the rounds that were run. Power cuts need root (a loop-mounted ext4).
 """
 
 import argparse
@@ -80,8 +80,8 @@ def write_page(tallies: list[Tally], seed: int) -> None:
     """Write the table between its marks in the page."""
     stamp = datetime.now(UTC).strftime("%Y-%m-%d")
     head = (
-        "| fault | rounds | uploads acknowledged | analyses cut | of them set aside, then done | E-CRASHED "
-        "| invariants broken | rounds with a break | s |"
+        "| fault | rounds | uploads acknowledged | analyses cut | of them E-INTERRUPTED, then retried "
+        "| E-CRASHED | invariants broken | rounds with a break | s |"
     )
     lines = [
         f"Run on {stamp}: {platform.system()} {platform.release()}, {os.cpu_count()} cores, seed {seed}.",
@@ -100,7 +100,9 @@ def main() -> None:
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--power-cuts", type=int, default=50)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--print-only", action="store_true", help="leave docs/reference/reliability.md as it is")
+    parser.add_argument(
+        "--print-only", action="store_true", help="leave docs/reference/reliability.md as it is"
+    )
     wished = parser.parse_args()
     cuts = run_power_cuts(wished.power_cuts, wished.seed, "synced", "power cut")
     control = run_power_cuts(

@@ -1,9 +1,9 @@
 """The damage matrix: ``python -m benchmarks.damage`` (about 280 cells; some minutes of an idle machine).
 
 A real server builds a small store once. Each cell copies it, damages one part, does one thing by the real
-command line or over HTTP, and checks the result. The table is printed as Markdown; ``--write`` puts it between
-its marks in ``docs/reference/reliability.md``. Exit code 1 with a list if anything was broken. ``--part``,
-``--damage`` and ``--action`` choose cells.
+command line or over HTTP, and checks the result. The table is printed as Markdown; ``--write`` puts it
+between its marks in ``docs/reference/reliability.md``. Exit code 1 with a list if anything was broken.
+``--part``, ``--damage`` and ``--action`` choose cells.
 """
 
 import argparse
@@ -97,7 +97,9 @@ def main() -> None:
     parser.add_argument("--damage", choices=DAMAGES)
     parser.add_argument("--action", choices=ACTIONS)
     parser.add_argument("-j", "--jobs", type=int, default=2, help="cells at once")
-    parser.add_argument("--write", action="store_true", help="put the table into docs/reference/reliability.md")
+    parser.add_argument(
+        "--write", action="store_true", help="put the table into docs/reference/reliability.md"
+    )
     wished = parser.parse_args()
     cells = choose_cells(wished)
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(wished.jobs) as pool:

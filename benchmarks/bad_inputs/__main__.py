@@ -2,8 +2,8 @@
 
     python -m benchmarks.bad_inputs > docs/reference/bad-inputs.md
 
-Takes some minutes: every file goes through `fusion`, the command line and the API, each analysis in a separate
-process. (This is a folder with a `__main__.py`, not a module: the processes would import a module again for
+Takes some minutes: every file goes through `fusion`, the command line and the API, each analysis in its
+own process. (This is a folder with a `__main__.py`, not a module: the processes would import a module again for
 each file.) Exit code 1 if an outcome differs from the expected one.
 """
 
@@ -31,8 +31,8 @@ HEAD = """Made from the code: `python -m benchmarks.bad_inputs > docs/reference/
 
 A generator in `tests/badfiles` makes each file; the row numbers are those of `tests/badfiles/expected.py`. An
 outcome is a refusal (`E-`), or a report with its caveats and its seconds: analysed + missing + excluded =
-recorded. W-FEW-HOURS and W-NPOSE, which every short recording with a proposed N-pose has, are left out. "same"
-means exactly the expected outcome.
+recorded. W-FEW-HOURS and W-NPOSE, which every short recording with a proposed N-pose has, are left out.
+"same" means exactly the expected outcome.
 """
 Outcomes = dict[BadFile, str]
 
