@@ -1,8 +1,8 @@
 """Measure the cost of a shift and plan for many: ``python -m benchmarks.cost [--hours 8]``.
 
 Measures the second analysis of a process (processor, memory, bytes, objects, reported stages) and prints a
-plan (docs/it/many-machines.md): machines and money for 1,000, 100,000 and 10 million shifts a day. The plan is
-arithmetic; its assumptions are in :class:`Prices` and :class:`Plan`.
+plan (docs/it/many-machines.md): machines and money for 1,000, 100,000 and 10 million shifts a day. The plan
+is arithmetic; its assumptions are in :class:`Prices` and :class:`Plan`.
 """
 
 import argparse

@@ -1,7 +1,8 @@
 """Run the crash tests for long: ``python -m benchmarks.crash --kills 200 --power-cuts 50``.
 
 Every second kill ends everything at once (server, workers, helpers, children) while analyses run. The
-table in ``docs/reference/reliability.md`` shows the rounds that were run. Power cuts need root (a loop-mounted ext4).
+table in ``docs/reference/reliability.md`` shows the rounds that were run. Power cuts need root (a
+loop-mounted ext4).
 """
 
 import argparse

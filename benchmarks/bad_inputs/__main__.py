@@ -3,8 +3,8 @@
     python -m benchmarks.bad_inputs > docs/reference/bad-inputs.md
 
 Takes some minutes: every file goes through `fusion`, the command line and the API, each analysis in its
-own process. (This is a folder with a `__main__.py`, not a module: the processes would import a module again for
-each file.) Exit code 1 if an outcome differs from the expected one.
+own process. (This is a folder with a `__main__.py`, not a module: the processes would import a module again
+for each file.) Exit code 1 if an outcome differs from the expected one.
 """
 
 import csv
