@@ -1,7 +1,4 @@
-"""Write docs/reference/settings.md from the settings of the server.
-
-python -m benchmarks.settings > docs/reference/settings.md
-"""
+"""Write every setting of the server with its default and meaning as docs/reference/settings.md."""
 
 import inspect
 import re
@@ -11,7 +8,7 @@ from typing import Any
 
 from app.settings import Settings
 
-PAGE = """Made from the code: `python -m benchmarks.settings > docs/reference/settings.md`
+PAGE = """Made from the code: `python -m benchmarks.reference`
 
 # Settings
 
@@ -55,7 +52,3 @@ def _format_default(name: str) -> str:
     if isinstance(default, Path | float | int) or default:
         return f"`{int(default)}`" if isinstance(default, float) else f"`{default}`"
     return ""
-
-
-if __name__ == "__main__":
-    print(write_document(), end="")
