@@ -191,7 +191,7 @@ def test_that_the_sensor_did_not_slip_is_kept_in_the_versions(
 
     expect(page.get_by_role("heading", name="Did the sensor slip")).to_have_count(0)
     expect(page.get_by_role("region", name="Versions of this report")).to_contain_text(
-        "that the sensor did not slip (07:"
+        "the absence of a sensor slip (07:"
     )
     expect(page.get_by_role("region", name="Settings and origin")).to_contain_text("Sensor did not slip at")
 
