@@ -63,7 +63,9 @@ def test_whether_today_is_better_than_march_is_told_in_three_clicks(
     find_row(page, "2026-11-24").get_by_role("link", name="S077", exact=True).click()
     page.get_by_role("link", name="Compare with: march.gt3x").click()
 
-    expect(page.locator(".sentences p").first).to_contain_text(re.compile("Time above 60° changed from .* to"))
+    expect(page.locator(".sentences p").first).to_contain_text(
+        re.compile("Time above 60° changed from .* to")
+    )
     expect(page.locator(".sentences p").first).to_contain_text("usual day-to-day variation")
 
 
