@@ -182,7 +182,7 @@ def test_that_only_the_clocks_give_the_offset_is_said() -> None:
 
     assert plain({row.name: row.value for row in later.header}["Right arm started later"]) == "+1 min 20 s"
     assert plain(earlier.pose_caution).startswith(
-        "The right recording started 1 min 20 s before the left. This comes from the clocks of the two devices"
+        "The right recording started 1 min 20 s before the left. This comes from the clocks"
     )
 
 

@@ -180,8 +180,8 @@ def test_the_answer_tells_the_way_from_the_first_day_to_the_last() -> None:
 
     assert plain(sentences[2]) == (
         "From 2 March 2026 (10.0 %) to 4 March 2026 (16.0 %): +6.0 points. This is larger than the usual "
-        "variation between two single days (5.5 points, using the published standard deviation). Of the 2 later days, 1 "
-        "differs from the first by more."
+        "variation between two single days (5.5 points, using the published standard deviation). "
+        "Of the 2 later days, 1 differs from the first by more."
     )
 
 
@@ -303,8 +303,8 @@ def test_the_answer_states_mean_range_and_spread() -> None:
         "and 4.0 % to 8.0 % on single days."
     )
     assert spread == (
-        "Days differ by 1.4 points (standard deviation, 95 % range 0.8–4.1). These days can detect a change of "
-        "1.8 points (1.1–5.0) against as many later days, using this person's standard deviation."
+        "Days differ by 1.4 points (standard deviation, 95 % range 0.8–4.1). These days can detect "
+        "a change of 1.8 points (1.1–5.0) against as many later days, using this person's standard deviation."
     )
 
 
@@ -323,8 +323,8 @@ def test_a_change_is_the_whole_answer() -> None:
     (told,) = map(plain, report_of(days).sentences)
 
     assert told == (
-        "Right arm: mean time above 60° changed from 11.0 % (2 days) to 5.0 % (1 day): −6.0 points. The change "
-        "is larger than the usual variation for this many days (minimal detectable change: "
+        "Right arm: mean time above 60° changed from 11.0 % (2 days) to 5.0 % (1 day): −6.0 points. The "
+        "change is larger than the usual variation for this many days (minimal detectable change: "
         "4.8 points)."
     )
 

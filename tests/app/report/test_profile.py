@@ -156,6 +156,10 @@ def test_under_half_an_hour_the_page_says_why_it_is_not_sure() -> None:
     assert (sure.svg, sure.note.startswith("Not known: with under half an hour")) == ("", True)
 
 
+def test_under_half_an_hour_the_pose_has_its_french_colon() -> None:
+    assert "Pose\u00a0: sous-estimé jusqu’à 15°." in profile_of(short_day(), language="fr").sure.note
+
+
 # What next.
 
 
