@@ -163,7 +163,7 @@ def test_a_sensor_put_back_is_asked_about_and_then_the_pose_after_it(
     page.locator(".choices button[type=submit]").first.click()
     expect(page.locator(".question")).to_have_count(0, timeout=END_MS)
     expect(page.get_by_role("region", name="Versions of this report")).to_contain_text(
-        "when the sensor slipped (07:16:"
+        "the time of a sensor slip (07:16:"
     )
 
 

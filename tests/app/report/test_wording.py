@@ -226,7 +226,8 @@ def find_wrong_spaces(text: str, before: Mapping[str, str]) -> list[str]:
 def test_every_french_text_is_typed_with_one_space_before_its_punctuation(part: Part) -> None:
     words = tomllib.loads((ROOT / "app" / "report" / "words" / "fr.toml").read_text("utf-8"))[part]
 
-    wrong = [(path, find_wrong_spaces(text, dict.fromkeys(";!?:", " "))) for path, text in walk_texts(words)]
+    typed = [(path, text.replace("\u00a0", " ")) for path, text in walk_texts(words)]
+    wrong = [(path, find_wrong_spaces(text, dict.fromkeys(";!?:", " "))) for path, text in typed]
 
     assert [finding for finding in wrong if finding[1]] == []
 
