@@ -102,7 +102,7 @@ def test_an_assumed_pose_is_asked_about_and_one_click_confirms_it(
     click_answer(page, "07:01:12, 9.4\u202fs – yes, this is the pose")
 
     expect(questions(page)).to_have_count(0)
-    expect(page.locator(".verdict").first).to_contain_text("Calibration pose: given (07:01:12, 9.4\u202fs).")
+    expect(page.locator(".verdict").first).to_contain_text("Calibration pose: stated (07:01:12, 9.4\u202fs).")
     changed = page.get_by_role("region", name="What the correction changed").first
     expect(changed).to_contain_text("not stated")
     expect(page.get_by_role("region", name="Versions of this report")).to_contain_text(
@@ -129,7 +129,7 @@ def test_an_answer_waits_until_unsent_changes_are_sent_or_discarded(
 
     note.get_by_role("button", name="Discard it").click()
     click_answer(page, "07:01:42, 9.1\u202fs")
-    expect(page.locator(".verdict").first).to_contain_text("Calibration pose: given (07:01:42, 9.1\u202fs).")
+    expect(page.locator(".verdict").first).to_contain_text("Calibration pose: stated (07:01:42, 9.1\u202fs).")
 
 
 def test_an_old_version_asks_nothing(page: Page, server: RunningServer, unnamed: str) -> None:
@@ -163,7 +163,7 @@ def test_a_sensor_put_back_is_asked_about_and_then_the_pose_after_it(
     page.locator(".choices button[type=submit]").first.click()
     expect(page.locator(".question")).to_have_count(0, timeout=END_MS)
     expect(page.get_by_role("region", name="Versions of this report")).to_contain_text(
-        "when the sensor slipped (07:16:"
+        "the time of a sensor slip (07:16:"
     )
 
 
@@ -191,7 +191,7 @@ def test_that_the_sensor_did_not_slip_is_kept_in_the_versions(
 
     expect(page.get_by_role("heading", name="Did the sensor slip")).to_have_count(0)
     expect(page.get_by_role("region", name="Versions of this report")).to_contain_text(
-        "that the sensor did not slip (07:"
+        "the absence of a sensor slip (07:"
     )
     expect(page.get_by_role("region", name="Settings and origin")).to_contain_text("Sensor did not slip at")
 

@@ -28,8 +28,8 @@ def test_every_tile_leads_to_how_to_read_it_and_back(shown: Page) -> None:
 @pytest.mark.parametrize(
     ("language", "headings"),
     [
-        ("en", ["What these figures cannot say", "Method", "Glossary"]),
-        ("fr", ["Ce que ces chiffres ne disent pas", "Méthode", "Glossaire"]),
+        ("en", ["What these figures cannot show", "Method", "Glossary"]),
+        ("fr", ["Ce que ces chiffres ne montrent pas", "Méthode", "Glossaire"]),
     ],
 )
 def test_pictures_limits_method_and_glossary_stand_on_one_page(

@@ -177,7 +177,7 @@ def test_a_board_that_goes_astray_is_said_and_what_came_is_kept(
 
     _run(source, recorder, 5.0, "en")
 
-    assert "the board sends at another rate than at the start" in capsys.readouterr().err
+    assert "the board now sends at a different rate than at the start" in capsys.readouterr().err
     assert sum(map(len, read_recording(recorder.path).segments)) == 2000
 
 

@@ -210,6 +210,60 @@ def test_no_french_text_of_quebec_has_a_space_before_a_semicolon_or_a_poste() ->
     assert [text for text in walk_french("fr-CA") if re.search(wrong, text, re.IGNORECASE)] == []
 
 
+CODE = (
+    r"\w+://\S+",
+    r"(?<!\d)\d{1,2}:\d\d(?::\d\d)?|\bhh:mm\b|\bh:min:s\b",
+    r"\bAuthorization: Bearer\b|\bTus-Resumable: [\d.]+|\bnom: valeur\b|# \w+: [\w,-]+",
+    r"\b\d{4};\d+:\d+\b",
+)
+"""Addresses, times, headers and settings, and a journal's volume: their signs are not punctuation."""
+
+
+def find_wrong_spaces(text: str, before: Mapping[str, str]) -> list[str]:
+    """Return each ``; ! ? :`` of a French text with the wrong space before it, and what precedes it."""
+    text = re.sub("|".join(CODE), "CODE", text)
+    text = re.sub(r"\{\w+(?::\w+)?\|[^{}]*\}", "FORM", text)
+    return [
+        found[0]
+        for found in re.finditer(r"(?:^|[^\s\[]?)(\s*)([;!?:])", text)
+        if found[1] != before[found[2]] and found[0] != found[2]
+    ]
+
+
+@pytest.mark.parametrize("part", get_args(Part))
+def test_every_french_text_is_typed_with_one_space_before_its_punctuation(part: Part) -> None:
+    words = tomllib.loads((ROOT / "app" / "report" / "words" / "fr.toml").read_text("utf-8"))[part]
+
+    typed = [(path, text.replace("\u00a0", " ")) for path, text in walk_texts(words)]
+    wrong = [(path, find_wrong_spaces(text, dict.fromkeys(";!?:", " "))) for path, text in typed]
+
+    assert [finding for finding in wrong if finding[1]] == []
+
+
+@pytest.mark.parametrize(("language", "narrow"), [("fr", "\u202f"), ("fr-CA", "")])
+def test_every_french_text_is_shown_with_the_spaces_of_its_country(language: Language, narrow: str) -> None:
+    before = dict.fromkeys(";!?", narrow) | {":": "\u00a0"}
+
+    wrong = [(text, find_wrong_spaces(text, before)) for text in walk_french(language)]
+
+    assert [finding for finding in wrong if finding[1]] == []
+
+
+@pytest.mark.parametrize(
+    ("text", "wrong"),
+    [
+        ("La pose: tenue ?", ["e:"]),
+        ("Quand? à 10:20, sur http://a.b", ["d?"]),
+        ("2026-03-02T08:00:00.010-05:00", []),
+        ("deux  ; trois", ["x  ;"]),
+        ("[ ; {more} de plus]", []),
+        ("Bioengineering 2025;12:50", []),
+    ],
+)
+def test_a_wrong_space_is_found(text: str, wrong: list[str]) -> None:
+    assert find_wrong_spaces(text, dict.fromkeys(";!?:", " ")) == wrong
+
+
 @pytest.mark.parametrize(
     ("wanted", "made", "chosen"),
     [
