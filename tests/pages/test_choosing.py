@@ -88,7 +88,7 @@ def test_tags_are_given_to_many_filter_the_list_and_are_taken_away(
     find_box(listed, 1).click(modifiers=["Shift"])
     listed.get_by_label("Tag", exact=True).fill("line 2, spring")
     listed.get_by_role("button", name="Add tag").click()
-    expect(listed.locator("#acted")).to_contain_text("2 recordings have got the tag line 2, spring.")
+    expect(listed.locator("#acted")).to_contain_text("2 recordings now have the tag line 2, spring.")
     expect(listed.locator("#rows .row").first.locator(".tags")).to_have_text("line 2 spring")
 
     listed.locator("#rows .row").first.get_by_role("link", name="spring").click()
@@ -107,7 +107,7 @@ def test_the_chosen_are_deleted_and_taken_back(listed: Page) -> None:
     listed.get_by_role("button", name="Delete").click()
     expect(listed.locator("#rows .row")).to_have_count(2)
 
-    listed.locator("#acted").get_by_role("button", name="Take back").click()
+    listed.locator("#acted").get_by_role("button", name="Undo").click()
 
     expect(listed.locator("#acted")).to_contain_text("2 recordings are back.")
     expect(listed.locator("#rows .row")).to_have_count(4)
@@ -145,12 +145,12 @@ def test_one_table_and_the_pdfs_of_the_chosen_are_taken(
 
 def test_all_that_match_are_chosen_by_one_click(listed: Page) -> None:
     listed.locator("#pick-all").click()
-    expect(listed.get_by_role("button", name="Choose all")).to_be_hidden()  # the page shows all that match
+    expect(listed.get_by_role("button", name="Select all")).to_be_hidden()  # the page shows all that match
     listed.evaluate("document.querySelector('#rows .rows').dataset.number = '99'")
     listed.locator("#pick-all").click()
     listed.locator("#pick-all").click()
 
-    listed.get_by_role("button", name="Choose all").click()
+    listed.get_by_role("button", name="Select all").click()
 
     expect(listed.locator(".chosen")).to_have_text("All 99 chosen")
     listed.evaluate("document.querySelector('#rows .rows').dataset.number = '4'")
@@ -168,7 +168,7 @@ def test_a_view_is_saved_under_a_name_opened_by_one_click_and_forgotten(
 
     expect(page.locator("#rows .row")).to_have_count(4)
     expect(page.get_by_role("link", name="the four")).to_have_attribute("aria-current", "true")
-    page.get_by_role("button", name="Forget").click()
+    page.get_by_role("button", name="Delete").click()
     expect(page.get_by_role("link", name="the four")).to_have_count(0)
 
 

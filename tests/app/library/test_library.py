@@ -241,7 +241,7 @@ def test_all_that_a_filter_lets_through_are_tagged_and_no_other(
 
     told = do(client, "tag", every="1", query="text=a", tag="line 2")
 
-    assert "2 recordings have got the tag line 2." in told
+    assert "2 recordings now have the tag line 2." in told
     assert list_names(library, LibraryFilter(tag="line 2")) == {"a1.csv", "a2.csv"}
     assert list_names(library, LibraryFilter(tag="line")) == set()
     assert library.find_tags() == ("line 2",)
