@@ -57,7 +57,7 @@ def test_shift_chooses_all_rows_between(listed: Page) -> None:
     find_box(listed, 2).click(modifiers=["Shift"])
 
     assert list_chosen(listed) == list(NAMES[:3])
-    expect(listed.locator(".chosen")).to_have_text("3 chosen")
+    expect(listed.locator(".chosen")).to_have_text("3 selected")
 
 
 def test_rows_are_chosen_by_the_keyboard_alone(listed: Page) -> None:
@@ -152,7 +152,7 @@ def test_all_that_match_are_chosen_by_one_click(listed: Page) -> None:
 
     listed.get_by_role("button", name="Select all").click()
 
-    expect(listed.locator(".chosen")).to_have_text("All 99 chosen")
+    expect(listed.locator(".chosen")).to_have_text("All 99 selected")
     listed.evaluate("document.querySelector('#rows .rows').dataset.number = '4'")
 
 
@@ -182,7 +182,7 @@ def test_rows_sent_by_a_script_are_named_by_subject_date_and_arm_in_french_on_a_
     expect(row.locator(".subject")).to_contain_text("S012")
     expect(row.locator(".date")).to_contain_text("2026-03-02")
     expect(row.locator(".side")).to_have_text("droit")
-    expect(row.get_by_role("checkbox", name="Choisir S012, 2026-03-02 07:00, droit")).to_be_visible()
+    expect(row.get_by_role("checkbox", name="Sélectionner S012, 2026-03-02 07:00, droit")).to_be_visible()
     row.get_by_role("checkbox").click()
     expect(page.get_by_role("button", name="PDF (ZIP)")).to_be_in_viewport()
     assert page.evaluate("document.documentElement.scrollWidth") == 360

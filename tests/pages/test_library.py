@@ -297,7 +297,7 @@ def test_a_trunk_sensor_is_set_beside_both_arms_with_an_offset_of_its_own(
     page.get_by_role("button", name="Apply").click()
     expect(page.get_by_role("heading", name="Arm relative to the trunk")).to_be_visible()
     expect(
-        page.get_by_text(re.compile("trunk.s recording, counted from the left one.s. By the clocks"))
+        page.get_by_text(re.compile("trunk recording, relative to the left one. By the clocks"))
     ).to_be_visible()
     page.get_by_label("Trunk after left, in seconds").fill("-2.5")
     page.get_by_role("button", name="Apply").click()
