@@ -109,7 +109,7 @@ def test_the_chosen_are_deleted_and_taken_back(listed: Page) -> None:
 
     listed.locator("#acted").get_by_role("button", name="Undo").click()
 
-    expect(listed.locator("#acted")).to_contain_text("2 recordings are back.")
+    expect(listed.locator("#acted")).to_contain_text("2 recordings were restored.")
     expect(listed.locator("#rows .row")).to_have_count(4)
 
 
@@ -119,7 +119,7 @@ def test_the_arm_of_many_is_set_and_they_are_analysed_again(listed: Page) -> Non
     listed.locator("#acts").get_by_label("Arm").select_option("left")
     listed.get_by_role("button", name="Set arm").click()
 
-    expect(listed.locator("#acted")).to_contain_text("2 recordings are analysed again with this arm")
+    expect(listed.locator("#acted")).to_contain_text("2 recordings are being analysed again with this arm")
     sides = listed.locator("#rows .row .side")
     expect(sides).to_have_text(["–", "–", "left", "left"])
     expect(listed.locator("#rows [data-active]")).to_have_count(0, timeout=END_MS)
