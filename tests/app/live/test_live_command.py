@@ -79,7 +79,7 @@ def test_a_replay_ends_with_an_ordinary_report(replayed: Replayed, log: Path) ->
 
 def test_a_session_that_was_cut_is_named_with_what_it_holds(replayed: Replayed) -> None:
     assert "live-20260302-070000.csv was cut off" in replayed[1]
-    assert "It holds 0:01:30" in replayed[1]
+    assert "It contains 0:01:30" in replayed[1]
 
 
 def test_cues_ring_the_bell_and_are_logged_beside_the_raw_file(replayed: Replayed) -> None:
