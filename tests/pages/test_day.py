@@ -97,7 +97,7 @@ def test_a_server_that_does_not_answer_is_said_where_it_matters(day: Page, tmp_p
     expect(day.get_by_role("alert")).to_be_hidden()
 
     day.set_input_files("#import", diary)
-    expect(day.get_by_role("alert")).to_contain_text("The server does not answer.")
+    expect(day.get_by_role("alert")).to_contain_text("The server does not respond.")
 
 
 def test_the_calibration_window_is_a_band_with_its_stillness(day: Page) -> None:

@@ -127,7 +127,7 @@ def test_an_answer_waits_until_unsent_changes_are_sent_or_discarded(
     expect(page.get_by_role("heading", name="Correct and analyse again")).to_be_in_viewport()
     expect(reason).to_have_value("Diary from the foreman.")
 
-    note.get_by_role("button", name="Discard it").click()
+    note.get_by_role("button", name="Discard them").click()
     click_answer(page, "07:01:42, 9.1\u202fs")
     expect(page.locator(".verdict").first).to_contain_text("Calibration pose: stated (07:01:42, 9.1\u202fs).")
 
@@ -176,7 +176,7 @@ def test_of_an_assumed_pose_the_page_says_that_the_one_after_a_slip_is_next(
     click_answer(page, "Moved")
 
     expect(page.get_by_role("region", name="When was the pose held?")).to_contain_text(
-        "After that the page asks for a pose held after 07:16."
+        "The page then asks for a pose held after 07:16."
     )
 
 
@@ -197,7 +197,7 @@ def test_that_the_sensor_did_not_slip_is_kept_in_the_versions(
 
 
 def test_the_pose_held_again_is_a_band_of_its_own_that_is_sent_and_undone(day: Page) -> None:
-    day.get_by_role("button", name="I held the pose here too", exact=True).first.click()
+    day.get_by_role("button", name="The pose was also held here", exact=True).first.click()
     assert [band["name"] for band in read_bands(day)] == ["Calibration window", "Calibration window 2"]
 
     day.get_by_role("button", name="Undo").click()
@@ -225,7 +225,7 @@ def test_axis_and_slip_reach_the_next_analysis(own_day: Page) -> None:
     assert (form["pose"], form["axis"], form["slips"]) == (["axis"], ["-y"], ["07:01:30"])
     own_day.wait_for_url("**before=*")
     settings = own_day.get_by_role("region", name="Settings and origin")
-    expect(settings).to_contain_text("none held: the sensor’s −y axis lay along the arm")
+    expect(settings).to_contain_text("none held: the sensor’s −y axis was strapped along the arm")
     expect(settings).to_contain_text("07:01:30")
 
 

@@ -114,7 +114,7 @@ def test_a_sentence_about_a_code_in_general_names_no_case(language: Language, ki
 
 def test_a_code_without_a_case_is_told_in_general() -> None:
     assert describe_problem("E-STUDY", {}, "en").detail == (
-        "The folder is not laid out as a study of agreement. The message says what is missing."
+        "The folder is not arranged as a study of agreement. The message names what is missing."
     )
 
 
@@ -142,7 +142,7 @@ def test_facts_stand_in_the_sentence_and_the_place_beside_it() -> None:
     problem = describe_problem("E-ROW", {"k": 1200, "line": 37}, "en")
 
     assert (problem.detail, problem.where) == (
-        "1\u202f200\u00a0lines cannot be read, more than 5\u202f%; the first is line 37.",
+        "1\u202f200\u00a0lines could not be read, more than 5\u202f%; the first is line 37.",
         "line 37",
     )
 
@@ -154,20 +154,20 @@ def test_a_part_of_a_sentence_whose_fact_is_unknown_is_left_out() -> None:
 def test_a_fixed_term_of_the_code_is_told_in_the_language() -> None:
     problem = describe_problem("E-ZIP-UNSAFE", {"reason": "encrypted"}, "fr")
 
-    assert problem.detail == "L’archive n’est pas ouverte\u00a0: elle est chiffrée."
+    assert problem.detail == "L’archive n’a pas été ouverte\u00a0: elle est chiffrée."
 
 
 def test_facts_from_a_file_are_only_text() -> None:
     problem = describe_problem("E-COLS", {"list": "{x} [y] <b>\u202e"}, "en")
 
     assert problem.detail == (
-        "The columns for acceleration (ax, ay, az) and angular rate (gx, gy, gz) are not all recognised. "
+        "Not all columns of acceleration (ax, ay, az) and angular rate (gx, gy, gz) were recognised. "
         "The header line reads: {x} [y] <b>"
     )
 
 
 def test_an_unknown_code_is_an_error_of_the_software_or_shows_itself() -> None:
-    assert describe_problem("E-NEW", {}, "en").title == "An error of the software"
+    assert describe_problem("E-NEW", {}, "en").title == "Software error"
     assert describe_flag(QualityFlag("W-NEW"), "fr").title == "W-NEW"
 
 
