@@ -1,8 +1,8 @@
-"""The known devices, as data: how each is recognised, and what its files leave unsaid.
+"""The known devices as data: how each is recognised, and what its files do not state.
 
-A table of a known device is recognised by its header line or by the lines above it. What the header itself
-states goes before the entry; what the entry states counts as stated by the header, and motion does not
-overrule it.
+A table of a known device is recognised by its header line or by the lines above it. A statement in the file
+takes precedence over the entry here. The entry counts as stated by the header, and the checks of motion do
+not override it.
 """
 
 import re
@@ -17,16 +17,17 @@ Form = Literal["binary", "table", "zip", "capture"]
 class KnownDevice:
     """A device, or a program that exports its recordings.
 
-    ``device``: what :attr:`fusion.recording.Recording.device` holds.
-    ``name``: as its maker calls it; the same in every language.
-    ``form``: "binary", "table", "zip" of two tables or "capture" of ready angles.
-    ``header``, ``above``: patterns of the header line and of the lines above it, ignoring case; either is
+    ``device``: the value of :attr:`fusion.recording.Recording.device`.
+    ``name``: the maker's name for it; the same in every language.
+    ``form``: "binary", "table", "zip" of two tables, or "capture" of ready angles.
+    ``header``, ``above``: patterns of the header line and of the lines above it, ignoring case; one match is
     enough.
-    ``acc_unit``, ``gyr_unit``, ``time_unit``: of columns whose names state none; "" where nothing is known.
-    ``frame``: "right": right-handed, and what the header states is never overruled; "either": motion decides.
-    ``left_gyr_factor``: what to multiply the rates by where the frame proves left-handed: an error of the
+    ``acc_unit``, ``gyr_unit``, ``time_unit``: units of columns whose names have none; "" if unknown.
+    ``frame``: "right": right-handed, and statements of the header are never overruled; "either": motion
+    decides.
+    ``left_gyr_factor``: factor for the rates if the frame proves left-handed; corrects an error of the
     device's library.
-    ``rate``, ``axes``, ``clock``: what there is to know of them, for the page of formats.
+    ``rate``, ``axes``, ``clock``: text for the formats page.
     ``source``: the real file that was read, or "from documentation".
     """
 
@@ -46,7 +47,7 @@ class KnownDevice:
     source: str = "from documentation"
 
     def matches(self, header: str, above: Sequence[str]) -> bool:
-        """Whether a header line, or a line above it, is this device's."""
+        """Return whether a header line, or a line above it, matches this device."""
         if self.header and re.search(self.header, header.strip(), re.IGNORECASE):
             return True
         return bool(self.above) and any(re.search(self.above, line, re.IGNORECASE) for line in above)
@@ -254,16 +255,17 @@ KNOWN_DEVICES = (
         source="Arduino-Nano-33-BLE",
     ),
 )
-"""In the order in which a header is compared with them. Loggers of an LSM6, MPU-6050 or BNO055 have no header
-of their own: there the names of the columns state the units, or the motion does."""
+"""In the order of comparison. Loggers with an LSM6, MPU-6050 or BNO055 have no typical header; their units
+come from the column names or from motion.
+"""
 
 
 def find_known_device(header: str, above: Sequence[str] = ()) -> KnownDevice | None:
-    """Find the device of a table by its header line and the lines above it; None for an unknown one."""
+    """Return the device of a table by its header line and the lines above it; None if unknown."""
     return next((one for one in KNOWN_DEVICES if one.matches(header, above)), None)
 
 
 def find_device_name(device: str) -> str | None:
-    """Return the name of a kind of device; None for one that is not in the table."""
+    """Return the name of a kind of device; None if it is not in the table."""
     names = (one.name.partition(",")[0] for one in KNOWN_DEVICES if one.device == device)
     return next(names, None)
