@@ -1,4 +1,4 @@
-"""The estimators: arrays in, unit vector to the zenith out; no recording and no arm here."""
+"""The estimators: from arrays to the unit vector to the zenith, independent of recordings and arms."""
 
 from typing import get_args
 
@@ -21,7 +21,7 @@ __all__ = ["MethodName", "estimate_vertical"]
 def estimate_vertical(
     acc_g: ArrayLike, gyr_dps: ArrayLike, rate_hz: float, method: MethodName = "smoothed"
 ) -> Float64Array:
-    """Direction of the vertical in the sensor frame, from any sensor on anything.
+    """Return the direction of the vertical in the sensor frame, for any sensor on any object.
 
     Parameters
     ----------
@@ -31,8 +31,8 @@ def estimate_vertical(
     rate_hz
         Samples per second.
     method
-        `smoothed` finds the gyroscope's bias and the accelerometer's offset and scale itself; `published`
-        takes the mean rate of the quietest 2 s.
+        `smoothed` estimates the gyroscope's bias and the accelerometer's offset and scale itself;
+        `published` uses the mean rate of the quietest 2 s.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""What ties the sensor to the arm: a pose that a person confirmed, the first stillness, or an axis."""
+"""Find the arm axis in the sensor: from a confirmed pose, the first still period, or a stated axis."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -57,7 +57,7 @@ from fusion.sensor.stillness import (
 )
 from fusion.settings import DEFAULT_SETTINGS, AnalysisSettings
 
-# Stretches in which the arm did not move, and what a window of one says.
+# Stretches in which the arm did not move, and measurements of one.
 
 Blocks = Sequence[QuarterSeconds]
 Window = tuple[float, float]
@@ -65,8 +65,8 @@ Window = tuple[float, float]
 
 
 OFF_S, TABLE_SWAY_DPS = 300.0, 0.08
-"""Below it a stillness is a table. Recorded: 57 stillnesses on desks read 0.015 to 0.046 deg/s, three of worn
-upper arms 0.19 to 0.50, a plate on the skin of a resting arm 0.32 (a foot on the floor 0.04).
+"""A still period with less sway is on a table. Recorded: 57 still periods on desks have 0.015 to 0.046 deg/s,
+three of worn upper arms 0.19 to 0.50, a plate on the skin of a resting arm 0.32 (a foot on the floor 0.04).
 """
 
 
@@ -78,9 +78,9 @@ class StillPeriod:
     ``gravity_g``: shape (3,): mean acceleration, points to the zenith.
     ``gyro_bias_dps``: shape (3,): mean angular rate.
     ``score``: 0 to 1: how still, how near 1 g, how long (:func:`fusion.pose.rules.score_still_period`).
-    ``sway_dps``: how far the angular rate, averaged over quarter seconds, typically lies from its median: a
-    living arm sways, a table does not.
-    ``is_moving``: whether it moves more than a pose does, as only a window that a person gave may.
+    ``sway_dps``: typical distance of the angular rate, averaged over quarter seconds, from its median; an arm
+    sways, a table does not.
+    ``is_moving``: whether it moves more than a pose; only possible for a window that a person entered.
     """
 
     start_s: float
@@ -97,19 +97,19 @@ class StillPeriod:
         return self.start_s + self.duration_s
 
     def correct(self, accelerometer: AccelerometerCorrection) -> Float64Array:
-        """Unit vector to the zenith, (3,), as the accelerometer should have read it."""
+        """Return the unit vector to the zenith, (3,), after correction of the accelerometer."""
         return scale_to_unit(
             np.asarray(accelerometer.apply(self.gravity_g, self.start_s + self.duration_s / 2.0))
         )
 
 
 def reduce_recording(recording: Recording) -> list[QuarterSeconds]:
-    """Every segment in blocks of a quarter second."""
+    """Return every segment as blocks of a quarter second."""
     return [reduce_run(view_segment(segment)) for segment in recording.segments]
 
 
 def find_still_stretches(blocks: Blocks, accelerometer: AccelerometerCorrection) -> list[Window]:
-    """Start and end of every stretch that is still and near 1 g for 5 s or longer, in order."""
+    """Return start and end of every stretch of at least 5 s that is still and near 1 g, in order."""
     stretches_s: list[Window] = []
     for run in blocks:
         table = summarise_windows([run], RULES.length_s)
@@ -125,12 +125,12 @@ def find_still_stretches(blocks: Blocks, accelerometer: AccelerometerCorrection)
 
 
 def measure_stretch(recording: Recording, stretch_s: Window) -> StillPeriod:
-    """Measure a still stretch, at most its first 10 s."""
+    """Measure at most the first 10 s of a still stretch."""
     return _measure(recording, stretch_s[0], min(stretch_s[1], stretch_s[0] + RULES.measured_s))
 
 
 def find_tables(recording: Recording, stretches_s: Sequence[Window]) -> list[Window]:
-    """Return the stillnesses of five minutes or more that do not sway: the sensor was off the arm."""
+    """Return the still periods of five minutes or more without sway: the sensor was off the arm."""
     long_s = [span_s for span_s in stretches_s if span_s[1] - span_s[0] >= OFF_S]
     return [span_s for span_s in long_s if measure_stretch(recording, span_s).sway_dps < TABLE_SWAY_DPS]
 
@@ -157,7 +157,7 @@ def measure_pair(recording: Recording, windows_s: Sequence[Window]) -> tuple[Sti
 def measure_stillest(recording: Recording, blocks: Blocks) -> StillPeriod:
     """Measure the stillest 2 s.
 
-    Raises UnusableCalibration: ``why`` "none": no 2 s in one piece; "moving", "gravity": even these are no
+    Raises UnusableCalibration: ``why`` "none": no unbroken 2 s; "moving", "gravity": even these are not at
     rest.
     """
     table = summarise_windows(blocks, RULES.moment_s)
@@ -169,11 +169,11 @@ def measure_stillest(recording: Recording, blocks: Blocks) -> StillPeriod:
 
 
 def share_between(hanging_g: Float64Array, level_g: Float64Array) -> Float64Array:
-    """Arm axis for the two-point pose.
+    """Return the arm axis for the two-point pose.
 
-    With ``gamma`` the angle between both gravity directions, the axis lies in their plane, turned from the
-    hanging direction towards the level one by ``(gamma - 90 deg) / 2``: hanging then reads ``|gamma - 90| /
-    2`` and level ``90 + (gamma - 90) / 2``, the least-squares answer when both poses are trusted alike.
+    Let ``gamma`` be the angle between both gravity directions. The axis is in their plane, rotated from the
+    hanging direction towards the level one by ``(gamma - 90 deg) / 2``. Hanging then reads ``|gamma - 90| /
+    2`` and level ``90 + (gamma - 90) / 2``, the least-squares solution if both poses have the same weight.
     """
     first, second = scale_to_unit(hanging_g), scale_to_unit(level_g)
     across = scale_to_unit(second - (first @ second) * first)
@@ -206,11 +206,11 @@ def _measure(
     return StillPeriod(start_s, duration_s, gravity_g, gyr.mean(axis=0), score, sway_dps, is_moving)
 
 
-# Which stillness may be the pose.
+# Still periods that may be the pose.
 #
-# A person says when the pose was held, or that it was held at the start of wear. If nobody says, the first
-# stillness of 5 s or more within ten minutes of the start of wear is assumed, and every other of that time is
-# a candidate. A stillness that does not sway is a table: the sensor is worn from its end on.
+# A person states when the pose was held, or that it was held at the start of wear. Otherwise the first still
+# period of at least 5 s within ten minutes of the start of wear is assumed, and all others in that time are
+# candidates. A still period without sway is on a table: the sensor is worn from its end on.
 
 EARLY_S, HELD_S, AT_ONCE_S, LONGEST_POSE_S = 600.0, 60.0, 10.0, 60.0
 MOST_REPEATS = 3
@@ -218,11 +218,13 @@ MOST_REPEATS = 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundPose:
-    """A pose, several that agree, or what stands for one.
+    """A pose, several that agree, or a substitute for a pose.
 
-    ``time_s``, ``end_s``: when it was; ``axis`` (3,): the arm's axis in the sensor; ``sigma_deg``: its
-    standard deviation; ``repeat_deg``: the largest angle between several. ``candidates``: the stillnesses
-    that may be the pose, if nobody confirmed one.
+    ``time_s``, ``end_s``: when it was held.
+    ``axis`` (3,): the arm axis in the sensor.
+    ``sigma_deg``: its standard deviation.
+    ``repeat_deg``: the largest angle between several poses.
+    ``candidates``: the still periods that may be the pose, if it is not confirmed.
     """
 
     state: CalibrationState
@@ -237,7 +239,7 @@ class FoundPose:
 
 @dataclass(frozen=True, slots=True)
 class EarlyStills:
-    """When the sensor is worn from, and the stillnesses in the ten minutes after that may be the pose."""
+    """The start of wear, and the still periods in the next ten minutes that may be the pose."""
 
     worn_from_s: float
     stills: tuple[StillPeriod, ...]
@@ -246,9 +248,9 @@ class EarlyStills:
 def find_early_stills(
     recording: Recording, wears: Sequence[Wear], stretches_s: Sequence[Window]
 ) -> list[EarlyStills]:
-    """Return the stillnesses that sway, in the first ten minutes of each stretch of wear.
+    """Return the still periods with sway in the first ten minutes of each stretch of wear.
 
-    If none in the whole recording sways, it was made without an arm, and those of up to 60 s are taken.
+    If none in the whole recording sways, it was made without an arm, and those of up to 60 s are returned.
     """
     sways = any(measure_stretch(recording, span_s).sway_dps >= TABLE_SWAY_DPS for span_s in stretches_s)
     return [_find_in_wear(recording, wear, stretches_s, sways=sways) for wear in wears]
@@ -274,10 +276,11 @@ def _find_in_wear(
 def assume_pose(
     early: EarlyStills, accelerometer: AccelerometerCorrection, pose_held: PoseHeld | None
 ) -> FoundPose | None:
-    """Return the first stillness of wear as the pose; None if there is none.
+    """Return the first still period of wear as the pose; None if there is none.
 
-    Stated as held at the start, it is confirmed if it begins within 10 s of wear. If it begins later in the
-    first minute, other stillnesses of that minute that disagree with it remain candidates.
+    If the pose is stated as held at the start, it is confirmed when it starts within 10 s of wear. If it
+    starts later in the first minute, other still periods of that minute that disagree with it remain
+    candidates.
     """
     at_start = tuple(still for still in early.stills if still.start_s <= early.worn_from_s + HELD_S)
     if pose_held == "start" and at_start:
@@ -296,7 +299,7 @@ def describe_pose(
     accelerometer: AccelerometerCorrection,
     candidates: tuple[StillPeriod, ...] = (),
 ) -> FoundPose:
-    """Return a stillness as a pose."""
+    """Return a still period as a pose."""
     sigma_deg = estimate_held_sigma(still.duration_s)
     axis = still.correct(accelerometer)
     return FoundPose(state, still.start_s, still.end_s, axis, sigma_deg, None, still, candidates)
@@ -305,9 +308,9 @@ def describe_pose(
 def do_without_pose(
     recording: Recording, blocks: Blocks, wear: Wear, accelerometer: AccelerometerCorrection
 ) -> FoundPose:
-    """Return how the arm hung in a minute of walking; without that, in the stillest moment.
+    """Return the direction of the arm in a minute of walking, or else in the stillest moment.
 
-    Raises UnusableCalibration: nothing was ever still.
+    Raises UnusableCalibration: no moment was still.
     """
     still = measure_stillest(recording, blocks)
     walking = find_walking(wear.strides)
@@ -319,7 +322,7 @@ def do_without_pose(
 
 @dataclass(frozen=True, slots=True)
 class ProposedPose:
-    """A stretch that a person may name: the "pose", or a "repeat" of it."""
+    """A stretch that a person may confirm: the "pose", or a "repeat" of it."""
 
     still: StillPeriod
     kind: Literal["pose", "repeat"]
@@ -328,15 +331,15 @@ class ProposedPose:
 def survey(
     recording: Recording, blocks: Blocks, accelerometer: AccelerometerCorrection
 ) -> tuple[list[Window], tuple[Wear, ...]]:
-    """Return every stillness, and the stretches of wear."""
+    """Return every still period, and the stretches of wear."""
     stretches_s = find_still_stretches(blocks, accelerometer)
     return stretches_s, divide_by_wear(blocks, accelerometer, find_tables(recording, stretches_s))
 
 
 def propose_poses(recording: Recording) -> tuple[ProposedPose, ...]:
-    """Return the early stillnesses of each stretch of wear, and those at the end that repeat the pose.
+    """Return the early still periods of each stretch of wear, and those at the end that repeat the pose.
 
-    Repeats: 5 to 60 s, in the last ten minutes, within 10 deg of the first early stillness.
+    Repeats: 5 to 60 s long, in the last ten minutes, within 10 deg of the first early still period.
     """
     blocks = reduce_recording(recording)
     accelerometer = calibrate_accelerometer(find_still_moments(blocks))
@@ -356,15 +359,15 @@ def propose_poses(recording: Recording) -> tuple[ProposedPose, ...]:
     return (*proposed, *(ProposedPose(still, "repeat") for still in near[:MOST_REPEATS]))
 
 
-# Which axis reads which stretch of a recording, what a person is asked about it, and the other readings.
+# The axis of each stretch of a recording, the questions to the person, and the alternative readings.
 #
-# A pose reads on until one that disagrees, or until the sensor was put on for that one. After a slip that a
-# person named nothing reads until a pose is given. Nothing else moves an axis or leaves time out.
+# A pose applies until the next one that disagrees, or until the sensor was put on for that one. After a slip
+# that a person stated, no axis is known until a pose is given. Nothing else changes an axis or excludes time.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Read:
-    """The first axis, the stretches that it does not read, in order of time, and poses that disagree."""
+    """The first axis, the stretches with another axis in time order, and poses that disagree."""
 
     first: FoundPose
     parts: tuple[AxisPart, ...]
@@ -372,7 +375,7 @@ class Read:
 
 
 def read_recording(wears: Sequence[Wear], poses: Sequence[FoundPose], slip_times_s: Sequence[float]) -> Read:
-    """Read each stretch between the slips that a person named by the poses held in it."""
+    """Assign to each stretch between the stated slips the poses that were held in it."""
     slips = join_overlapping([(time_s - SAID_S, time_s + SAID_S) for time_s in slip_times_s])
     edges_s = [-np.inf, *(edge_s for slip in slips for edge_s in slip), np.inf]
     sections = list(zip(edges_s[::2], edges_s[1::2], strict=True))
@@ -396,7 +399,7 @@ def read_recording(wears: Sequence[Wear], poses: Sequence[FoundPose], slip_times
 def _place(
     section: Window, known: Sequence[FoundPose], wears: Sequence[Wear], first: FoundPose
 ) -> Iterator[AxisPart]:
-    """Yield the stretches of a section that the first axis does not read."""
+    """Yield the stretches of a section where the first axis does not apply."""
     start_s, end_s = section
     worn_s = [find_wear(wears, one.time_s).start_s for one in known[1:]]
     pairs = zip(worn_s, pairwise(known), strict=True)
@@ -408,7 +411,7 @@ def _place(
 
 
 def _join_agreeing(poses: Sequence[FoundPose]) -> list[FoundPose]:
-    """Join poses that follow each other within 10 deg."""
+    """Merge consecutive poses within 10 deg."""
     groups: list[list[FoundPose]] = []
     for pose in poses:
         if groups and find_angle_deg(_average(groups[-1]), pose.axis) <= ALIKE_DEG:
@@ -432,7 +435,7 @@ def _average(poses: Sequence[FoundPose]) -> Float64Array:
 
 
 def ask(wears: Sequence[Wear], poses: Sequence[FoundPose], answers_s: Sequence[float]) -> Iterator[Question]:
-    """Yield when the sensor may have moved, as no answer, no pose and no two poses that agree settle.
+    """Yield when the sensor may have moved, if neither an answer nor poses settle it.
 
     Two poses settle a question if a person gave them, one before and one after, and they agree.
     """
@@ -457,7 +460,7 @@ def assume_put_back(
     questions: Sequence[Question],
     accelerometer: AccelerometerCorrection,
 ) -> Iterator[FoundPose]:
-    """Yield the first stillness after the sensor was off, if the postures are other ones than before."""
+    """Yield the first still period after the sensor was off, if the postures differ from those before."""
     asked_s = [question.end_s for question in questions if question.kind == "put_back"]
     for (before, wear), one in zip(pairwise(wears), early[1:], strict=True):
         moments = before.calm.thin().up, wear.calm.thin().up
@@ -471,9 +474,10 @@ def list_readings(
     questions: Sequence[Question],
     stills: Sequence[tuple[Wear, list[Float64Array]]],
 ) -> Iterator[Reading]:
-    """Yield the readings beside the one that is used, as no person has ruled them out.
+    """Yield the alternative readings that no person has ruled out.
 
-    ``stills``: each stretch of wear with its early stillnesses. Later parts go before earlier ones.
+    ``stills``: each stretch of wear with its early still periods. Later parts take precedence over earlier
+    ones.
     """
     axis, parts = read.first.axis, read.parts
     yield from (Reading(candidates[place], parts) for place in choose_apart(candidates)[1:])
@@ -500,27 +504,27 @@ def list_readings(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
-    """What ties the sensor to the arm.
+    """The mounting of the sensor on the arm.
 
     ``pose``: how the arm was held.
     ``arm_axis``: shape (3,): unit vector in the sensor frame along the upper arm towards the shoulder. It
-    points to the zenith when the arm hangs, so that elevation is the angle between it and the vertical.
+    points to the zenith when the arm hangs, so elevation is the angle between it and the vertical.
     ``sigma_deg``: standard deviation of the axis.
-    ``state``: how the axis is known: one of :data:`fusion.conventions.CalibrationState`.
-    ``windows``: the pose; the same pose held again; for `two-point` hanging and level. Empty if none was
-    held.
-    ``gyro_bias_dps``: shape (3,): mean angular rate in the pose; without one, the mean of the followed bias.
-    ``walking_deg``: angle between the axis and the mean of gravity in walking; None if less than a minute was
-    walked.
-    ``repeat_deg``: largest angle between poses held again on the same arm without a slip between; None for
-    one pose.
-    ``proposals``: if nobody confirmed the pose: the early stillnesses that may be it, the one that is used
-    among them.
-    ``spread_deg``: largest angle between the proposals; above 10 the pose is needed before the figures mean
-    much.
-    ``apart_deg``: angle of each pose held again from the first; empty for one, and for `two-point`.
-    ``questions``, ``differ``: when the sensor may have moved on the arm, as nobody has confirmed or denied;
-    poses that disagree.
+    ``state``: how the axis was determined: one of :data:`fusion.conventions.CalibrationState`.
+    ``windows``: the pose and its repetitions; for `two-point` hanging and level. Empty if none was held.
+    ``gyro_bias_dps``: shape (3,): mean angular rate in the pose; without a pose, the mean of the tracked
+    bias.
+    ``walking_deg``: angle between the axis and the mean of gravity in walking; None with less than a minute
+    of walking.
+    ``repeat_deg``: largest angle between repetitions of the pose without a slip between them; None for one
+    pose.
+    ``proposals``: if the pose is not confirmed: the early still periods that may be it, including the one in
+    use.
+    ``spread_deg``: largest angle between the proposals; above 10 the results mean little until a person names
+    the pose.
+    ``apart_deg``: angle between each repetition and the first pose; empty for one pose, and for `two-point`.
+    ``questions``, ``differ``: when the sensor may have moved on the arm, not yet confirmed or denied; poses
+    that disagree.
     """
 
     pose: Pose
@@ -545,13 +549,16 @@ class Calibration:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibratedSamples:
-    """A recording together with its calibration, so that raw samples cannot be fused by mistake.
+    """A recording with its calibration, so that raw samples cannot be fused by mistake.
 
-    The samples are not copied. ``bias`` is the gyroscope's bias through the whole recording, shared by all
-    segments, as are ``accelerometer`` and ``gyro_scale``.
-    ``runs`` are the segments as the estimators take them, so that no sample is reduced twice; ``axis_parts``
-    the stretches with another axis, or none; ``readings`` the other ways to read the recording that no person
-    has ruled out; ``stills`` the still moments that calibrated the sensor.
+    The samples are not copied.
+
+    ``bias``: the gyroscope's bias through the whole recording, for all segments, like ``accelerometer`` and
+    ``gyro_scale``.
+    ``runs``: the segments as input for the estimators, so that no sample is reduced twice.
+    ``axis_parts``: the stretches with another axis, or none.
+    ``readings``: the alternative readings of the recording that no person has ruled out.
+    ``stills``: the still moments that calibrated the sensor.
     """
 
     recording: Recording
@@ -565,7 +572,7 @@ class CalibratedSamples:
     readings: tuple[Reading, ...] = ()
 
     def run_of(self, segment: Segment) -> CalibratedRun:
-        """Return a segment as the estimators take it; one that was not there before is reduced now."""
+        """Return a segment as input for the estimators; a new segment is reduced now."""
         for known, run in zip(self.recording.segments, self.runs, strict=False):
             if known is segment and run.source is segment.gyr_dps:
                 return run
@@ -577,11 +584,10 @@ class CalibratedSamples:
 def calibrate(
     recording: Recording, settings: AnalysisSettings = DEFAULT_SETTINGS, *, blocks: Blocks | None = None
 ) -> CalibratedSamples:
-    """Tie the sensor to the arm by a pose held still; ``blocks``: the recording reduced, if known already.
+    """Find the arm axis in the sensor from a held pose; ``blocks``: the reduced recording, if already known.
 
-    The arm axis is the direction of gravity in the still window (`n-pose`, `side-lean`), or for `two-point`
-    the direction in the plane of both gravity directions that shares their departure from 90 deg equally
-    between them.
+    The arm axis is the direction of gravity in the still window (`n-pose`, `side-lean`). For `two-point` it
+    is the direction in the plane of both gravity directions that splits their departure from 90 deg equally.
 
     Raises UnusableCalibration: facts ``why`` ("count", "outside", "short", "hole", "moving", "gravity",
     "angle", "none"), ``start_s``, ``end_s``.
@@ -627,7 +633,7 @@ def calibrate(
 def _find_stated(
     recording: Recording, wear: Wear, accelerometer: AccelerometerCorrection, settings: AnalysisSettings
 ) -> tuple[tuple[FoundPose, ...], tuple[StillPeriod, ...]]:
-    """Return the poses or the axis that a person stated, in order of time, and the windows."""
+    """Return the poses or the axis that a person stated, in time order, and the windows."""
     if settings.calibration_windows_s and settings.pose == "two-point":
         hanging, level = measure_pair(recording, settings.calibration_windows_s)
         axis = share_between(hanging.correct(accelerometer), level.correct(accelerometer))
