@@ -110,7 +110,7 @@ def _describe_others(refusals: tuple[type[FusionError] | type[AppError], ...]) -
 
 
 def find_own_facts(kind: type[FusionError] | type[AppError]) -> Mapping[str, str]:
-    """Return the facts that a class declares itself; it does not take over its parent's."""
+    """Return the facts that a class declares itself, without its parent's."""
     own: Mapping[str, str] = vars(kind).get("fact_meanings", {})
     return own
 

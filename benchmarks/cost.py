@@ -1,8 +1,8 @@
-"""What a shift costs, and what many would: ``python -m benchmarks.cost [--hours 8]``.
+"""Measure the cost of a shift, and estimate that of many: ``python -m benchmarks.cost [--hours 8]``.
 
-Measures one analysis in a process that has done one before (processor, memory, bytes, objects, stages told),
-and prints from it the plan of docs/scaling.md: machines and money for 1,000, 100,000 and 10 million shifts a
-day. The plan is arithmetic; every assumption stands in :class:`Prices` and :class:`Plan`.
+Measures one analysis in a process that has done one before (processor, memory, bytes, objects, reported
+stages). From this it prints the plan of docs/scaling.md: machines and money for 1,000, 100,000 and 10 million
+shifts a day. The plan is arithmetic; its assumptions are in :class:`Prices` and :class:`Plan`.
 """
 
 import argparse
@@ -20,13 +20,13 @@ from fusion.simulation import simulate_shift, write_shift
 
 DAY_S, MONTH_H, DAYS_KEPT = 86_400.0, 730.0, 30
 ONE_MACHINE = 1_000
-"""As many shifts a day are done by one machine of four cores, with SQLite and a folder."""
+"""One machine of four cores, with SQLite and a folder, handles this many shifts a day."""
 PART_BYTES = 8 << 20
 
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """What one shift was measured to take."""
+    """The measured cost of one shift."""
 
     cpu_s: float
     peak_bytes: int
@@ -37,17 +37,19 @@ class Cost:
 
     @property
     def puts(self) -> int:
-        """Requests that write to the bucket: the parts of the recording, their begin and end, the results."""
+        """Requests that write to the bucket: the parts of the recording, their start and end, the results."""
         return math.ceil(self.recording_bytes / PART_BYTES) + 2 + self.results
 
     @property
     def moved_bytes(self) -> int:
-        """From the client to the web, to the bucket, to the worker; the results to the bucket."""
+        """From the client to the web server, to the bucket, to the worker; the results to the bucket."""
         return 3 * self.recording_bytes + self.result_bytes
 
     @property
     def commits(self) -> float:
-        """Upload, claim, publication; each stage told; heartbeats; Procrastinate's fetch, finish, drop."""
+        """Upload, claim, publication; each reported stage; heartbeats; Procrastinate's fetch, finish,
+        drop.
+        """
         return 3 + self.stages + self.cpu_s / 3 + 3
 
 
@@ -63,7 +65,7 @@ class Prices:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What is planned with beside the measured line; also assumptions."""
+    """The plan's other assumptions."""
 
     shifts_a_day: int
     peak: float = 4.0
@@ -73,11 +75,11 @@ class Plan:
     commits_core_s: float = 500.0
 
     def per_s(self, each: float) -> float:
-        """Return a cost of one shift as a rate at the peak."""
+        """Return a cost per shift as a rate at the peak."""
         return each * self.shifts_a_day / DAY_S * self.peak
 
     def count_cores(self, cost: Cost) -> dict[str, int]:
-        """Return the cores of workers, web servers and database that bear the peak."""
+        """Return the cores of workers, web servers and database needed at the peak."""
         if self.shifts_a_day <= ONE_MACHINE:
             return {"worker": 2, "web": 2, "database": 0}
         webs = math.ceil(self.per_s(cost.recording_bytes) / self.web_bytes_s)
@@ -89,12 +91,12 @@ class Plan:
 
 
 def simulate(folder: Path, hours: float) -> None:
-    """Write the shift, in a process of its own: its memory is not the analysis's."""
+    """Write the shift in a separate process, so that its memory does not count."""
     write_shift(folder, simulate_shift("gt9x", hours, seed=1), actilife_csv=False)
 
 
 def measure(hours: float) -> Cost:
-    """Analyse a simulated shift twice in this process; the second counts."""
+    """Analyse a simulated shift twice in this process; return the cost of the second."""
     stages: list[str] = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -116,7 +118,7 @@ def measure(hours: float) -> Cost:
 
 
 def list_cost(cost: Cost) -> list[str]:
-    """Write the measured line as a table."""
+    """Return the measured cost as table rows."""
     return [
         f"| processor | {cost.cpu_s:.1f} CPU s |",
         f"| memory, peak of the process | {cost.peak_bytes / 1e6:.0f} MB |",
@@ -129,7 +131,7 @@ def list_cost(cost: Cost) -> list[str]:
 
 
 def write_plan(cost: Cost, plan: Plan, prices: Prices) -> str:
-    """Write the row of a plan: rates at the peak, cores, bytes after a month and a year, dollars a month."""
+    """Return the row of a plan: peak rates, cores, bytes after a month and a year, dollars per month."""
     cores = plan.count_cores(cost)
     recordings_bytes = DAYS_KEPT * cost.recording_bytes
     month_bytes, year_bytes = (

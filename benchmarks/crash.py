@@ -1,7 +1,7 @@
-"""The long round of the crash matrix: ``python -m benchmarks.crash --kills 200 --power-cuts 50``.
+"""Run the crash matrix: ``python -m benchmarks.crash --kills 200 --power-cuts 50``.
 
-Every second kill is of everything at once (server, workers, helpers, children) while analyses run. Writes
-``docs/reliability.md`` with what was really run. Power cuts need root (a loop-mounted ext4).
+Every second kill ends everything at once (server, workers, helpers, children) while analyses run. Writes the
+results to ``docs/reliability.md``. Power cuts need root (a loop-mounted ext4).
 """
 
 import argparse
@@ -18,12 +18,12 @@ from tests.crash.rounds import Result, can_cut_power, kill_rounds, power_cut
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "reliability.md"
 CONTROLS = 5
-KILLS_AT_ONCE = 20  # then the store is checked, and a new one is begun
+KILLS_AT_ONCE = 20  # then the store is checked, and a new one is created
 
 
 @dataclass
 class Tally:
-    """What one kind of round came to."""
+    """The result of one kind of round."""
 
     what: str
     rounds: int = 0
@@ -36,7 +36,7 @@ class Tally:
     seconds: float = 0.0
 
     def add(self, rounds: int, result: Result, started_s: float) -> None:
-        """Count some more rounds, and tell."""
+        """Count more rounds, and print the result so far."""
         self.rounds += rounds
         self.acknowledged += result.acknowledged
         self.cut += result.cut
@@ -77,7 +77,7 @@ def run_power_cuts(number: int, seed: int, sync: str, what: str) -> Tally:
 
 
 def write_page(tallies: list[Tally], seed: int) -> None:
-    """Put the table into the page, between its marks."""
+    """Write the table into the page, between its markers."""
     stamp = datetime.now(UTC).strftime("%Y-%m-%d")
     head = (
         "| fault | rounds | uploads acknowledged | analyses cut | of them set aside, then done | E-CRASHED "

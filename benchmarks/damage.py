@@ -1,9 +1,9 @@
-"""The damage matrix: ``python -m benchmarks.damage`` (about 280 cells; some minutes of an idle machine).
+"""Run the damage matrix: ``python -m benchmarks.damage`` (about 280 cells; some minutes on an idle machine).
 
-Builds a small store with a real server once; for each cell copies it, damages one part, does one thing by the
-real command line or over HTTP, and checks what may never happen. Prints the table as Markdown, between its
-marks in ``docs/reliability.md`` with ``--write``; exits 1 with a list when anything was broken.
-``--part``, ``--damage`` and ``--action`` choose cells.
+Builds a small store with a real server once. For each cell, copies it, damages one part, runs one action with
+the real command line or over HTTP, and checks the invariants. Prints the table as Markdown; ``--write`` puts
+it between its markers in ``docs/reliability.md``. Exits 1 with a list if anything was broken. ``--part``,
+``--damage`` and ``--action`` choose cells.
 """
 
 import argparse
@@ -74,7 +74,7 @@ def _format_cell(table: Table, cell: Cell) -> str:
 
 
 def write_page(text: str) -> None:
-    """Put the table into the page, between its marks."""
+    """Write the table into the page, between its markers."""
     before, _, rest = PAGE.read_text("utf-8").partition(BEGIN)
     after = rest.partition(END)[2]
     PAGE.write_text(f"{before}{BEGIN}\n{text}\n{END}{after}", "utf-8")

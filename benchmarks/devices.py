@@ -9,7 +9,7 @@ HEAD = "| device | form | unstated units | rate | axes | clock | seen in |\n|---
 
 
 def main() -> None:
-    """Write a row for each entry."""
+    """Print a row for each entry."""
     print(HEAD)
     for one in KNOWN_DEVICES:
         units = ", ".join(filter(None, (one.acc_unit, one.gyr_unit, one.time_unit)))

@@ -1,10 +1,10 @@
-"""Write ``docs/exposure-check.md``: what each figure must be and is, and simulated shifts beside their truth.
+"""Write ``docs/exposure-check.md``: expected and actual figures, and simulated shifts with their truth.
 
-python -m benchmarks.exposure_check oracles              write that part anew (CI checks that it is current)
-python -m benchmarks.exposure_check truth gt9x 10        so many seeds of a device: minutes for each
-python -m benchmarks.exposure_check cost                 processor time and memory for 1 to 24 h
+    python -m benchmarks.exposure_check oracles         rewrite that part (CI checks that it is current)
+    python -m benchmarks.exposure_check truth gt9x 10   this many seeds of a device: minutes for each
+    python -m benchmarks.exposure_check cost            processor time and memory for 1 to 24 h
 
-Each part stands between two remarks in the document and is replaced by itself.
+Each part of the document is between two comments and is replaced separately.
 """
 
 import re
@@ -20,13 +20,13 @@ DOCUMENT = Path(__file__).parents[1] / "docs" / "exposure-check.md"
 
 
 def find_part(document: str, name: str) -> str:
-    """Give what stands between the remarks of a part."""
+    """Return the text between the comments of a part."""
     found = re.search(_make_pattern(name), document, re.DOTALL)
     return found[1] if found else ""
 
 
 def replace_part(document: str, name: str, text: str) -> str:
-    """Return the document with one part written anew."""
+    """Return the document with one part replaced."""
     return re.sub(
         _make_pattern(name),
         lambda _: f"<!-- {name} -->\n{text}\n<!-- end of {name} -->",
@@ -40,7 +40,7 @@ def _make_pattern(name: str) -> str:
 
 
 def tell_cost() -> Iterator[str]:
-    """Measure each length of shift in a process of its own."""
+    """Measure each length of shift in a separate process."""
     yield "| shift | rows | CPU time, median of 5 | for each million rows | memory above the angles |"
     yield "|---|---:|---:|---:|---:|"
     for hours, rate_hz in SHIFTS:
@@ -53,7 +53,7 @@ def tell_cost() -> Iterator[str]:
 
 
 def tell_part(asked: list[str]) -> tuple[str, Iterator[str]]:
-    """Return the name and the lines of the part that was asked for."""
+    """Return the name and the lines of the requested part."""
     if asked == ["oracles"]:
         return "oracles", tell_oracles(list_oracles())
     if asked == ["cost"]:

@@ -1,6 +1,6 @@
-"""The oracles: signals whose figures follow from a formula, and what the code computes.
+"""Compare the computed figures of signals with oracles: values that follow from a formula.
 
-Without the metric filter where the oracle is defined without it; the table ends with how many fail.
+The metric filter is off if the oracle is defined without it. The last line counts the failures.
 """
 
 from collections.abc import Iterator
@@ -170,7 +170,7 @@ def list_oracles() -> list[Oracle]:
 
 
 def tell_oracles(oracles: list[Oracle]) -> Iterator[str]:
-    """Write the lines of a Markdown table, and how many fail."""
+    """Yield the lines of a Markdown table, and the number of failures."""
     yield "| D | figure | expected | got | tolerance | |"
     yield "|---:|---|---:|---:|---:|---|"
     for o in oracles:

@@ -1,10 +1,10 @@
-"""Fusion side by side with its peers, in one process: `python -m benchmarks.fusion
+"""Compare the fusion with its peers, in one process: `python -m benchmarks.fusion
 [broad|sweep|shift|speed|band]`.
 
-broad: inclination error on BROAD, interleaved trial by trial, beside vqf's VQF and offlineVQF (`pip install
-vqf`); sweep: the slerp weight that the published algorithm leaves open; shift: simulated hours against
-their truth; band: how often the stated uncertainty covers the truth; speed: eight hours at 100 and 500 Hz,
-warm, one core.
+broad: inclination error on BROAD, interleaved trial by trial, with vqf's VQF and offlineVQF (`pip install
+vqf`); sweep: the slerp weight that the published algorithm leaves open; shift: simulated hours and their
+truth; band: how often the stated uncertainty covers the truth; speed: eight hours at 100 and 500 Hz, warm,
+one core.
 """
 
 import sys

@@ -1,7 +1,7 @@
-"""How long a page of 100,000 recordings and analyses takes: ``python -m benchmarks.listing [recordings]``.
+"""Measure a page of 100,000 recordings and analyses: ``python -m benchmarks.listing [recordings]``.
 
-Fills a new SQLite database, then asks the application itself (routes, validation and JSON included) for the
-first page, a page in the middle and the last ones, with and without filters. Goal: p99 <= 100 ms.
+Fills a new SQLite database, then requests the first page, a page in the middle and the last ones from the
+application (with routes, validation and JSON), with and without filters. Goal: p99 <= 100 ms.
 """
 
 import statistics
@@ -27,7 +27,7 @@ AT_ONCE = 10_000
 
 
 def fill(settings: Settings, count: int) -> None:
-    """Write the rows of so many recordings, each with an analysis that has ended."""
+    """Write the rows of ``count`` recordings, each with a finished analysis."""
     store, request = JobStore(settings), ReportRequest("shift.gt3x").to_json()
     for first in range(0, count, AT_ONCE):
         numbers = range(first, min(first + AT_ONCE, count))
@@ -38,7 +38,7 @@ def fill(settings: Settings, count: int) -> None:
 
 
 def tell_moment(k: int) -> str:
-    """Return a moment that grows with the number."""
+    """Return a timestamp that increases with the number."""
     moment = datetime(2026, 1, 1, 6, tzinfo=UTC) + timedelta(minutes=5 * k)
     return moment.isoformat(timespec="microseconds")
 
@@ -65,7 +65,7 @@ def make_analysis(k: int, request: str) -> dict[str, object]:
 
 
 def measure(ask: Callable[[], object]) -> tuple[float, float]:
-    """Give median and 99th percentile in milliseconds."""
+    """Return median and 99th percentile in milliseconds."""
     took_ms = []
     for _ in range(ROUNDS):
         began_s = time.perf_counter()

@@ -1,9 +1,9 @@
-"""The pages in Chromium: a day of 14.4 million samples, 10,000 recordings, an upload of 300 MB, a
-day of 8 h from the drop to its report.
+"""Measure the pages in Chromium: 14.4 million samples, 10,000 recordings, a 300 MB upload, 8 h from drop to
+report.
 
     python -m benchmarks.pages
 
-Prints medians and 95th percentiles; the machine's load is told beside them, for they mean little without it.
+Prints medians and 95th percentiles, and the machine's load, because they depend on it.
 """
 
 import os
@@ -87,7 +87,7 @@ def measure_library(browser: Browser, address: str) -> None:
 
 
 def measure_upload(browser: Browser, running: RunningServer, folder: Path) -> None:
-    """Set the page's upload beside one raw PUT of as many bytes to the same server."""
+    """Compare the page's upload with one raw PUT of the same size to the same server."""
     taken: dict[str, list[float]] = {"page": [], "put": []}
     for number in range(3):
         by_page, by_put = (folder / f"{way}_{number}.csv" for way in taken)
@@ -112,14 +112,16 @@ def measure_upload(browser: Browser, running: RunningServer, folder: Path) -> No
 
 
 def measure_drop(browser: Browser, running: RunningServer, folder: Path) -> None:
-    """Time an 8 h `.gt3x` from the drop to its report in the list, on a server that has done one before."""
+    """Time an 8 h `.gt3x` from the drop to its report in the list, on a server that has analysed one
+    before.
+    """
     log = next(path for path in write_recordings(folder / "shift", "gt9x", 8.0, 1) if path.suffix == ".gt3x")
     taken_ms = []
     for number in range(DROPS + 1):
         other = folder / f"day_{number}.gt3x"
         shutil.copy(log, other)
         with zipfile.ZipFile(other, "a") as archive:
-            archive.comment = str(number).encode()  # else the server knows the bytes
+            archive.comment = str(number).encode()  # otherwise the server knows the bytes
         page = browser.new_page()
         page.goto(f"{running.address}?lang=en")
         began_s = time.perf_counter()

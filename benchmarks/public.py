@@ -1,9 +1,10 @@
 """The public benchmark: ``python -m benchmarks.public [-o DIR] [--data DIR] [--hours 8] [--only PART...]``.
 
 Writes one page, ``benchmark.html``, and the same numbers as ``benchmark.json``: accuracy on BROAD, on
-recorded motion and on the ten tasks; speed and memory beside VQF, offlineVQF, ahrs, imufusion, pandas and
-polars; the machine and every version. What cannot be measured here is named with what it needs. The
-measuring is that of ``benchmarks.validation`` and ``benchmarks.readers``. Needs the extras `dev` and `bench`.
+recorded motion and on the ten tasks; speed and memory compared with VQF, offlineVQF, ahrs, imufusion, pandas
+and polars; the machine and every version. A part that cannot be measured states what it needs. The
+measurements come from ``benchmarks.validation`` and ``benchmarks.readers``. Needs the extras `dev` and
+`bench`.
 """
 
 import argparse
@@ -50,7 +51,7 @@ class Bar:
 
 @dataclass(frozen=True, slots=True)
 class Chart:
-    """Figures that compare: less is better in all of them."""
+    """Figures to compare: less is better in all of them."""
 
     title: str
     unit: str
@@ -64,7 +65,7 @@ class Chart:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """A part of the page; ``missing`` names what it needed and did not find."""
+    """A part of the page; ``missing`` states what it needed and did not find."""
 
     key: str
     title: str
@@ -75,7 +76,7 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """All that the page shows."""
+    """The content of the page."""
 
     made_at: str
     software: str
@@ -107,7 +108,7 @@ def measure_broad(data: Path) -> Part:
 
 
 def measure_recorded(data: Path, seeds: int) -> Part:
-    """Score the angle on days put together from recorded human motion."""
+    """Score the angle on days assembled from recorded human motion."""
     part = Part("recorded", "On recorded human motion", _RECORDED.format(n=seeds))
     from benchmarks.validation.stated import KINDS, find_missing, run  # noqa: PLC0415
     from benchmarks.validation.worn import NAMES  # noqa: PLC0415
@@ -160,7 +161,7 @@ def measure_fusion() -> Part:
 
 
 def measure_reading(hours: float) -> Part:
-    """Time the readers of a device's CSV, and the memory that they take."""
+    """Time the readers of a device's CSV, and measure their memory."""
     from benchmarks.readers import measure  # noqa: PLC0415
 
     with tempfile.TemporaryDirectory() as folder:
@@ -214,7 +215,7 @@ acceleration and angular rate as numbers. acromion also finds the columns and th
 
 
 def describe_machine() -> dict[str, str]:
-    """Name what bears on speed."""
+    """Return the properties of the machine that affect speed."""
     cpu = next(
         (
             line.partition(":")[2].strip()
@@ -233,7 +234,7 @@ def describe_machine() -> dict[str, str]:
 
 
 def find_versions() -> dict[str, str]:
-    """Name every program that is compared; one that is not installed is said to be absent."""
+    """Return the version of every compared program, "absent" if it is not installed."""
     return {"Python": platform.python_version()} | {name: _find_version(name) for name in PACKAGES}
 
 
@@ -245,7 +246,7 @@ def _find_version(name: str) -> str:
 
 
 def measure(name: str, title: str, run: Callable[[], Part]) -> Part:
-    """Measure one part; a package that is absent is named, and the other parts go on."""
+    """Measure one part; if a package is missing, name it, and continue with the other parts."""
     print(f"{name} ...", flush=True)
     try:
         return run()
@@ -254,7 +255,7 @@ def measure(name: str, title: str, run: Callable[[], Part]) -> Part:
 
 
 def render(page: Page) -> str:
-    """Return the page as one HTML file that needs nothing else."""
+    """Return the page as one self-contained HTML file."""
     folder = FileSystemLoader(Path(__file__).parent)
     environment = Environment(loader=folder, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
     return environment.get_template("public.html.j2").render(page=page)

@@ -1,12 +1,11 @@
-"""A lost database: ``python -m benchmarks.recover`` (1,000 recordings, some minutes).
+"""Test the recovery of a lost database: ``python -m benchmarks.recover`` (1,000 recordings, some minutes).
 
-- ``folder``: recordings are stored and analysed (by a stand-in for the science), some get periods, some are
-  put in the trash; the SQLite file is thrown away; ``acromion recover`` has to bring back what the API said
-  before.
+- ``folder``: recordings are stored and analysed (by a fake analysis), some get periods, some are moved to the
+  trash; the SQLite file is deleted; ``acromion recover`` must restore what the API returned before.
 - ``bucket``: the same with the recordings in a bucket of a real S3 server and the rows in PostgreSQL, whose
   tables are dropped; recovered from another folder than before.
 
-Prints a table; exits 1 when anything differs.
+Prints a table; exits 1 if anything differs.
 """
 
 import argparse
@@ -37,7 +36,7 @@ Environment = Mapping[str, str]
 
 @dataclass
 class Tried:
-    """What one recovery came to."""
+    """The result of one recovery."""
 
     what: str
     recordings: int = 0
@@ -54,7 +53,7 @@ class Tried:
 
 
 def fill(client: httpx2.Client, number: int, seed: int) -> None:
-    """Store recordings that differ in all that people say about them, and analyse them all."""
+    """Store recordings with different metadata, and analyse them all."""
     dice, ids = random.Random(seed), list[str]()
     for k in range(number):
         told = {
@@ -78,7 +77,7 @@ def fill(client: httpx2.Client, number: int, seed: int) -> None:
 
 
 def read_all(client: httpx2.Client) -> Views:
-    """Return all that the API says of recordings, periods, trash and analyses."""
+    """Return everything that the API reports about recordings, periods, trash and analyses."""
     found: Views = {}
     for view in _list_all(client, "/recordings"):
         periods = client.get(f"/recordings/{view['id']}/periods").raise_for_status().json()
@@ -112,7 +111,7 @@ def running(
 
 
 def compare(before: Views, after: Views) -> list[str]:
-    """Name what is not as it was."""
+    """Return the differences."""
     broken = [f"{name} is lost" for name in before if name not in after]
     broken += [f"{name} is new" for name in after if name not in before]
     for name in before.keys() & after.keys():
@@ -124,7 +123,7 @@ def compare(before: Views, after: Views) -> list[str]:
 
 
 def recover_all(tried: Tried, folder: Path, environment: Environment, before: Views) -> None:
-    """Recover, start, and compare with what was there before."""
+    """Recover, start, and compare with the state before."""
     os.environ.update(environment)
     started_s = time.monotonic()
     ended = run_command("recover", "--data", folder / "data")

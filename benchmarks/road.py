@@ -1,20 +1,19 @@
-"""The whole road on simulated shifts: how right, how fast, how much memory.
+"""Measure the whole analysis on simulated shifts: accuracy, speed, memory.
 
     python -m benchmarks.road [NAME ...] [--seed 1] [--keep DIR] [--runs 5]
     python -m benchmarks.road --lines [--keep DIR] [--runs 3]
 
-Names: gt9x-gt3x, gt9x-csv, lsm9ds1-4h, lsm9ds1-8h, lsm9ds1-24h; all but the last where none is given. Each
-run is a new process of the command line into a new folder (start-up, reading, fusion, exposure, HTML and
-PDF included). The first finds no compiled kernels, as after an installation; one run's memory is watched.
-Beside the others, turn by turn, runs the time of ``pandas.read_csv`` (C engine, every column) on the same
-file, itself in a new process, whose start-up and import of pandas are left out. Last comes a run over three
-recordings, one at a time: what each further one costs. ``--lines`` gives instead a row for 1, 2, 4, 8 and
-24 h of each format, and how many recordings of 8 h two cores analyse in an hour.
+Names: gt9x-gt3x, gt9x-csv, lsm9ds1-4h, lsm9ds1-8h, lsm9ds1-24h; by default all but the last. Each run is a
+new process of the command line with a new folder (start-up, reading, fusion, exposure, HTML and PDF
+included). The first run has no compiled kernels, as after an installation; the memory of one run is measured.
+In alternation, ``pandas.read_csv`` (C engine, every column) reads the same file in a new process; start-up
+and import of pandas are not timed. The last run has three recordings, one at a time, to measure the cost of
+each further one. ``--lines`` instead prints a row for 1, 2, 4, 8 and 24 h of each format, and how many
+recordings of 8 h two cores analyse in an hour.
 
-Processor time is of the process and all its children. Memory is their anonymous part of the proportional
-set size, so that what they share by forking counts once and files that are mapped do not. Truth and result
-are compared sample by sample where the result says it is valid; the bins against the truth's own share of
-the same samples.
+Processor time is of the process and all its children. Memory is the anonymous part of their proportional set
+size: memory shared by forking counts once, mapped files do not count. Truth and result are compared for each
+sample that the result marks as valid; the bins are compared with the truth's share of the same samples.
 """
 
 import argparse
@@ -49,7 +48,7 @@ print(time.perf_counter() - began, time.process_time() - cpu)
 
 @dataclass(frozen=True, slots=True)
 class Road:
-    """A recording to analyse, and what it may cost: seconds, times ``pandas.read_csv``, or memory."""
+    """A recording to analyse, and its limits: seconds, multiples of ``pandas.read_csv``, or memory."""
 
     device: Device
     hours: float
@@ -81,7 +80,7 @@ BATCH = 16
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """Wall time, processor time and peak memory of a run, its children included."""
+    """Wall time, processor time and peak memory of a run, including its children."""
 
     wall_s: float
     cpu_s: float
@@ -97,10 +96,10 @@ def run_once(
     kernels: Path | None = None,
     at_once: int = 1,
 ) -> Cost:
-    """Run the command line on one recording or a folder, and watch it and all its children (Linux).
+    """Run the command line on one recording or a folder, and monitor it and all its children (Linux).
 
-    Looking at memory holds up the process that is looked at: it has a run of its own. ``kernels`` is the
-    folder of compiled code, empty after an installation; by default that of the user.
+    Measuring memory slows the process, so it has a separate run. ``kernels``: the folder of compiled code,
+    empty after an installation; by default that of the user.
     """
     asked = ["-o", str(out), "--method", method, "-j", str(at_once)]
     command = [sys.executable, "-m", "app", "run", str(log), *asked]
@@ -131,12 +130,12 @@ def run_once(
 
 
 def keep_bytecode() -> dict[str, str]:
-    """Let Python keep what it compiles, as after an installation, whatever the environment says."""
+    """Return the environment without the variable that stops Python from storing bytecode."""
     return {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
 
 
 def list_processes(session: int) -> Iterator[tuple[str, int]]:
-    """Return process number and processor ticks of each process of a session."""
+    """Yield process number and processor ticks of each process of a session."""
     for folder in Path("/proc").glob("[0-9]*"):
         try:
             fields = (folder / "stat").read_text().rpartition(")")[2].split()
@@ -147,7 +146,7 @@ def list_processes(session: int) -> Iterator[tuple[str, int]]:
 
 
 def measure_memory_kib(pid: str) -> int:
-    """Return the anonymous part of a process's proportional set size; 0 for one that has gone."""
+    """Return the anonymous part of a process's proportional set size; 0 if it has ended."""
     try:
         lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
     except OSError:
@@ -156,14 +155,14 @@ def measure_memory_kib(pid: str) -> int:
 
 
 def run_pandas(log: Path) -> Cost:
-    """Read the table with pandas in a new process; the time of the call alone."""
+    """Read the table with pandas in a new process; return the time of the call alone."""
     command = [sys.executable, "-c", PANDAS, str(log), str(header_lines(log))]
     answer = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
     return Cost(float(answer[0]), float(answer[1]))
 
 
 def compare_with_truth(folder: Path, truth: Path) -> tuple[float, float, list[float]]:
-    """Give RMSE and bias of elevation in degrees, and the error of each bin in percentage points."""
+    """Return RMSE and bias of elevation in degrees, and the error of each bin in percentage points."""
     got, true = read_rows(folder / "elevation.parquet"), read_rows(truth)
     angle = got.elevation_deg[got.valid].astype(float)
     true_angle = np.interp(got.time_s[got.valid], true.time_s, true.elevation_deg)
@@ -194,7 +193,7 @@ def main() -> None:
 
 
 def report_lines(out: Path, arguments: argparse.Namespace) -> None:
-    """Print what each length of each format costs, then recordings of 8 h an hour."""
+    """Print the cost of each length of each format, then the recordings of 8 h per hour."""
     folder, method = arguments.keep or out, arguments.method
     for device, ending in FORMATS:
         for hours in HOURS:
@@ -213,12 +212,12 @@ def report_lines(out: Path, arguments: argparse.Namespace) -> None:
 
 
 def find_log(road: Road, made: Path) -> Path:
-    """Return the recording of the wanted format among those simulated."""
+    """Return the recording of the wanted format among the simulated files."""
     return next(path for path in sorted(made.iterdir()) if path.suffix == road.ending)
 
 
 def run_batch(log: Path, out: Path, method: str, count: int, *, at_once: int = 1) -> Cost:
-    """Analyse a folder that holds one recording ``count`` times."""
+    """Analyse a folder that contains one recording ``count`` times."""
     folder = out / "batch"
     folder.mkdir(parents=True, exist_ok=True)
     for number in range(count):
@@ -227,7 +226,7 @@ def run_batch(log: Path, out: Path, method: str, count: int, *, at_once: int = 1
 
 
 def simulate(road: Road, folder: Path, seed: int) -> Path:
-    """Return the folder of the simulated recordings, made if it is not there."""
+    """Return the folder of the simulated recordings; create it if needed."""
     made = folder / f"{road.device}_{road.hours:g}h_{seed}"
     if not made.exists():
         began = time.perf_counter()
@@ -237,7 +236,7 @@ def simulate(road: Road, folder: Path, seed: int) -> Path:
 
 
 def report(road: Road, made: Path, out: Path, arguments: argparse.Namespace) -> None:
-    """Run ours and theirs in turn, compare, print."""
+    """Run ours and pandas in alternation, compare, print."""
     log, method = find_log(road, made), arguments.method
     first = run_once(log, out / "first", method, kernels=out / "kernels")
     run_once(log, out / "warm", method)
@@ -269,7 +268,7 @@ def report(road: Road, made: Path, out: Path, arguments: argparse.Namespace) -> 
 
 
 def measure_further(log: Path, out: Path, method: str, one_cpu_s: float, runs: int) -> float:
-    """Return the processor time that each further recording of a run takes beyond the first."""
+    """Return the processor time of each further recording of a run."""
     costs = [run_batch(log, out / f"batch-{turn}", method, FURTHER + 1).cpu_s for turn in range(runs)]
     return (median(costs) - one_cpu_s) / FURTHER
 
@@ -282,7 +281,7 @@ def tell(costs: Sequence[Cost]) -> str:
 
 
 def tell_goal(road: Road) -> str:
-    """Say what is asked of a recording."""
+    """Return the limits of a recording as text."""
     asked = (
         (road.most_first_s, "first run <= {} s"),
         (road.most_s, "wall <= {} s"),

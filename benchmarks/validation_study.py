@@ -1,10 +1,10 @@
-"""The paper's study, simulated: five people, ten tasks, both devices, through ``acromion validate``.
+"""Simulate the paper's study: five people, ten tasks, both devices, through ``acromion validate``.
 
     python -m benchmarks.validation_study DIR [people]
 
-writes DIR/study (what a laboratory would have: recordings as the devices write them, an MVNX for each person
-whose clock began some seconds earlier and runs at another pace, the lists of tasks) and compares it into
-DIR/result-METHOD. The MVNX holds the simulated truth: the errors are those of sensors and fusion alone.
+Writes DIR/study: the files of a laboratory, with recordings as the devices write them, task lists, and an
+MVNX for each person whose clock started some seconds earlier and has another rate. Compares it into
+DIR/result-METHOD. The MVNX contains the simulated truth, so the errors are those of sensors and fusion alone.
 """
 
 import csv
@@ -24,7 +24,9 @@ from tests.simulated_tasks import LOWERING_S, TITLES, simulate_session
 DEVICES: tuple[Device, ...] = ("gt9x", "lsm9ds1")
 MVN_RATE_HZ = 60.0
 HELD_TASKS, RAISING_S = (2, 5), 1.5
-"""Tasks whose arm is held level: the way up and down is left out, as the paper's NA asks for."""
+"""Tasks with the arm held level: raising and lowering are excluded, because the paper's table has NA for
+r.
+"""
 
 
 def write_study(folder: Path, people: int) -> None:
@@ -44,7 +46,7 @@ def write_study(folder: Path, people: int) -> None:
 
 
 def write_tasks(path: Path, shift: SimulatedShift) -> None:
-    """List every repetition; one of a held task from when the arm is up until it is let down."""
+    """Write every repetition; one of a held task from when the arm is up until it is lowered."""
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(("name", "start_s", "end_s", "paper_task"))
@@ -58,7 +60,7 @@ def write_tasks(path: Path, shift: SimulatedShift) -> None:
 
 
 def write_reference(path: Path, shift: SimulatedShift, person: int) -> None:
-    """Write the truth as MVN: begun 5 to 25 s earlier, its clock off by 10 to 50 ppm."""
+    """Write the truth as MVN: started 5 to 25 s earlier, with a clock error of 10 to 50 ppm."""
     arrays = play_shift(shift)
     offset_s, drift_ppm = 5.0 * person, 10.0 * person * (-1) ** person
     last_s = len(arrays.elevation_deg) / arrays.rate_hz - 0.5

@@ -1,10 +1,10 @@
-"""The table of bad inputs: what must become of each file, and what did, by each way in.
+"""Write the table of bad inputs: the expected and the actual outcome of each file, by each route.
 
     python -m benchmarks.bad_inputs > docs/bad-inputs.md
 
-Takes some minutes: every file goes through `fusion`, the command line and the API, each analysis in a process
-of its own as ever. (A folder with this file in it, not a module: those processes would else load the whole of
-it again for each file.) Exit code 1 where an outcome is not the expected one.
+Takes some minutes: every file goes through `fusion`, the command line and the API, and each analysis runs in
+a separate process. (This is a folder, not a module; otherwise those processes would load all of it again for
+each file.) Exits 1 if an outcome differs from the expected one.
 """
 
 import csv
@@ -104,7 +104,7 @@ def go_each_way(folder: Path) -> dict[str, Outcomes]:
 
 
 def write_table(seen: dict[str, Outcomes]) -> int:
-    """Print the document; return how many outcomes are not the expected ones."""
+    """Print the document; return how many outcomes differ from the expected ones."""
     wrong = 0
     print(HEAD)
     for part, files in PARTS.items():

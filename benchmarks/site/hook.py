@@ -1,10 +1,10 @@
-"""Build the site from ``docs/``: the pages, the words and drawings of the product, a report, the notebook.
+"""Build the site from ``docs/``: the pages, the product's words and drawings, a report, the notebook.
 
     mkdocs build --strict -f docs/mkdocs.yml
 
-mkdocs takes this module as its hook. What the product says already is not written again: a page whose head
-names a language (``words: en``) is a Jinja template with the words and drawings of the product, the example's
-report is rendered, and the notebook is run.
+mkdocs uses this module as its hook. The site reuses the product's texts: a page whose front matter names a
+language (``words: en``) is a Jinja template with the words and drawings of the product, the example's report
+is rendered, and the notebook is run.
 """
 
 import json
@@ -37,7 +37,7 @@ from fusion.recording import QualityFlag
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 SHARED_PAGES = ("CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md", "CODE_OF_CONDUCT.md")
-"""Pages of the root that the site shows, too."""
+"""Pages of the repository root that the site also shows."""
 
 SHARED_FILES = (
     "CITATION.cff",
@@ -53,22 +53,22 @@ PAGE_DOTS_PER_INCH = 110
 _TO_ROOT = re.compile(r"\]\((?:\.\./)+(?=(?:" + "|".join((*SHARED_PAGES, *SHARED_FILES)) + r")[)#])")
 _TO_DOCS = re.compile(r"\]\(docs/")
 _FENCE_WORDS = re.compile(r"^(```\w+) [\w.]+$", re.MULTILINE)
-"""What a test does with a block stands behind its language; mkdocs would not know the block."""
+"""Instructions for tests after the language of a code block; mkdocs would not recognise the block."""
 
 _ROLE = re.compile(r":(?:func|data|class|mod|meth):(?=<code>)")
-"""What docstrings say before a name, for other tools."""
+"""Roles before a name in docstrings, for other tools."""
 
 _TEXT = re.compile(r"(?<=>)[^<>]+(?=<)")
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
-    """Take the pages from ``docs/`` itself, which mkdocs does not allow to be said."""
+    """Use the pages from ``docs/`` itself, which mkdocs.yml cannot state."""
     config.docs_dir = str(DOCS)
     return config
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add what is made: pages of the root, the example's report, the API's description, the notebook."""
+    """Add generated files: pages of the root, the example's report, the API's description, the notebook."""
     made: dict[str, str | bytes] = {name: (ROOT / name).read_text("utf-8") for name in SHARED_PAGES}
     made |= {name: (ROOT / name).read_bytes() for name in SHARED_FILES}
     for language in LANGUAGES:
@@ -85,7 +85,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Fill in the product's words, and lead links that leave ``docs/`` to where the site has them."""
+    """Insert the product's words, and redirect links that leave ``docs/`` to their place on the site."""
     language = page.meta.get("words")
     if language:
         markdown = _fill_words(markdown, language)
@@ -99,7 +99,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
 
 def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Name the language of a page, for those who hear it; French has its spaces before punctuation."""
+    """Set the language of a page for screen readers, and French spaces before punctuation."""
     html = _ROLE.sub("", html)
     language = page.meta.get("words")
     if language == "fr":

@@ -1,1 +1,1 @@
-"""Validation as a part of the product: `python -m benchmarks.validation` writes docs/validation.md."""
+"""Validation as part of the product: `python -m benchmarks.validation` writes docs/validation.md."""

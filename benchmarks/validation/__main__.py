@@ -1,11 +1,11 @@
-"""Write docs/validation.md, whole or one section at a time.
+"""Write docs/validation.md, in full or one section at a time.
 
     python -m benchmarks.validation --date 2026-11-21 [--only broad stress] [--details FILE] [--output FILE]
 
-Sections: stated, sway, pose_error, soft_tissue, gait, tasks, broad, stress, shifts, speed,
-invariance, good_sensors. With ``--only`` the others stay as they are in the document. ``--details``
-writes the tables that the document leaves out. The days of `stated` are kept in ``--logs`` and not run
-twice. Needs the `bench` extra (vqf, ahrs, imufusion). All but the speed section is deterministic.
+Sections: stated, sway, pose_error, soft_tissue, gait, tasks, broad, stress, shifts, speed, invariance,
+good_sensors. With ``--only`` the other sections stay unchanged. ``--details`` writes the tables that the
+document omits. The days of `stated` are stored in ``--logs`` and not run twice. Needs the `bench` extra (vqf,
+ahrs, imufusion). All sections except speed are deterministic.
 """
 
 import argparse
@@ -61,7 +61,7 @@ sensor worn by a real person with a reference for the upper arm is among the dat
 for an uploaded recording, `published` the algorithm of Boyer, Frasie, Bouyer, Roy, Poitras and
 Campeau-Lecours, `live` the causal one for feedback. What is left out here, `--details FILE` writes."""
 LIMITS = Path(__file__).with_name("limits.md")
-"""What the figures cannot show, and what became of every goal that was missed: written by hand."""
+"""Limits of the figures, and the outcome of every missed goal: written by hand."""
 
 
 def main() -> None:
@@ -117,7 +117,7 @@ def _list_makers(arguments: argparse.Namespace) -> Mapping[str, Callable[[], Sec
 
 
 def _describe_makers(date: str) -> str:
-    """Versions of everything that bears on the figures; each section may have been made at another time."""
+    """Return the versions that affect the figures; each section may be from a different time."""
     packages = ", ".join(f"{name} {version(name)}" for name in PACKAGES)
     own = f"acromion {software_version()}, revision {software_revision()}"
     return f"{own}, Python {platform.python_version()}, {packages}" + (f", on {date}" if date else "")

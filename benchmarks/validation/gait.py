@@ -1,8 +1,8 @@
-"""How recorded and simulated people stand and walk, side by side.
+"""Compare how recorded and simulated people stand and walk.
 
     python -m benchmarks.validation.gait [--data DIR ...]
 
-An angle is that of gravity's mean, as a sensor on the upper arm feels it, from the shoulder-elbow line.
+An angle is that of gravity's mean, as measured by a sensor on the upper arm, from the shoulder-elbow line.
 """
 
 import argparse
@@ -36,7 +36,7 @@ to 34)."""
 
 @dataclass(frozen=True, slots=True)
 class Gait:
-    """Of one person's arm, deg: standing and walking from the arm's axis, and from each other."""
+    """Angles of one person's arm, deg: standing and walking from the arm axis, and from each other."""
 
     name: str
     stance_deg: float
@@ -45,7 +45,9 @@ class Gait:
 
 
 def measure_recorded(folder: Path) -> list[Gait]:
-    """Every subject with plain walking, both arms; stance: calm half seconds of any clip, arm hanging."""
+    """Measure every subject with plain walking, both arms; stance: calm half seconds of any clip, arm
+    hanging.
+    """
     found = []
     for side in SIDES:
         library = load_library(folder, side)
@@ -58,7 +60,7 @@ def measure_recorded(folder: Path) -> list[Gait]:
 
 
 def _find_stances(clip: Clip) -> list[Float64Array]:
-    """Directions of the vertical in half seconds in which the arm hangs and hardly turns."""
+    """Return directions of the vertical in half seconds in which the arm hangs and hardly turns."""
     up = clip.turn.inv().apply(UP)
     size = round(CALM_S * CLIP_HZ)
     calm = []
@@ -71,7 +73,7 @@ def _find_stances(clip: Clip) -> list[Float64Array]:
 
 
 def measure_simulated(seeds: Sequence[int]) -> list[Gait]:
-    """The people of ``fusion/simulation``."""
+    """Measure the people of ``fusion/simulation``."""
     found = []
     for seed in seeds:
         chance = np.random.default_rng([seed, 1])
@@ -93,7 +95,7 @@ def _compare(name: str, stood: Float64Array, walked: Float64Array) -> Gait:
 
 
 def draw_gaits(people: dict[str, list[Gait]]) -> str:
-    """One row a source: least, quartiles and most of each angle."""
+    """Return one row per source: minimum, quartiles and maximum of each angle."""
     rows = []
     for source, gaits in people.items():
         columns = [[one.stance_deg for one in gaits], [one.gait_deg for one in gaits]]
@@ -111,7 +113,7 @@ def _describe(values: Sequence[float]) -> str:
 
 
 def compare_gaits(folder: Path) -> Section:
-    """The section; where the data is absent, the simulated people alone."""
+    """Return the section; without the data, for simulated people only."""
     people = {"recorded": measure_recorded(folder)} if folder.is_dir() else {}
     people["simulated, 40 people"] = measure_simulated(SEEDS)
     return Section("Simulated people", (PROSE, draw_gaits(people)))

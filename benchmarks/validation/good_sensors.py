@@ -1,4 +1,4 @@
-"""Section (g): a good sensor must not be made worse by calibrating itself."""
+"""Section (g): self-calibration must not degrade a good sensor."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -55,7 +55,7 @@ def _read_gt9x(folder: Path) -> Recording:
 
 
 def _read_arm(folder: Path) -> Recording:
-    """100 Hz; acceleration in m/s2, angular rate in rad/s."""
+    """Read the arm at 100 Hz; acceleration in m/s2, angular rate in rad/s."""
     arm = loadmat(folder / "upper_arm" / ARM)["upper_arm_right"][0, 0]
     acc_g, gyr_dps = arm["acc"] / STANDARD_GRAVITY, np.degrees(arm["gyr"])
     segment = Segment(0, 100.0, acc_g.astype(np.float32), gyr_dps.astype(np.float32))
@@ -63,7 +63,7 @@ def _read_arm(folder: Path) -> Recording:
 
 
 def _fuse_both(samples: CalibratedSamples) -> tuple[Angle, Angle]:
-    """With the correction, and with the gyroscope's bias alone."""
+    """Return the angle with the correction, and with the gyroscope's bias alone."""
     still = samples.calibration.windows[0]
     axis = still.gravity_g / np.linalg.norm(still.gravity_g)
     plain = replace(

@@ -1,4 +1,4 @@
-"""Section (f): what must not change the angle: how the sensor is strapped on, units, cuts, the rate."""
+"""Section (f): changes that must not affect the angle: mounting of the sensor, units, cuts, the rate."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -60,7 +60,7 @@ def compare_changes() -> Section:
 
 
 def change_all(recording: Recording) -> dict[str, Angle]:
-    """Return the difference from the unchanged recording, by change, at each sample kept."""
+    """Return the difference from the unchanged recording, by change, at each remaining sample."""
     samples = calibrate(recording)
     whole = fuse(samples)
     return {
@@ -72,7 +72,7 @@ def change_all(recording: Recording) -> dict[str, Angle]:
 
 
 def strap_on(recording: Recording) -> Angle:
-    """Return the difference that the worst of some random rotations makes."""
+    """Return the difference caused by the worst of some random rotations."""
     whole = fuse(calibrate(recording))
     rotations = Rotation.random(MOUNTINGS, rng=np.random.default_rng(SEED)).as_matrix()
     turned = [fuse(calibrate(turn(recording, rotation))) - whole for rotation in rotations]
@@ -115,7 +115,7 @@ def _take(segment: Segment, first: int, stop: int) -> Segment:
 
 
 def trim(recording: Recording) -> Recording:
-    """Leave out what is over a last whole row of the angle, so that cuts leave the rows where they are."""
+    """Remove the samples after the last whole row of the angle, so that cuts do not move the rows."""
     segment = recording.segments[0]
     kept = _take(segment, 0, len(segment) // _count_per_row(segment) * _count_per_row(segment))
     return replace(recording, segments=(kept,), duration_us=kept.duration_us)
@@ -126,7 +126,7 @@ def _count_per_row(segment: Segment) -> int:
 
 
 def halve_rate(recording: Recording, whole: Angle) -> Angle:
-    """Return the difference that half the rate makes, at its rows."""
+    """Return the difference caused by halving the rate, at its rows."""
     halved = fuse(calibrate(halve(recording)))
     time_s = np.arange(len(halved)) * (len(whole) / len(halved))
     return halved - interpolate(Run(0.0, 1.0, whole), np.minimum(time_s, len(whole) - 1.0))

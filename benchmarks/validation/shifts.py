@@ -1,4 +1,4 @@
-"""Section (d): simulated shifts through the whole chain, against their truth."""
+"""Section (d): simulated shifts through the whole chain, compared with their truth."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -43,10 +43,11 @@ the whole shift."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShiftResult:
-    """One shift against its truth.
+    """One shift compared with its truth.
 
-    ``fine`` (9,) and ``coarse`` (6,) are errors of the bins in percentage points, ``entries`` what was
-    counted and what was true at 30, 60 and 90 deg, ``covered`` the share of valid rows within the band.
+    ``fine`` (9,), ``coarse`` (6,): errors of the bins in percentage points.
+    ``entries``: counted and true entries at 30, 60 and 90 deg.
+    ``covered_percent``: share of valid rows within the band.
     """
 
     seed: int
@@ -101,14 +102,14 @@ def run_shift(device: Device, hours: float, seed: int) -> ShiftResult:
 
 
 def _publish(worn: Worn, valid: NDArray[np.bool_]) -> float:
-    """RMSE of `published` on the same shift."""
+    """Return the RMSE of `published` on the same shift."""
     samples = calibrate(worn.recording)
     found_deg = estimate_elevation(samples, "published").segments[0].elevation_deg
     return find_rmse_deg((found_deg - at_rows(worn.truth_deg, len(valid)))[valid])
 
 
 def _cover(found: ElevationSegment, error_deg: NDArray[np.float64]) -> float | None:
-    """Share of the valid rows whose error lies within 1.96 sigma; None where no sigma is given."""
+    """Return the share of the valid rows whose error is within 1.96 sigma; None without a sigma."""
     sigma_deg = found.sigma_deg
     if sigma_deg is None:
         return None
@@ -188,7 +189,7 @@ def judge_shifts(label: str, results: Mapping[Device, Sequence[ShiftResult]]) ->
 
 
 def _judge_band(head: str, shifts: Sequence[ShiftResult]) -> list[Goal]:
-    """Only on odd seeds, which the weights of the uncertainty were not fitted on."""
+    """Return the goal for odd seeds only, because the weights of the uncertainty were fitted on even ones."""
     covered = [s.covered_percent for s in shifts if s.covered_percent is not None and s.seed % 2]
     if not covered:
         return []

@@ -1,9 +1,9 @@
-"""How far a sensor on the skin reads from the humerus, with one pose and with two.
+"""Compare a sensor on the skin with the humerus, with one pose and with two.
 
     python -m benchmarks.validation.soft_tissue [--data DIR] [--seeds N]
 
 Half an hour of one person's recorded tasks, once on the plate as it moved and once on a rigid one. The plate
-has not been measured in the poses: held postures take it from a line fitted to the person's clips.
+was not measured in the poses: held postures take it from a line fitted to the person's clips.
 """
 
 import argparse
@@ -85,7 +85,7 @@ Poses = tuple[tuple[float, float], ...]
 def make_day(
     clips: Sequence[Clip], seed: int, day_s: float = DAY_S, pause_share: float = PAUSE_SHARE
 ) -> tuple[ArmState, Poses]:
-    """Hold the arm hanging, then level, and do the person's tasks with pauses between."""
+    """Return a day: the arm hangs, then is level, then does the person's tasks with pauses."""
     track = Track(np.random.default_rng([seed, zlib.crc32(b"skin")]), Strap(clips))
     poses_s = (track.hold(Rotation.identity(), POSE_S), track.hold(_raise_level(clips), POSE_S))
     while track.length_s < day_s:
@@ -112,7 +112,7 @@ def wear_days(folder: Path, carrier: str, seeds: int) -> Iterator[tuple[str, int
 
 
 def wear(state: ArmState, poses_s: Poses, device: Device, seed: int) -> WornDay:
-    """Read a day with a specimen of the device."""
+    """Record a day with a specimen of the device."""
     return record_motion(state, RATE_HZ, device, np.random.default_rng([seed, 2]), poses_s)
 
 
@@ -135,7 +135,7 @@ def read_day(person: str, carrier: str, worn: WornDay) -> tuple[list[Read], Anal
 
 
 def draw_errors(days: Sequence[Read]) -> str:
-    """Draw mean and standard deviation by band, a row for each carrier and reading, then each person."""
+    """Return mean and standard deviation by band, a row for each carrier and reading, then each person."""
     rows = []
     for carrier in CARRIERS:
         for reading in READINGS:
@@ -165,7 +165,7 @@ def _describe(some: Sequence[Read]) -> list[str]:
 
 
 def draw_ranges(ranges: Mapping[tuple[float, float], list[Ranged]]) -> str:
-    """Draw how many ranges hold the truth, a row for each added standard deviation."""
+    """Return how many ranges include the truth, a row for each added standard deviation."""
     rows = []
     for extra_deg in EXTRA_SIGMAS_DEG:
         every = [ranges[off_deg, extra_deg] for off_deg in (0.0, HELD_SIGMA_DEG)]
@@ -178,7 +178,7 @@ def draw_ranges(ranges: Mapping[tuple[float, float], list[Ranged]]) -> str:
 
 
 def draw_live(folder: Path, seeds: int) -> str:
-    """Draw how `live` and real-time VQF read the same days, a row for each carrier and device."""
+    """Return the errors of `live` and real-time VQF on the same days, a row for each carrier and device."""
     found: dict[tuple[str, str], list[list[float]]] = {}
     for carrier, is_rigid in CARRIERS.items():
         for clips in load_skin_library(folder, is_rigid=is_rigid).values():
@@ -209,7 +209,7 @@ def draw_live(folder: Path, seeds: int) -> str:
 
 
 def compare_soft_tissue(folder: Path, seeds: int = SEEDS) -> Section:
-    """Return the section; where the data is absent, it only names what is missing."""
+    """Return the section; without the data, it only names what is missing."""
     title = "A sensor on the skin"
     if not folder.is_dir():
         return Section(title, (f"Skipped: {folder.name} is not there.",))

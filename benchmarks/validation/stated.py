@@ -1,10 +1,10 @@
-"""What a person states about the pose, and what is made of it, on recorded motion.
+"""Test the statements that a person can make about the pose, on recorded motion.
 
     python -m benchmarks.validation.stated --log FILE [--only KEY ...] [--seeds N]
 
-Days of eight hours: an opening, an hour of work that is repeated, and what happens at noon. Three kinds of
-day: seated work without walking (the skin plates of ``skin_motion``, as measured and fixed to the arm), work
-with walking, and work in which loads are carried with the arm raised (CMU, rigid). Both devices, 25 Hz.
+Days of eight hours: an opening, an hour of work that is repeated, and an event at noon. Three kinds of day:
+seated work without walking (the skin plates of ``skin_motion``, as measured and fixed to the arm), work with
+walking, and work in which loads are carried with the arm raised (CMU, rigid). Both devices, 25 Hz.
 """
 
 import argparse
@@ -55,7 +55,7 @@ PAUSE_SHARE, WALK_S, WALK_SHARE = 0.15, (30.0, 90.0), 0.35
 SLIP_S, TURNED_DEG = 0.5, (50.0, 120.0)
 FIGURE_PERCENTS, ABOVE_60 = (10, 50, 90), 1
 LARGEST_DEG: Mapping[Kind, float] = {"skin": 6.0, "seated": 3.0, "walking": 3.0, "carrying": 3.0}
-"""A result that is called good is not further from the truth than this, root mean square."""
+"""Largest root mean square error of a result with the verdict "good"."""
 
 
 PROSE = """\
@@ -84,8 +84,9 @@ walking. On seated days it is fast work that passes for it. The goals leave slip
 class Scenario:
     """One row: ``table_s`` on a table, ``work_s`` of work before the pose, or no pose at all.
 
-    ``slip_deg``: the sensor slips at noon; ``is_off``: it lies off at noon and is put back turned, with a new
-    pose; ``names_new``: the person names that pose too.
+    ``slip_deg``: the sensor slips at noon.
+    ``is_off``: it is taken off at noon and put back rotated, with a new pose.
+    ``names_new``: the person also states that pose.
     """
 
     name: str
@@ -134,7 +135,7 @@ SCENARIOS: Mapping[str, Scenario] = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Piece:
-    """A stretch of motion that begins and ends with the arm hanging at rest; its poses, s from its start."""
+    """A stretch of motion that starts and ends with the arm hanging at rest; its poses, s from its start."""
 
     state: ArmState
     poses_s: tuple[tuple[float, float], ...] = ()
@@ -142,13 +143,13 @@ class Piece:
 
     @property
     def length_s(self) -> float:
-        """How long it lasts."""
+        """Its duration."""
         return len(self.state.elevation_deg) / RATE_HZ
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Person:
-    """What one person does: work, steps, and how a plate lies on the skin, if one was measured."""
+    """The data of one person: work, steps, and the plate on the skin, if measured."""
 
     work: list[Clip]
     strides: list[Clip]
@@ -157,7 +158,7 @@ class Person:
 
 @dataclass(frozen=True, slots=True)
 class Subject:
-    """Whose days of which kind; ``data``: the folder of the recorded motion."""
+    """The person and kind of a day; ``data``: the folder of the recorded motion."""
 
     kind: Kind
     seed: int
@@ -177,12 +178,12 @@ def load_person(subject: Subject) -> Person:
 
 
 def raise_arm(clip: Clip) -> Clip:
-    """Return a walk in which the arm carries a load before the body."""
+    """Return a walk in which the arm carries a load in front of the body."""
     return replace(clip, turn=clip.turn * Rotation.from_rotvec([np.radians(CARRIED_DEG), 0.0, 0.0]))
 
 
 class Choreography:
-    """A track that begins and ends with the arm hanging."""
+    """A track that starts and ends with the arm hanging."""
 
     def __init__(self, person: Person, chance: np.random.Generator) -> None:
         self.person, self.chance = person, chance
@@ -220,14 +221,14 @@ class Choreography:
             self.track.go_on(steps[int(self.chance.integers(len(steps)))], STRIDE_TURN_S)
 
     def finish(self, worn_from_s: float = 0.0) -> Piece:
-        """End with the arm hanging, and feel what a sensor does."""
+        """End with the arm hanging, and return the readings of an ideal sensor."""
         self.hang(SEAM_S)
         return Piece(feel(self.track.join(), RATE_HZ), tuple(self.poses_s), worn_from_s)
 
 
 @lru_cache(maxsize=12)
 def work_an_hour(subject: Subject, *, is_late: bool = False) -> Piece:
-    """Return an hour of work, which a day repeats; of carriers, loads are carried after noon."""
+    """Return an hour of work, which a day repeats; for "carrying", loads are carried in the afternoon."""
     choreography = Choreography(load_person(subject), np.random.default_rng([subject.seed, 1, is_late]))
     choreography.hang(SEAM_S)
     choreography.work(HOUR_S, is_carrying=subject.kind == "carrying" and is_late)
@@ -235,7 +236,7 @@ def work_an_hour(subject: Subject, *, is_late: bool = False) -> Piece:
 
 
 def open_day(scenario: Scenario, subject: Subject) -> Piece:
-    """Return what comes before the first hour."""
+    """Return the part before the first hour."""
     chance = np.random.default_rng([subject.seed, 2, round(scenario.table_s), round(scenario.work_s)])
     choreography = Choreography(load_person(subject), chance)
     worn_from_s = 0.0
@@ -262,7 +263,7 @@ def put_back(subject: Subject) -> tuple[Piece, Piece]:
 
 
 def wear_day(scenario: Scenario, subject: Subject, device: Device, place: int = 0) -> WornDay:
-    """Put a day together and read it with a specimen of the device."""
+    """Assemble a day and record it with a specimen of the device."""
     early, late = work_an_hour(subject), work_an_hour(subject, is_late=True)
     morning = [early] * (HOURS // 2)
     if scenario.has_pose:
@@ -297,7 +298,7 @@ def wear_day(scenario: Scenario, subject: Subject, device: Device, place: int = 
 def _turn_sensor(
     state: ArmState, time_s: Float64Array, at_s: float, angle_deg: float, chance: np.random.Generator
 ) -> ArmState:
-    """Turn the sensor about a direction across the arm, within half a second."""
+    """Rotate the sensor about a direction across the arm, within half a second."""
     about = chance.uniform(0.0, 2.0 * np.pi)
     across = np.array([np.cos(about), np.sin(about), 0.0])
     way = np.clip((time_s - at_s) / SLIP_S, 0.0, 1.0)
@@ -311,7 +312,7 @@ def _turn_sensor(
 
 @dataclass(frozen=True, slots=True)
 class Scored:
-    """One analysis against its truth; ``refused``: the code of the error."""
+    """One analysis compared with its truth; ``refused``: the code of the error."""
 
     key: str
     kind: Kind
@@ -330,7 +331,7 @@ class Scored:
 
 
 def choose_settings(scenario: Scenario, day: WornDay) -> AnalysisSettings:
-    """Return what the person says."""
+    """Return the settings for the person's statement."""
     if scenario.stated == "held":
         return AnalysisSettings(pose_held="start")
     if scenario.stated == "nothing":
@@ -340,7 +341,7 @@ def choose_settings(scenario: Scenario, day: WornDay) -> AnalysisSettings:
 
 
 def score(key: str, subject: Subject, device: Device) -> Scored:
-    """Analyse one day as an uploaded recording is, and compare."""
+    """Analyse one day like an uploaded recording, and compare."""
     scenario, place = SCENARIOS[key], int(key.removeprefix("cut")) if key.startswith("cut") else 0
     day = wear_day(scenario, subject, device, place)
     begun = Scored(key, subject.kind, device, subject.seed)
@@ -388,7 +389,7 @@ def list_figures(exposure: Exposure) -> list[float]:
 
 
 def list_ranges(exposure: Exposure) -> list[tuple[float, float]]:
-    """Return the ranges of the same figures; one without a range holds itself alone."""
+    """Return the ranges of the same figures; without a range, the figure itself twice."""
     found = [part.interval for part in exposure.time_above]
     found += [exposure.intervals.get(f"elevation_p{percent}_deg") for percent in FIGURE_PERCENTS]
     pairs = zip(found, list_figures(exposure), strict=True)
@@ -406,7 +407,7 @@ def _list_inside(exposure: Exposure, true: Exposure) -> Iterator[bool]:
 def run(
     keys: Sequence[str], seeds: Sequence[int], log: Path | None = None, data: Path = DATA
 ) -> Iterator[Scored]:
-    """Yield every scenario of every seed, kind and device; a day that is in ``log`` is not run again."""
+    """Yield every scenario of every seed, kind and device; a day in ``log`` is not run again."""
     lines = log.read_text("utf-8").splitlines() if log and log.exists() else []
     known = {(one.key, one.kind, one.device, one.seed): one for one in map(_read_scored, lines)}
     for seed in seeds:
@@ -479,7 +480,7 @@ def is_unseen(day: Scored) -> bool:
 
 
 def is_wrong(day: Scored) -> bool:
-    """Return whether a day is called good and is further off than that allows."""
+    """Return whether a day has the verdict "good" but an error above its limit."""
     return day.verdict == "good" and day.rmse_deg > LARGEST_DEG[day.kind]
 
 
@@ -499,7 +500,7 @@ def draw_unseen(scores: Sequence[Scored]) -> str:
 
 
 def judge_days(scores: Sequence[Scored]) -> Iterator[Goal]:
-    """Yield the goals of each kind of day; slips without a sign are left out."""
+    """Yield the goals of each kind of day; slips without a sign are excluded."""
     for kind, name in KINDS.items():
         days = [day for day in scores if day.kind == kind and not day.refused and not is_unseen(day)]
         rows = [row for key in SCENARIOS if (row := [day for day in days if day.key == key])]
@@ -525,13 +526,13 @@ def judge_days(scores: Sequence[Scored]) -> Iterator[Goal]:
 
 
 def find_missing(data: Path) -> str:
-    """Return a line that names the recorded motion that is not there; empty if all is."""
+    """Return a line that names the missing recorded motion; empty if all is available."""
     missing = [name for name in ("real_motion", "skin_motion") if not (data / name).is_dir()]
     return f"Skipped: not there: {', '.join(missing)}." if missing else ""
 
 
 def compare_on_stated(data: Path, seeds: int, log: Path | None) -> Section:
-    """Return the section; if the data is absent, it only names what is missing."""
+    """Return the section; without the data, it only names what is missing."""
     title = "The pose, as people state it"
     if missing := find_missing(data):
         return Section(title, (missing,))

@@ -1,4 +1,4 @@
-"""How far a table lies from a resting arm: the sway of every stillness that was recorded."""
+"""Compare a table with a resting arm: the sway of every recorded still period."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -98,7 +98,7 @@ def _find_calmest(clip: Clip) -> float:
 
 
 def _measure(recording: Recording, start_s: float) -> float:
-    """Return the sway of a window; one that no pose can be in sways without limit."""
+    """Return the sway of a window; infinite if it cannot be a pose."""
     try:
         return measure_asked(recording, (start_s, start_s + WINDOW_S)).sway_dps
     except FusionError:

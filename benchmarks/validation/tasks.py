@@ -73,7 +73,7 @@ def wear_sessions(device: Device, *, seated: bool) -> tuple[Worn, ...]:
 
 
 def play_sessions(*, seated: bool) -> Iterable[Results]:
-    """Return each person's results for each device."""
+    """Yield each person's results for each device."""
     for device in DEVICES:
         for worn in wear_sessions(device, seated=seated):
             yield measure(worn, {number: f"repetition {number}" for number in TASKS})
@@ -101,7 +101,7 @@ def measure(worn: Worn, names: Mapping[int, str]) -> Results:
 
 
 def summarise(recordings: Iterable[Results]) -> Results:
-    """Mean over people."""
+    """Return the mean over people."""
     pooled: dict[tuple[Device, MethodName, int], list[TaskFigures]] = {}
     for results in recordings:
         for key, agreement in results.items():
@@ -110,7 +110,7 @@ def summarise(recordings: Iterable[Results]) -> Results:
 
 
 def draw_with_paper(results: Results, device: Device, method: MethodName) -> dict[int, list[str]]:
-    """Three cells for each task: ours, the paper's in brackets."""
+    """Return three cells for each task: ours, the paper's in brackets."""
     cells = {}
     for number in TASKS:
         ours, paper = results[device, method, number], TABLE_1[device][number]
@@ -150,7 +150,9 @@ def judge_smoothed(protocol: str, results: Results) -> tuple[Goal, ...]:
 
 
 def _compare_pattern(results: Results) -> str:
-    """RMSE of `published` beside that of the paper, slow and fast tasks; no goal, as amplitudes are ours."""
+    """Return the RMSE of `published` and the paper's, slow and fast tasks; no goal, as amplitudes are
+    ours.
+    """
     rows = []
     for device in DEVICES:
         for what, tasks in (("slow tasks", SLOW_TASKS), ("3 Hz and throws", FAST_TASKS)):

@@ -33,7 +33,7 @@ the paper's."""
 
 
 def draw_sweep(sessions: Sequence[Worn], device: Device) -> str:
-    """Every variant on every task, mean over people, beside the paper."""
+    """Return every variant on every task, mean over people, with the paper's figures."""
     found = {name: _average(sessions, how) for name, how in VARIANTS.items()}
     paper = TABLE_1[device]
     rows = [

@@ -205,7 +205,7 @@ def flag_published(bias: GyroBias, static_dps: Float64Array) -> tuple[QualityFla
 
 
 def flag_upside_down(exposure: Exposure) -> tuple[QualityFlag, ...]:
-    """Return the flag of an arm above level for at least half of an hour or more (W-UPSIDE).
+    """Return the flag of an arm above level for more than half of the time, in an hour or more (W-UPSIDE).
 
     No work causes this. Either the sensor was reversed end to end after the pose, or the pose was another one
     than stated.
