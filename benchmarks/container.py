@@ -148,7 +148,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("base", type=Path, help="an empty Debian with a Python in /usr/local")
-    parser.add_argument("work", type=Path, help="an absent folder; what is made stays there")
+    parser.add_argument("work", type=Path, help="a folder that does not exist yet; the stages are kept in it")
     asked = parser.parse_args()
     os.umask(0o022)
     asked.work.mkdir()

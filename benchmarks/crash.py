@@ -59,7 +59,7 @@ class Tally:
 
 
 def run_kills(number: int, seed: int) -> Tally:
-    tally = Tally("kill -9, by turns of everything while analyses run, and of web, worker or child")
+    tally = Tally("kill -9, alternately of everything while analyses run, and of web, worker or child")
     while tally.rounds < number:
         rounds, started_s = min(KILLS_AT_ONCE, number - tally.rounds), time.monotonic()
         with tempfile.TemporaryDirectory() as folder:
@@ -80,7 +80,7 @@ def write_page(tallies: list[Tally], seed: int) -> None:
     """Write the table into the page, between its markers."""
     stamp = datetime.now(UTC).strftime("%Y-%m-%d")
     head = (
-        "| fault | rounds | uploads acknowledged | analyses cut | of them set aside, then done | E-CRASHED "
+        "| fault | rounds | uploads acknowledged | analyses cut | of them postponed, then done | E-CRASHED "
         "| invariants broken | rounds with a break | s |"
     )
     lines = [
@@ -100,7 +100,7 @@ def main() -> None:
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--power-cuts", type=int, default=50)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--print-only", action="store_true", help="leave docs/reliability.md as it is")
+    parser.add_argument("--print-only", action="store_true", help="do not change docs/reliability.md")
     wished = parser.parse_args()
     cuts = run_power_cuts(wished.power_cuts, wished.seed, "synced", "power cut")
     control = run_power_cuts(

@@ -63,7 +63,7 @@ def format_table(table: Table) -> str:
     left_out += [f"{part}, {action}: {why}" for (part, action), why in MEANINGLESS_ACTIONS.items()]
     limits = [f"{part} {damage}: {why}" for (part, damage), why in LIMITS.items()]
     return "\n".join(
-        [*lines, "", f"Left out: {'; '.join(left_out)}.", "", f"Cannot be told: {'; '.join(limits)}."]
+        [*lines, "", f"Omitted: {'; '.join(left_out)}.", "", f"Cannot be detected: {'; '.join(limits)}."]
     )
 
 
@@ -92,7 +92,7 @@ def choose_cells(wished: argparse.Namespace) -> Sequence[Cell]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Damage a store in every way, and see what follows.")
+    parser = argparse.ArgumentParser(description="Damage a store in every way, and check the results.")
     parser.add_argument("--part", choices=PARTS)
     parser.add_argument("--damage", choices=DAMAGES)
     parser.add_argument("--action", choices=ACTIONS)

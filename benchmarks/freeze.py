@@ -1,7 +1,7 @@
 """Record digests of the command line's output, and compare them after a change that must not alter a result.
 
     python -m benchmarks.freeze make FILE       write the digest of every output
-    python -m benchmarks.freeze compare FILE    create the outputs again and list those that differ (exit 1)
+    python -m benchmarks.freeze compare FILE    create the outputs again and list the differences (exit 1)
 
 Covers the samples and flags of every readable recording under ``../shared/data``, and a dozen recordings of
 every format, with the settings that change a report, pairs, changes and agreements. Recordings under
@@ -54,7 +54,7 @@ def main() -> None:
     )
     parser.add_argument("verb", choices=("make", "compare"))
     parser.add_argument("file", type=Path)
-    parser.add_argument("--keep", type=Path, help="leave the outputs in this folder")
+    parser.add_argument("--keep", type=Path, help="keep the outputs in this folder")
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         found = freeze(asked.keep or Path(folder))

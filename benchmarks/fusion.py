@@ -200,7 +200,7 @@ def print_band(device: Device, hours: float, seed: int) -> float:
     elevation = estimate_elevation(samples)
     segment = elevation.segments[0]
     if segment.sigma_deg is None:
-        raise SystemExit("smoothed gives a sigma")
+        raise SystemExit("smoothed has no sigma")
     sigma_deg = segment.sigma_deg[(np.arange(len(segment)) / segment.rate_hz).astype(np.int64)]
     error = segment.elevation_deg - arrays.elevation_deg
     share = float((np.abs(error) < 1.96 * sigma_deg).mean())

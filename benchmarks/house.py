@@ -117,7 +117,7 @@ def main() -> None:
         f"largest folder, files ({largest.relative_to(ROOT)})": most,
         "files over 600 lines": sum(text.count("\n") > 600 for text in sources.values()),
         **trace_recordings(),
-        "longest import chain between rooms of fusion/": measure_chain(trees),
+        "longest import chain between folders of fusion/": measure_chain(trees),
         "private functions used once": count_used_once(sources, trees),
         "Python files with a W-code as a literal": count_caveat_files(trees),
         "numbers with a unit in their name, percent": share_with_unit(trees),
@@ -125,7 +125,7 @@ def main() -> None:
         "numbers with a unit or what is counted in their name, percent": share_with_unit(
             trees, units=COUNTED
         ),
-        f"files touched to add a figure (those that name {FIGURE})": count_figure_files(),
+        f"files touched to add a figure (files that contain {FIGURE})": count_figure_files(),
         "words in docs/ outside tables": count_words(),
         "idioms in code, docs and wording": count_idioms(),
         "docstrings that begin with Give, Tell or Say": sum(
@@ -209,7 +209,7 @@ def count_used_once(sources: dict[Path, str], trees: dict[Path, ast.Module]) -> 
 
 
 def count_caveat_files(trees: dict[Path, ast.Module]) -> int:
-    """Count the files with a caveat's code as a literal, except the one that declares them."""
+    """Count the files with a caveat's code as a literal, without caveats.py, which declares them."""
     others = (tree for path, tree in trees.items() if path.name != "caveats.py")
     return sum(any(_is_caveat(node) for node in ast.walk(tree)) for tree in others)
 

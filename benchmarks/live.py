@@ -66,7 +66,7 @@ def measure_replay(
     recorded_s = recording.duration_us / 1e6
     print(
         f"{device} {hours:g} h at {recording.rate_hz:g} Hz, {len(recording.segments)} segment(s): "
-        f"equal to the bit: {equal}; {taken_s:.1f} s of CPU, {recorded_s / taken_s:.0f} times its pace"
+        f"bit-identical: {equal}; {taken_s:.1f} s of CPU, {recorded_s / taken_s:.0f} times real time"
     )
 
 
@@ -138,7 +138,7 @@ def measure_many(running: RunningServer, sessions: int, minutes: float) -> None:
     print(
         f"{sessions} sessions at {RATE_HZ} Hz for {minutes:g} min: {100 * cpu_s / taken_s:.0f} % of a core, "
         f"{server.memory_info().rss / (1 << 20):.0f} MiB, lost {sum(one['lost'] for one in found)} of "
-        f"{sum(one['frames'] for one in found)} (the bench itself: {100 * own_s / taken_s:.0f} %)"
+        f"{sum(one['frames'] for one in found)} (the benchmark itself: {100 * own_s / taken_s:.0f} %)"
     )
 
 

@@ -71,7 +71,7 @@ def measure_curve(page: Page, address: str) -> None:
         page.locator("#curve").press(key)
         page.wait_for_timeout(120)
     tell("a step of pan or zoom, key to drawn", page.evaluate("acromionDay.steps"))
-    tell("a piece of the curve, asked to answered", page.evaluate(TIMINGS))
+    tell("a piece of the curve, request to response", page.evaluate(TIMINGS))
 
 
 def measure_library(browser: Browser, address: str) -> None:

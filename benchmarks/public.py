@@ -2,7 +2,7 @@
 
 Writes one page, ``benchmark.html``, and the same numbers as ``benchmark.json``: accuracy on BROAD, on
 recorded motion and on the ten tasks; speed and memory compared with VQF, offlineVQF, ahrs, imufusion, pandas
-and polars; the machine and every version. A part that cannot be measured states what it needs. The
+and polars; the machine and every version. Parts that cannot be measured name their missing requirement. The
 measurements come from ``benchmarks.validation`` and ``benchmarks.readers``. Needs the extras `dev` and
 `bench`.
 """
@@ -65,7 +65,7 @@ class Chart:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """A part of the page; ``missing`` states what it needed and did not find."""
+    """A part of the page; ``missing`` names its missing requirement."""
 
     key: str
     title: str
@@ -100,9 +100,7 @@ def measure_broad(data: Path) -> Part:
     charts = []
     for rate in ("286 Hz", "100 Hz"):
         scores = {**score_untouched(folder, rate), **score_all(load_both(folder)[rate], filters)}
-        bars = (
-            Bar(name, score.aligned_deg, f"as it comes {score.raw_deg:.2f}") for name, score in scores.items()
-        )
+        bars = (Bar(name, score.aligned_deg, f"raw {score.raw_deg:.2f}") for name, score in scores.items())
         charts.append(Chart(f"Error of the vertical at {rate}", "deg", _sort(bars)))
     return _fill(part, charts)
 
@@ -193,25 +191,25 @@ def _lack(part: Part, what: str) -> Part:
 
 
 _BROAD = """\
-Seventeen trials of a hand-held sensor beside optical motion capture. The figure is the root
-mean square angle between the estimated and the optical vertical in motion, at the one lag
-that is best for each estimator. None uses a magnetometer."""
+Seventeen trials of a hand-held sensor with optical motion capture. The figure is the root mean
+square angle between the estimated and the optical vertical in motion, at the best single lag
+for each estimator. None uses a magnetometer."""
 _RECORDED = """\
-{n} days of eight hours of each kind for each device, put together from people's recorded arm
-motion, with a simulated sensor and its faults. The figure is the root mean square error,
-median of the days; the pose is held in the first 10 s, and nobody says so. No sensor worn
-by a person with a reference for the upper arm is among the data."""
+{n} days of eight hours of each kind for each device, assembled from people's recorded arm
+motion, with a simulated sensor and its errors. The figure is the root mean square error,
+median of the days. The pose is held in the first 10 s but not stated. The data includes no
+sensor worn by a person with a reference for the upper arm."""
 _TASKS = """\
 Five virtual people do the ten tasks of a published study, each five times; rigid arm, exact
-truth, simulated faults of the sensors. published is the algorithm of that study."""
+truth, simulated sensor errors. published is the algorithm of that study."""
 _FUSION = """\
-A simulated recording in memory. smoothed, published and live do the whole way to the
-angle: still moments, calibration, fusion. The peers get arrays in their units and give
-quaternions. imufusion runs in its Python loop; it and ahrs (Madgwick, Mahony) run over 30
-s, scaled."""
+A simulated recording in memory. smoothed, published and live compute everything up to the
+angle: still moments, calibration, fusion. The peers get arrays in their units and return
+quaternions. imufusion runs in its Python loop; it and ahrs (Madgwick, Mahony) run over 30 s,
+scaled."""
 _READING = """\
-Each reader in a process of its own, one thread, after a warm-up: the columns of
-acceleration and angular rate as numbers. acromion also finds the columns and the time."""
+Each reader in a separate process, one thread, after a warm-up: the columns of acceleration and
+angular rate as numbers. acromion also detects the columns and the time."""
 
 
 def describe_machine() -> dict[str, str]:
@@ -286,7 +284,7 @@ def main() -> None:
     (asked.output / "benchmark.json").write_text(json.dumps(asdict(page), indent=1) + "\n", "utf-8")
     for part in parts:
         if part.missing:
-            print(f"{part.title}: not measured, for it needs {part.missing}")
+            print(f"{part.title}: not measured; it needs {part.missing}")
     print(f"written: {asked.output / 'benchmark.html'}, {asked.output / 'benchmark.json'}")
 
 

@@ -31,7 +31,7 @@ from pathlib import Path
 ROUNDS = 3
 WARM_BYTES = 1 << 20
 TIME_AND_MOTION = {True: (0, 1, 2, 3, 5, 6, 7), False: (0, 1, 2, 3, 4, 5, 6)}
-"""Columns needed of an ActiLife export, and of our own layout for the LSM9DS1."""
+"""Columns needed of an ActiLife export, and of our layout for the LSM9DS1."""
 PYGT3X = """
 import sys, time
 from pygt3x.reader import FileReader

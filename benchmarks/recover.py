@@ -188,7 +188,7 @@ def _throw_away_sqlite(data: Path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Throw the database away, recover, compare.")
+    parser = argparse.ArgumentParser(description="Delete the database, recover, compare.")
     parser.add_argument("--recordings", type=int, default=1000)
     parser.add_argument("--only", choices=("folder", "bucket"))
     wished = parser.parse_args()

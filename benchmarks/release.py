@@ -55,7 +55,7 @@ def check_changelog(text: str, version: str) -> None:
     """
     parts = dict(re.findall(r"^## ([^\n]+)\n(.*?)(?=^## |\Z)", text, re.DOTALL | re.MULTILINE))
     if re.search(r"^- ", parts.get("Unreleased", ""), re.MULTILINE):
-        raise NotReady("CHANGELOG.md: entries stand under Unreleased; give them a heading of their version")
+        raise NotReady("CHANGELOG.md: move the entries under Unreleased to a heading of the version")
     for heading, body in parts.items():
         if re.fullmatch(rf"{re.escape(version)} - \d{{4}}-\d\d-\d\d", heading):
             if re.search(r"^- ", body, re.MULTILINE):
@@ -159,9 +159,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("-o", "--out", type=Path, default=ROOT / "dist", help="an absent folder")
+    parser.add_argument("-o", "--out", type=Path, default=ROOT / "dist", help="a new folder")
     parser.add_argument(
-        "--python", action="append", help="an interpreter to try the wheel with; again for each"
+        "--python", action="append", help="an interpreter to test the wheel with; may be repeated"
     )
     asked = parser.parse_args()
     try:

@@ -33,7 +33,7 @@ ACCEPTED = frozenset(
         "Zlib",
     }
 )
-"""Licences compatible with Apache-2.0: those that require a notice, and LGPL and MPL for unmodified
+"""Licences compatible with Apache-2.0: licences that require a notice, and LGPL and MPL for unmodified
 libraries.
 """
 
@@ -49,7 +49,7 @@ _SPDX = {
     "Python Software Foundation License": "PSF-2.0",
 }
 _READ_BY_HAND = {"colorama": "BSD-3-Clause", "pyrage": "MIT"}
-"""A package that only other systems install, and one that only states its licence in a file."""
+"""A package that only other systems install, and another whose licence is only in a file."""
 
 
 class Package(NamedTuple):

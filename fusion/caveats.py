@@ -76,10 +76,10 @@ class Caveat(StrEnum):
         return caveat
 
     # The file and its bytes.
-    TRUNC_TAIL = "W-TRUNC-TAIL", CAUTION, name_facts(n="bytes left out")
+    TRUNC_TAIL = "W-TRUNC-TAIL", CAUTION, name_facts(n="bytes skipped")
     CHECKSUM = "W-CHECKSUM", CAUTION
     RESYNC = "W-RESYNC", CAUTION
-    SESSION = "W-SESSION", CAUTION, name_facts(n="samples left out")
+    SESSION = "W-SESSION", CAUTION, name_facts(n="samples skipped")
     DUP_UPLOAD = "W-DUP-UPLOAD", NOTE
     DUP_FILE = "W-DUP-FILE", NOTE
     ENCODING = "W-ENCODING", NOTE
@@ -102,7 +102,7 @@ class Caveat(StrEnum):
     GAP = "W-GAP", NOTE, NO_FACTS, Limit(from_share=0.01)
     PAUSE = "W-PAUSE", CAUTION
     NAN = "W-NAN", CAUTION
-    ROWS_DROPPED = "W-ROWS-DROPPED", CAUTION, name_facts(line="first line left out")
+    ROWS_DROPPED = "W-ROWS-DROPPED", CAUTION, name_facts(line="first line skipped")
     DUP = "W-DUP", NOTE
     DUP_CONFLICT = "W-DUP-CONFLICT", CAUTION
     ORDER = "W-ORDER", NOTE
@@ -141,7 +141,7 @@ class Caveat(StrEnum):
             "evidence": TERM,
             "factor": "times",
             "g": "g at rest, as read",
-            "turned": "axes turned over",
+            "turned": "axes reversed",
             "unit": "unit named",
             "read_as": "unit read",
             "rate_hz": "Hz, as read",
@@ -168,7 +168,7 @@ class Caveat(StrEnum):
     )
     BIAS = "W-BIAS", CAUTION, name_facts(g="g between the two accelerometers")
     GYRO_DRIFT = "W-GYRO-DRIFT", CAUTION, name_facts(dps="deg/s")
-    ACC_DRIFT = "W-ACC-DRIFT", CAUTION, name_facts(mg="mg at rest, between beginning and end")
+    ACC_DRIFT = "W-ACC-DRIFT", CAUTION, name_facts(mg="mg at rest, between start and end")
     UNTRUSTED = "W-UNTRUSTED", NOTE, NO_FACTS, Limit(from_share=0.01)
 
     # The sensor on the arm, and the calibration pose.

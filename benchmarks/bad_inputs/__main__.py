@@ -28,10 +28,9 @@ from tests.badfiles.ways_in import Server, analyse_by_fusion, codes_in, content_
 HEAD = """# Bad inputs: expected and seen
 
 `python -m benchmarks.bad_inputs` writes this page. A generator in `tests/badfiles` makes each file; row
-numbers are those of `tests/badfiles/expected.py`. An outcome is a refusal (`E-`), or a report with caveats
-and with its seconds: analysed + missing + excluded = recorded. Caveats that every short recording calibrated
-in a proposed window of the N-pose carries (W-FEW-HOURS, W-NPOSE) are left out. "same" means: exactly the
-expected outcome.
+numbers are those of `tests/badfiles/expected.py`. An outcome is an error (`E-`), or a report with caveats and
+with its seconds: analysed + missing + excluded = recorded. Caveats of every short recording calibrated in a
+proposed window of the N-pose (W-FEW-HOURS, W-NPOSE) are omitted. "same" means: exactly the expected outcome.
 """
 Outcomes = dict[BadFile, str]
 

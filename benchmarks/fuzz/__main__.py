@@ -2,7 +2,7 @@
 
     python -m benchmarks.fuzz --count 10000 [--format "LSM9DS1 CSV"] [--keep FOLDER]
 
-Exits 1 if anything but an error of our own was raised, or a second was not accounted for; the file that
+Exits 1 if any exception except a FusionError was raised, or a second was not accounted for; the file that
 caused it is stored.
 """
 
@@ -33,7 +33,7 @@ def fuzz(name: str, count: int, folder: Path | None) -> int:
         before = time.perf_counter()
         try:
             outcomes[read_damaged(name, Random(seed))] += 1
-        except Exception as error:  # noqa: BLE001 (whatever it is, it is what we look for)
+        except Exception as error:  # noqa: BLE001 (any exception is a finding)
             fault = place_of(error)
             if folder is not None and fault not in faults:
                 (folder / f"{name.replace(' ', '-')}-{seed}.bin").write_bytes(damage(name, Random(seed)))

@@ -3,7 +3,7 @@
     python -m benchmarks.fuzz.atheris_targets --format "LSM9DS1 CSV" [libFuzzer options, a corpus folder]
 
 The bytes from libFuzzer are the file (for the parts of a `.gt3x`: the part, put back into an archive). Any
-exception but an error of our own, and any second not accounted for, stops the run and is stored. Modules with
+exception except a FusionError, and any second not accounted for, stops the run and is stored. Modules with
 compiled kernels report no coverage; they are reached through the Python around them. With NUMBA_BOUNDSCHECK=1
 and a separate NUMBA_CACHE_DIR, they raise an error when they read outside an array.
 """

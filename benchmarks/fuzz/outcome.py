@@ -1,4 +1,4 @@
-"""Allowed outcomes of a damaged file: an error of our own, or a recording that accounts for every second."""
+"""Allowed outcomes of a damaged file: a FusionError, or a recording that accounts for every second."""
 
 import io
 import warnings

@@ -56,10 +56,10 @@ PREFACE = """\
 # Validation of arm elevation
 
 `python -m benchmarks.validation` writes this page. Every figure compares the software with a reference:
-recorded human motion with a simulated sensor, a simulated person, or optical motion capture (BROAD). No
-sensor worn by a real person with a reference for the upper arm is among the data. `smoothed` is the default
-for an uploaded recording, `published` the algorithm of Boyer, Frasie, Bouyer, Roy, Poitras and
-Campeau-Lecours, `live` the causal one for feedback. What is left out here, `--details FILE` writes."""
+recorded human motion with a simulated sensor, a simulated person, or optical motion capture (BROAD). The data
+includes no sensor worn by a real person with a reference for the upper arm. `smoothed` is the default for an
+uploaded recording, `published` the algorithm of Boyer, Frasie, Bouyer, Roy, Poitras and Campeau-Lecours,
+`live` the causal method for feedback. `--details FILE` writes the tables that this page omits."""
 LIMITS = Path(__file__).with_name("limits.md")
 """Limits of the figures, and the outcome of every missed goal: written by hand."""
 
@@ -83,15 +83,13 @@ def main() -> None:
 def _read_arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.validation")
     parser.add_argument("--only", nargs="+", choices=SECTIONS)
-    parser.add_argument("--date", default="", help="printed with the sections made now; none without it")
+    parser.add_argument("--date", default="", help="printed with the sections created now")
     parser.add_argument("--data", type=Path, default=DATA)
     parser.add_argument("--output", type=Path, default=ROOT / "docs" / "validation.md")
     parser.add_argument("--details", type=Path)
-    parser.add_argument("--logs", type=Path, help="folder for the days of `stated`; none: they are not kept")
-    parser.add_argument(
-        "--seeds-stated", type=int, default=4, help="how many days a scenario, kind and device"
-    )
-    parser.add_argument("--seeds", type=int, default=10, help="how many simulated shifts for each device")
+    parser.add_argument("--logs", type=Path, help="folder to store the days of `stated`")
+    parser.add_argument("--seeds-stated", type=int, default=4, help="days for each scenario, kind and device")
+    parser.add_argument("--seeds", type=int, default=10, help="simulated shifts for each device")
     parser.add_argument("--hours", type=float, default=1.0)
     parser.add_argument("--long-hours", type=float, default=8.0)
     return parser.parse_args()

@@ -20,7 +20,7 @@ class Section:
     """One part of the document.
 
     ``shown``: prose and tables in it.
-    ``details``: those that ``--details`` writes to a separate file.
+    ``details``: prose and tables that ``--details`` writes to a separate file.
     """
 
     title: str

@@ -28,7 +28,7 @@ CALM_S, CALM_DEG = 0.5, 2.0
 HANGING_DEG = 25.0
 SEEDS = range(2, 82, 2)
 PROSE = """\
-How far gravity's mean lies from the shoulder-elbow line, deg: median (quartiles; extremes). Acted styles
+Angle between gravity's mean and the shoulder-elbow line, deg: median (quartiles; extremes). Acted styles
 (motion dataset 1 of Bandai Namco Research, CC BY-NC 4.0, 15 styles of one actor, both arms; not in the
 project): standing 15 (13 to 17; 5 to 20), walking 21 (17 to 26; 12 to 66), one from the other 12 (9 to 16; 3
 to 34)."""

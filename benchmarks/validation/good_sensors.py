@@ -23,12 +23,12 @@ ARM = "full_body_example_data.mat"
 REAL = "link_imu_100hz_179s.gt3x"
 
 PROSE = f"""\
-BROAD's trials are seen at rest in one direction and are left alone, so they do not show much. Here is
-`smoothed` with and without the correction of accelerometer and gyroscope gain where it does engage although
-there is nothing to correct: half simulated hours of a sensor without any error (seeds {SEEDS[0]} and
-{SEEDS[1]}), against the truth. The goal is that no file is worse by more than {WORSE_BY_DEG:g} deg. Then a
-real GT9X ({REAL}, no reference) and the worn right upper arm of the project (another part, 100 s): how far
-both are apart, which says what was done, not whether it was right."""
+BROAD's trials are at rest in one direction and are not corrected, so they show little. This section compares
+`smoothed` with and without the correction of accelerometer and gyroscope gain on recordings that are
+corrected although nothing is wrong: half simulated hours of a sensor without errors (seeds {SEEDS[0]} and
+{SEEDS[1]}), with the truth. The goal is that no file gets worse by more than {WORSE_BY_DEG:g} deg. Then a
+real GT9X ({REAL}, no reference) and the right upper-arm recording of the project (another model, 100 s): the
+difference between both, which shows the size of the correction, not whether it was right."""
 
 
 def compare_good_sensors(folder: Path) -> Section:

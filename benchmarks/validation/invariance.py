@@ -25,13 +25,13 @@ STANDARD_GRAVITY = np.float32(9.80665)
 Angle = NDArray[np.float64]
 
 PROSE = f"""\
-Half a simulated hour of each device (seed {SEED}), `smoothed`, changed in ways that do not change the motion;
+Half a simulated hour of each device (seed {SEED}), `smoothed`, with changes that do not affect the motion;
 the largest difference from the angle of the unchanged recording at any sample. *Strapped on another way*: all
-samples turned by {MOUNTINGS} random rotations, the worst of them; as recorded, and from a sensor without
-errors. Turning an imperfect sensor's samples turns its errors too, but gain and offset are sought without
-regard to axes, so that the answer turns with the samples. *Units*: acceleration in m/s2 and back, in single
-precision. *Cut*: at {CUTS} still moments, each piece fused by itself with the whole file's calibration. *Rate
-halved*: every second sample left out, no filter."""
+samples rotated by {MOUNTINGS} random rotations, the worst of them; as recorded, and from a sensor without
+errors. Rotating an imperfect sensor's samples also rotates its errors. Gain and offset are estimated
+independently of the axes, so the result rotates with the samples. *Units*: acceleration in m/s2 and back, in
+single precision. *Cut*: at {CUTS} still moments, each piece fused separately with the calibration of the
+whole file. *Rate halved*: every second sample removed, no filter."""
 
 LIMITS_DEG: Mapping[str, float] = {
     "strapped on another way": 0.01,

@@ -32,11 +32,11 @@ from fusion.recording import Float64Array
 KINDS = ("time above", "bins", "entries", "percentiles")
 GOAL_PERCENT = 90.0
 PROSE = """\
-A fused angle is lowered by 15 deg x min(1, true angle / 90 deg), the largest error that was published.
-*Truth in the range*: figures whose range from `low_pose` to `high_pose` holds the truth, with the pose held
-exactly / off by a normal deviate of {sigma:g} deg; {goal:g} % is the goal. *Without*: the same in the range
-from `low` to `high`. The days are those of every kind above with the window given, seeds 0 to {last},
-{devices}. Nothing is asked of 15 deg at every angle: the ranges assume that a hanging arm reads right."""
+A fused angle is lowered by 15 deg x min(1, true angle / 90 deg), the largest published error. *Truth in the
+range*: figures whose range from `low_pose` to `high_pose` includes the truth, with the pose held exactly /
+off by a normal deviate of {sigma:g} deg; the goal is {goal:g} %. *Without*: the same for the range from `low`
+to `high`. The days are those of every kind above with the window given, seeds 0 to {last}, {devices}. 15 deg
+at every angle has no goal, because the ranges assume that a hanging arm reads correctly."""
 
 Lower = Callable[[Float64Array], Float64Array]
 Ranged = tuple[str, Interval, float]

@@ -50,22 +50,22 @@ READINGS = (HANGING, TWO_POINT, SCALED)
 PROSE = """\
 Tasks of four seated people ({minutes:.0f} minutes, optical motion capture with a plate strapped to the upper
 arm; UE_ADLdatabase, MIT License), in half-hour days: each person {seeds} times on each device ({devices}).
-*Skin*: the sensor moves as the plate did. *Rigid*: the same days, the plate fixed. Errors are read less true
-elevation of the humerus, deg, over both devices: mean ± standard deviation, of bands with a minute or more.
-*Hanging*: the window of the N-pose is given. *Two-point*: hanging and level are given. *Scaled at level*:
-hanging is given, and angles are multiplied so that the level pose reads 90 deg; the software does not do
-this. Poses are held exactly; in them the plate is extrapolated from the tasks. Axial rotation of the skin is
-not in the data, because its humerus takes the rotation from the plate."""
+*Skin*: the sensor moves as the plate did. *Rigid*: the same days with the plate fixed. Errors are measured
+minus true elevation of the humerus, deg, over both devices: mean ± standard deviation, for bands with at
+least a minute. *Hanging*: the window of the N-pose is given. *Two-point*: hanging and level are given.
+*Scaled at level*: hanging is given, and angles are multiplied so that the level pose reads 90 deg; the
+software does not do this. Poses are held exactly; in them the plate is extrapolated from the tasks. The data
+does not include axial rotation of the skin, because the rotation of its humerus comes from the plate."""
 RANGES_PROSE = """\
 The same days on skin with the hanging pose: the share of figures (time above, bins, entries, percentiles)
-whose 95 % range holds the truth if a standard deviation is added in squares to that of the angle. The pose is
-held exactly / off by a normal deviate of {sigma:g} deg. *Width*: of the ranges of time above 30, 60 and 90
+whose 95 % range includes the truth if a standard deviation is added in squares to that of the angle. The pose
+is held exactly / off by a normal deviate of {sigma:g} deg. *Width*: of the ranges of time above 30, 60 and 90
 deg, mean, points."""
 LIVE_PROSE = """\
-`live` beside VQF's real-time filter, the same tasks for ten minutes without a pause. RMSE over the days of
-each device, deg (worst day). *After the poses*: both saw the arm held still first. *From the work on*: both
-begin after the poses, with no still moment but those of the work. The axis is gravity's mean in the hanging
-pose, the accelerometer is not corrected. VQF takes no gyroscope bias beyond 2 deg/s for possible."""
+`live` and VQF's real-time filter, with the same tasks for ten minutes without a pause. RMSE over the days of
+each device, deg (worst day). *After the poses*: both received the held poses first. *From the work on*: both
+start after the poses, so only the work has still moments. The axis is gravity's mean in the hanging pose; the
+accelerometer is not corrected. VQF limits the gyroscope bias to 2 deg/s."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -212,7 +212,7 @@ def compare_soft_tissue(folder: Path, seeds: int = SEEDS) -> Section:
     """Return the section; without the data, it only names what is missing."""
     title = "A sensor on the skin"
     if not folder.is_dir():
-        return Section(title, (f"Skipped: {folder.name} is not there.",))
+        return Section(title, (f"Skipped: {folder.name} is missing.",))
     days: list[Read] = []
     ranges: dict[tuple[float, float], list[Ranged]] = {}
     for carrier, is_rigid in CARRIERS.items():

@@ -30,12 +30,12 @@ OURS = "smoothed"
 COLD = "benchmarks.validation.cold"
 
 PROSE = f"""\
-Eight hours of a simulated recording (a quarter of an hour, repeated), float32 as the readers give it.
-`smoothed` is the whole elevation path: still moments, bias, accelerometer, calibration, fusion, angle.
-The peers get arrays in their own units and give quaternions. All estimators run in turn, {ROUNDS} rounds
-after one that warms up, in one process and one thread; the figure is the median of the processor time,
-wall time in the next column. imufusion (its Python loop) and the filters of `ahrs` run over {PIECE_S:.0f}
-s only, scaled to eight hours."""
+Eight hours of a simulated recording (a quarter of an hour, repeated), float32 as from the readers. `smoothed`
+is the whole elevation path: still moments, bias, accelerometer, calibration, fusion, angle. The peers get
+arrays in their own units and return quaternions. All estimators run in turn, {ROUNDS} rounds after a warm-up,
+in one process and one thread. The figure is the median of the processor time, with the wall time in the next
+column. imufusion (its Python loop) and the filters of `ahrs` run over {PIECE_S:.0f} s only, scaled to eight
+hours."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ def compare_speed() -> Section:
         paragraphs += [f"### 8 h at {rate_hz:.0f} Hz", _draw_costs(costs)]
         what = f"8 h at {rate_hz:.0f} Hz, `smoothed`, one core, warm"
         goals.append(judge(what, costs[OURS].cpu_s, LIMITS_S[rate_hz], "s", 2))
-    paragraphs += ["### Memory and first call, each in a process of its own", *_measure_cold(goals)]
+    paragraphs += ["### Memory and first call, each in a separate process", *_measure_cold(goals)]
     return Section("Speed", (), tuple(goals), tuple(paragraphs))
 
 
@@ -121,7 +121,7 @@ def _measure_cold(goals: list[Goal]) -> list[str]:
     for rate_hz in RATES_HZ:
         what = f"peak above the input, 8 h at {rate_hz:.0f} Hz"
         (above_mib,) = _ask("memory", str(rate_hz))
-        rows.append([what, f"{above_mib:.0f} MiB, the result included"])
+        rows.append([what, f"{above_mib:.0f} MiB, including the result"])
         goals.append(judge(what, above_mib, 200.0, "MiB", 0))
     with tempfile.TemporaryDirectory() as cache:
         for what, limit_s in (("first call after installation", 2.0), ("first call later", 0.3)):

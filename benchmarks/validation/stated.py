@@ -59,25 +59,25 @@ LARGEST_DEG: Mapping[Kind, float] = {"skin": 6.0, "seated": 3.0, "walking": 3.0,
 
 
 PROSE = """\
-Eight-hour days of recorded motion, seeds 0 to {last}, {devices} at 25 Hz. A day is an opening, one
-hour of work four times, noon (a slip, or lunch), and another hour four times. Seated days are daily tasks of
-four people without walking (UE_ADLdatabase, MIT License); on the skin the sensor moves as a plate on the
+Eight-hour days of recorded motion, seeds 0 to {last}, {devices} at 25 Hz. A day is an opening, one hour of
+work four times, an event at noon (a slip, or lunch), and another hour four times. Seated days are daily tasks
+of four people without walking (UE_ADLdatabase, MIT License); on the skin the sensor moves as a plate on the
 upper arm did. The other days are the work of two people and the steps of one of two walkers (CMU Graphics
 Lab, subjects 01 to 03, left arms; mocap.cs.cmu.edu, free for any use). On days with loads, the arm is raised
 by 50 deg in every walk after noon. The pose is held plumb.
 
-*State*: how the pose is known. *Held pose used*: days whose pose lies in the first one that was held. *Good
-but wrong*: `good` with a root mean square error above 6 deg on the skin, 3 deg on a rigid arm. Errors are
-over valid rows while the sensor was worn. *Truth in ranges*: of time above 30, 60, 90 deg, P10, P50 and P90,
-the share whose 95 % range includes the truth. *Width*: of the range of time above 60 deg, median. *Cut*: time
-worn and left out, most of one day; a device that clips leaves out seconds. *Asked*: days with a question or a
-caveat about the pose or a slip.
+*State*: how the pose is known. *Held pose used*: days that use the first pose that was held. *Good but
+wrong*: `good` with a root mean square error above 6 deg on the skin, 3 deg on a rigid arm. Errors are over
+valid rows while the sensor was worn. *Truth in ranges*: of time above 30, 60, 90 deg, P10, P50 and P90, the
+share whose 95 % range includes the truth. *Width*: of the range of time above 60 deg, median. *Cut*: time
+worn but excluded, maximum over the days; a device that clips excludes seconds. *Asked*: days with a question
+or a caveat about the pose or a slip.
 
-The slip question (12 deg, shares of 0.8 and 0.5) and the sway of a table (0.08 deg/s) were set on the same
-motion and on recordings of real sensors. These days are not a blind test of them."""
+The limits of the slip question (12 deg, shares of 0.8 and 0.5) and of the sway of a table (0.08 deg/s) were
+set on the same motion and on recordings of real sensors. These days are not a blind test of them."""
 UNSEEN_PROSE = """\
-A slip has no sign if no question is asked (no `W-SLIP`): nothing in the motion before and after it passes for
-walking. On seated days it is fast work that passes for it. The goals leave slips without a sign out."""
+A slip has no sign if no question is asked (no `W-SLIP`): no motion before and after it looks like walking. On
+seated days, fast work looks like walking. The goals exclude slips without a sign."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -528,7 +528,7 @@ def judge_days(scores: Sequence[Scored]) -> Iterator[Goal]:
 def find_missing(data: Path) -> str:
     """Return a line that names the missing recorded motion; empty if all is available."""
     missing = [name for name in ("real_motion", "skin_motion") if not (data / name).is_dir()]
-    return f"Skipped: not there: {', '.join(missing)}." if missing else ""
+    return f"Skipped: missing: {', '.join(missing)}." if missing else ""
 
 
 def compare_on_stated(data: Path, seeds: int, log: Path | None) -> Section:

@@ -24,27 +24,26 @@ SLOW_TASKS, FAST_TASKS = (1, 2, 4, 5, 7, 8, 9), (3, 6, 10)
 Results = dict[tuple[Device, MethodName, int], TaskFigures]
 
 PROSE = """\
-Five virtual people (seeds 1 to 5) do each task five times, throws nine times; rigid arm, exact truth,
-sensors with offset, scale, misalignment, drift, noise, resolution and range
-(`fusion/simulation/sensor.py`). Each repetition counts from the first movement until the arm hangs again;
-r, RMSE and mean absolute error are taken of a person's pooled repetitions, and the table gives their
-means over people. r is not given (NA) where elevation is quasi-static, as in the paper. All angles rest
-on the N-pose held for 10 s at the start; the simulated arm then hangs plumb, so that no error of the pose
-is in these figures.
+Five virtual people (seeds 1 to 5) do each task five times, throws nine times; rigid arm, exact truth, sensors
+with offset, scale, misalignment, drift, noise, resolution and range (`fusion/simulation/sensor.py`). Each
+repetition counts from the first movement until the arm hangs again. r, RMSE and mean absolute error are
+computed over a person's pooled repetitions, and the table shows their means over people. r is omitted (NA) if
+elevation is quasi-static, as in the paper. All angles depend on the N-pose held for 10 s at the start. The
+simulated arm then hangs plumb, so these figures include no error of the pose.
 
-**Not blind.** The paper gives tempi, not amplitudes. Two of ours were chosen after `published` had been
-seen beside Table 1: the range at 3 Hz was reduced from 45 to 30 deg, and the throws were made harder,
-twice. What agrees or not in size at 3 Hz and in throws is no evidence; the comparison of methods on the
-same motion is. The paper's errors also hold skin, muscle and the error of Xsens MVN itself.
+**Not blind.** The paper states tempos, not amplitudes. Two of our amplitudes were chosen after a comparison
+of `published` with Table 1: the range at 3 Hz was reduced from 45 to 30 deg, and the throws were made harder,
+twice. Agreement in size at 3 Hz and in throws is therefore not evidence; the comparison of methods on the
+same motion is. The paper's errors also include skin, muscle and the error of Xsens MVN itself.
 
 **Three protocols.** *Seated*: all ten tasks of a person are one recording: the pose, then the tasks, and
 after each 20 to 40 s of sitting with the arm in the lap or on a table (our assumption; the paper does not
-say). *Standing*: the same, with the arm hanging in between. *Separate*: each task is a recording of about
-a minute with its own pose. *Seated* is nearest to a session, and the main tables show it: its still
-moments point in several directions, so that the accelerometer can calibrate itself. In the other two the
-arm nearly always hangs when it is still; only the part of the offset along the arm can be found, hence
-their larger errors. *Seated* was added after `smoothed` had exceeded 1 deg in *separate*; the goals are
-judged for all three."""
+state it). *Standing*: the same, with the arm hanging in between. *Separate*: each task is a recording of
+about a minute with its own pose. *Seated* is nearest to a session and is shown in the main tables: its still
+moments have several directions, so the accelerometer can calibrate itself. In the other two the arm nearly
+always hangs when it is still. Only the part of the offset along the arm can then be found, so their errors
+are larger. *Seated* was added after `smoothed` had exceeded 1 deg in *separate*; the goals are judged for all
+three."""
 
 
 def compare_on_tasks() -> Section:

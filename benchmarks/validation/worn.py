@@ -46,7 +46,7 @@ def _record(part: Part, device: Device, start: datetime, segment: Segment) -> Re
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WornDay:
-    """A recording, the truth and where it was worn, both (n,), the pose windows, and the first axis (3,)."""
+    """A recording, the truth (n,), whether it was worn (n,), the pose windows, and the first axis (3,)."""
 
     recording: Recording
     truth_deg: Float64Array

@@ -304,7 +304,7 @@ class AngleFile:
 
 @dataclass(frozen=True, slots=True)
 class AngleFileOptions:
-    """What the person states about a file.
+    """The person's statements about a file.
 
     ``side``: which arm of an MVNX; the right one by default.
     ``rate_hz``: for files without time.

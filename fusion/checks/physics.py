@@ -364,7 +364,7 @@ class Arrangement:
     frame.
 
     ``miss_g`` (n,): misses of the windows.
-    ``score``: 0 explains everything, 1 is no better than without a gyroscope.
+    ``score``: 0 explains everything, 1 is as bad as without a gyroscope.
     """
 
     model: GyroModel
@@ -742,7 +742,7 @@ def _refuse_short(recording: Recording) -> None:
 
 
 def _check_rest_length(recording: Recording, rests_g: Float64Array) -> Recording:
-    """Flag an accelerometer that clearly reads too long or too short; reject one that differs by
+    """Flag an accelerometer that clearly reads too long or too short; reject it if the length differs by
     direction.
     """
     scale = measure_rest_scale(rests_g)

@@ -109,7 +109,7 @@ def _walk(samples: Any, ends: Any, steps: Any, kept: Any) -> None:  # pragma: no
         kept[0, block], kept[1, block], kept[2, block] = kept_x, kept_y, kept_z
 
 
-# Where a sensor is clipped, by its flat tops, whatever range the file states.
+# Where a sensor is clipped, by its flat tops, independent of the range that the file states.
 #
 # A clipped signal stays at its extreme, sample after sample, again and again. Otherwise a sensor reaches its
 # extreme once: the next movement or noise gives another value.
@@ -194,7 +194,7 @@ def _measure_step(samples: Sequence[NDArray[np.float32]]) -> float:
     )
 
 
-# Short stretches spread over a recording: where nothing moves, and the readings of gravity there.
+# Short stretches spread over a recording: find those without movement, and their readings of gravity.
 
 Marks = NDArray[np.bool_]
 PROBED_BLOCKS = 150
@@ -222,7 +222,7 @@ def probe_blocks(segments: Sequence[Segment]) -> list[tuple[Segment, int, int]]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rests:
-    """Mean readings, (n, 3) each, of seconds in which nothing moves, in the unit as read.
+    """Mean readings, (n, 3) each, of seconds without movement, in the unit as read.
 
     An empty table (n = 0) is a separate state: a recording without rest shows nothing about gravity.
     """

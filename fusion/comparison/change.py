@@ -83,12 +83,12 @@ STATEMENTS = {
 """Findings of studies of groups: quoted in words, without a figure, and never turned into a person's risk."""
 
 NOT_SHIPPED = {
-    "Dalboge 2017, background speed 27 deg/s": "read in a table that quotes it; which speed is not said",
+    "Dalboge 2017, background speed 27 deg/s": "read in a table that quotes it, without the kind of speed",
     "ISO 11226, holding times": "not read in the standard",
     "EN 1005-4, footnotes": "not read in the standard",
     "ISO 11228-3 and OCRA, 80 deg": "not read in the standard",
-    "RAMP II, hand at shoulder height": "the height of the hand, which this angle does not tell",
-    "Lewis 2026, share of days over the levels": "of many days, which one recording is not",
+    "RAMP II, hand at shoulder height": "the height of the hand, which this angle does not show",
+    "Lewis 2026, share of days over the levels": "needs many days, not one recording",
 }
 """Values that were considered and excluded, with the reason."""
 

@@ -29,7 +29,7 @@ ERRORS = 11
 """Number of angle errors for which counts are repeated; linear between them."""
 
 STRIDE = 147
-"""Of the strides prime to 200, the one that distributes shares and errors of the angle most evenly."""
+"""Stride prime to 200 with the most even distribution of shares and errors of the angle."""
 
 LEAST_BLOCKS = 6
 """With fewer blocks a range is only computed if an error of the angle is known."""

@@ -114,7 +114,7 @@ class _RuleWatch:
         return self._stay_s if self._stay_s - step_s < STAY_S else step_s
 
     def _turn_second(self, time_s: float) -> None:
-        """Close the second that has ended, and drop those that left the window."""
+        """Close the second that has ended, and drop the seconds that left the window."""
         if int(time_s) == self._second:
             return
         self._seconds.append((self._second, self._known_s, self._above_s))

@@ -361,7 +361,7 @@ def propose_poses(recording: Recording) -> tuple[ProposedPose, ...]:
 
 # The axis of each stretch of a recording, the questions to the person, and the alternative readings.
 #
-# A pose applies until the next one that disagrees, or until the sensor was put on for that one. After a slip
+# A pose applies until the next pose that disagrees, or until the sensor was put on for it. After a slip
 # that a person stated, no axis is known until a pose is given. Nothing else changes an axis or excludes time.
 
 

@@ -111,9 +111,7 @@ class AxisPart:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reading:
-    """One interpretation of a recording: the axis (3,), and the stretches where it does not apply, in
-    order.
-    """
+    """One interpretation of a recording: the axis (3,), and the stretches with another axis, in order."""
 
     arm_axis: Float64Array
     parts: tuple[AxisPart, ...] = ()

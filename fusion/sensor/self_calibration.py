@@ -547,7 +547,7 @@ def apply_calibration(
     acc_range_g: float | None = None,
     gyr_range_dps: float | None = None,
 ) -> CalibratedRun:
-    """Apply a calibration found elsewhere (in the whole recording of which the run is a part)."""
+    """Apply a given calibration (for example that of the whole recording)."""
     (bridged,) = bridge_saturation([run], [reduce_run(run)], acc_range_g, gyr_range_dps)
     return CalibratedRun(
         bridged, _apply(reduce_to_nodes(bridged, calibration.bias), calibration), run.gyr_dps

@@ -192,7 +192,7 @@ def tremble(body: Choreography, duration_s: float, deg: float, chance: np.random
 
 
 def hold_still(body: Choreography, duration_s: float, chance: np.random.Generator) -> None:
-    """Let the arm hang or rest as still as a person can: some tenths of a deg/s."""
+    """Hang or rest the arm as still as a person can: some tenths of a deg/s."""
     tremble(body, duration_s, 0.08, chance)
     body.wait(duration_s)
 

@@ -24,7 +24,7 @@ class Part:
     """One model of inertial sensor, as sold and configured.
 
     ``nominal_rate_hz``, ``rate_error``: the configured rate, and the range (low, high) of the relative error
-    of its own clock.
+    of the sensor's clock.
     ``acc_g_per_lsb``, ``gyr_dps_per_lsb``, ``acc_range_g``, ``gyr_range_dps``: resolution and full scale as
     configured.
     ``acc_noise_g_per_sqrt_hz``, ``gyr_noise_dps_per_sqrt_hz``, ``bandwidth_hz``: white noise up to the
