@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from fusion import *  # noqa: F403
 
-_MARKS = {"app": "Who asked, where it is kept", "fusion": "What the arm did"}
+_MARKS = {"app": "Who asked, where it is kept", "fusion": "Compute arm elevation and exposure"}
 """How the first line of each package begins."""
 
 # These words do not stand with the others, which are in `app`: it is not ours where they are needed.
