@@ -51,7 +51,7 @@ def read_steps(text: str) -> Iterator[tuple[str, str]]:
             yield name, words
 
 
-def follow(base: Path, work: Path) -> Stage:
+def run_steps(base: Path, work: Path) -> Stage:
     """Run every step; a failing command ends the run."""
     stages: dict[str, Stage] = {}
     stage = Stage(base)
@@ -66,11 +66,11 @@ def follow(base: Path, work: Path) -> Stage:
         elif name == "RUN":
             _run(f"mount -t proc proc {stage.root}/proc && {_enter(stage, words)}", stage)
         else:
-            _note(name, words, stage)
+            _apply_setting(name, words, stage)
     return stage
 
 
-def _note(name: str, words: str, stage: Stage) -> None:
+def _apply_setting(name: str, words: str, stage: Stage) -> None:
     if name == "WORKDIR":
         stage.folder = words
         (stage.root / words.lstrip("/")).mkdir(parents=True, exist_ok=True)
@@ -113,10 +113,10 @@ def _enter(stage: Stage, script: str) -> str:
 def _run(script: str, stage: Stage, *isolated: str) -> None:
     """Run a script of the outer shell with separate mounts and processes, which end with it."""
     own = ["unshare", "--mount", "--pid", "--fork", "--kill-child", *isolated, "/bin/sh", "-ec", script]
-    subprocess.run(own, env=_give_environment(stage), check=True)
+    subprocess.run(own, env=_build_environment(stage), check=True)
 
 
-def _give_environment(stage: Stage) -> dict[str, str]:
+def _build_environment(stage: Stage) -> dict[str, str]:
     home = "/root" if stage.user == "root" else f"/home/{stage.user}"
     known = {name: os.environ[name] for name in PASSED_ON if name in os.environ}
     return known | stage.variables | {"HOME": home}
@@ -153,7 +153,7 @@ def main() -> None:
     os.umask(0o022)
     asked.work.mkdir()
     began = time.monotonic()
-    start(follow(asked.base, asked.work))
+    start(run_steps(asked.base, asked.work))
     print(f"{time.monotonic() - began:.0f} s")
 
 

@@ -169,7 +169,7 @@ def list_oracles() -> list[Oracle]:
     return sorted((oracle for check in CHECKS for oracle in check()), key=lambda o: int(o.number))
 
 
-def tell_oracles(oracles: list[Oracle]) -> Iterator[str]:
+def format_oracles(oracles: list[Oracle]) -> Iterator[str]:
     """Yield the lines of a Markdown table, and the number of failures."""
     yield "| D | figure | expected | got | tolerance | |"
     yield "|---:|---|---:|---:|---:|---|"
@@ -183,7 +183,7 @@ def tell_oracles(oracles: list[Oracle]) -> Iterator[str]:
 
 def main() -> int:
     oracles = list_oracles()
-    print("\n".join(tell_oracles(oracles)))
+    print("\n".join(format_oracles(oracles)))
     return 0 if all(oracle.is_met for oracle in oracles) else 1
 
 

@@ -110,7 +110,7 @@ def _name_figures(exposure: Exposure) -> dict[str, float]:
     }
 
 
-def tell_device(device: Device, seeds: int = SEEDS, hours: float = HOURS) -> Iterator[str]:
+def format_device(device: Device, seeds: int = SEEDS, hours: float = HOURS) -> Iterator[str]:
     """Yield as Markdown the figures of the first shift, and how often the ranges of all include the truth."""
     held: Counter[str] = Counter()
     held_turned: Counter[str] = Counter()
@@ -122,14 +122,14 @@ def tell_device(device: Device, seeds: int = SEEDS, hours: float = HOURS) -> Ite
         if seed == 1:
             yield f"{device} at {ASKED_HZ[device]:g} Hz, {hours:g} h, seed 1:"
             yield ""
-            yield from tell_shift(rows)
+            yield from format_shift(rows)
     yield ""
     yield f"{device}, {seeds} shifts: number whose range includes the figure of the exact angle."
     yield ""
-    yield from tell_held(held, held_turned, seeds)
+    yield from format_coverage(held, held_turned, seeds)
 
 
-def tell_shift(rows: list[Compared]) -> Iterator[str]:
+def format_shift(rows: list[Compared]) -> Iterator[str]:
     """Yield one shift's figures with those of its exact angle."""
     yield "| figure | sensor | exact angle | 95 % range | truth inside |"
     yield "|---|---:|---:|---:|---|"
@@ -139,7 +139,7 @@ def tell_shift(rows: list[Compared]) -> Iterator[str]:
         yield f"| {row.name} | {row.measured:.2f} | {row.true:.2f} | {told} | {inside} |"
 
 
-def tell_held(held: Counter[str], held_turned: Counter[str], seeds: int) -> Iterator[str]:
+def format_coverage(held: Counter[str], held_turned: Counter[str], seeds: int) -> Iterator[str]:
     """Yield for how many shifts the range of each figure included the truth."""
     yield "| figure | pose exact | pose off |"
     yield "|---|---:|---:|"
@@ -152,7 +152,7 @@ def tell_held(held: Counter[str], held_turned: Counter[str], seeds: int) -> Iter
 def main(seeds: int = SEEDS, devices: tuple[Device, ...] = DEVICES) -> int:
     print(__doc__)
     for device in devices:
-        for line in tell_device(device, seeds):
+        for line in format_device(device, seeds):
             print(line, flush=True)
     return 0
 

@@ -37,7 +37,7 @@ def fill(settings: Settings, count: int) -> None:
     store.close()
 
 
-def tell_moment(k: int) -> str:
+def format_timestamp(k: int) -> str:
     """Return a timestamp that increases with the number."""
     moment = datetime(2026, 1, 1, 6, tzinfo=UTC) + timedelta(minutes=5 * k)
     return moment.isoformat(timespec="microseconds")
@@ -45,9 +45,9 @@ def tell_moment(k: int) -> str:
 
 def make_recording(k: int) -> dict[str, object]:
     """Return the row of one recording."""
-    told = {"subject": f"S{k % 500:03d}", "external_id": f"visit-{k}", "start": tell_moment(k)[:19]}
+    told = {"subject": f"S{k % 500:03d}", "external_id": f"visit-{k}", "start": format_timestamp(k)[:19]}
     stored = {"sha256": f"{k:064x}", "size_bytes": 1_000_000, "file_name": f"{k}.gt3x", "state": "stored"}
-    return {"id": f"rec_{k:016x}", "created_at": tell_moment(k), **told, **stored}
+    return {"id": f"rec_{k:016x}", "created_at": format_timestamp(k), **told, **stored}
 
 
 def make_analysis(k: int, request: str) -> dict[str, object]:
@@ -60,7 +60,7 @@ def make_analysis(k: int, request: str) -> dict[str, object]:
         "token": "0" * 16,
     }
     problem = {"problem_code": None if k % 20 else "E-SHORT", "problem_facts": None}
-    row: dict[str, object] = {"id": f"an_{k:016x}", "created_at": tell_moment(k), "batch_id": None}
+    row: dict[str, object] = {"id": f"an_{k:016x}", "created_at": format_timestamp(k), "batch_id": None}
     return row | ended | known | problem
 
 
@@ -79,7 +79,7 @@ def main(count: int) -> None:
     with tempfile.TemporaryDirectory() as name:
         settings = Settings(data_dir=Path(name), min_free_bytes=0)
         fill(settings, count)
-        middle = write_cursor((tell_moment(count // 2), "z"))
+        middle = write_cursor((format_timestamp(count // 2), "z"))
         pages = {
             "recordings, first page": "/api/v1/recordings?limit=50",
             "recordings, in the middle": f"/api/v1/recordings?limit=50&cursor={middle}",

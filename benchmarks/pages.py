@@ -70,8 +70,8 @@ def measure_curve(page: Page, address: str) -> None:
     for key in (["+"] * 6 + ["ArrowRight"] * 8 + ["-"] * 6) * (STEPS // 20):
         page.locator("#curve").press(key)
         page.wait_for_timeout(120)
-    tell("a step of pan or zoom, key to drawn", page.evaluate("acromionDay.steps"))
-    tell("a piece of the curve, request to response", page.evaluate(TIMINGS))
+    print_times("a step of pan or zoom, key to drawn", page.evaluate("acromionDay.steps"))
+    print_times("a piece of the curve, request to response", page.evaluate(TIMINGS))
 
 
 def measure_library(browser: Browser, address: str) -> None:
@@ -83,7 +83,7 @@ def measure_library(browser: Browser, address: str) -> None:
         page.wait_for_selector("#drop[data-api]", state="visible")
         taken.append(1000 * (time.perf_counter() - began_s))
         page.close()
-    tell(f"first page with {LIBRARY} recordings, to interactive", taken)
+    print_times(f"first page with {LIBRARY} recordings, to interactive", taken)
 
 
 def measure_upload(browser: Browser, running: RunningServer, folder: Path) -> None:
@@ -130,10 +130,10 @@ def measure_drop(browser: Browser, running: RunningServer, folder: Path) -> None
         done.first.wait_for(timeout=120_000)
         taken_ms.append(1000 * (time.perf_counter() - began_s))
         page.close()
-    tell("drop of 8 h to report", taken_ms[1:])
+    print_times("drop of 8 h to report", taken_ms[1:])
 
 
-def tell(name: str, taken_ms: list[float]) -> None:
+def print_times(name: str, taken_ms: list[float]) -> None:
     ordered = sorted(taken_ms)
     p95 = ordered[min(len(ordered) - 1, int(0.95 * len(ordered)))]
     print(f"{name}: median {statistics.median(ordered):.0f} ms, p95 {p95:.0f} ms, n {len(ordered)}")

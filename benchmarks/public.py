@@ -90,7 +90,9 @@ def measure_broad(data: Path) -> Part:
     part = Part("broad", "Against optical motion capture (BROAD)", _BROAD)
     folder = data / "broad"
     if not list(folder.glob("*.npz")):
-        return _lack(part, "the BROAD recordings (Laidig et al. 2021) as *.npz in broad/ of the data folder")
+        return _missing(
+            part, "the BROAD recordings (Laidig et al. 2021) as *.npz in broad/ of the data folder"
+        )
     # needs the extra `bench`
     from benchmarks.validation.peers import run_madgwick, run_mahony  # noqa: PLC0415
     from benchmarks.validation.recorded import load_both, score_all, score_untouched  # noqa: PLC0415
@@ -112,7 +114,9 @@ def measure_recorded(data: Path, seeds: int) -> Part:
     from benchmarks.validation.worn import NAMES  # noqa: PLC0415
 
     if find_missing(data):
-        return _lack(part, "the motion capture of people in real_motion/ and skin_motion/ of the data folder")
+        return _missing(
+            part, "the motion capture of people in real_motion/ and skin_motion/ of the data folder"
+        )
     scores = [one for one in run(("pose",), range(seeds), data=data) if not one.refused]
     charts = []
     for kind, title in KINDS.items():
@@ -186,7 +190,7 @@ def _fill(part: Part, charts: Iterable[Chart]) -> Part:
     return Part(part.key, part.title, part.text, tuple(charts))
 
 
-def _lack(part: Part, what: str) -> Part:
+def _missing(part: Part, what: str) -> Part:
     return Part(part.key, part.title, part.text, missing=what)
 
 

@@ -35,7 +35,7 @@ Environment = Mapping[str, str]
 
 
 @dataclass
-class Tried:
+class RecoveryResult:
     """The result of one recovery."""
 
     what: str
@@ -122,7 +122,7 @@ def compare(before: Views, after: Views) -> list[str]:
     return broken
 
 
-def recover_all(tried: Tried, folder: Path, environment: Environment, before: Views) -> None:
+def recover_all(tried: RecoveryResult, folder: Path, environment: Environment, before: Views) -> None:
     """Recover, start, and compare with the state before."""
     os.environ.update(environment)
     started_s = time.monotonic()
@@ -134,8 +134,8 @@ def recover_all(tried: Tried, folder: Path, environment: Environment, before: Vi
     with running(folder, environment) as client:
         after = read_all(client)
     tried.broken += compare(before, after)
-    tried.recordings = len(_of_recordings(before))
-    tried.trashed = sum(view["state"] == "trashed" for view in _of_recordings(before))
+    tried.recordings = len(_list_recordings(before))
+    tried.trashed = sum(view["state"] == "trashed" for view in _list_recordings(before))
     tried.reports = sum(view["result"][0] == 200 for view in before.values() if "result" in view)
     tried.back = sum(before[name] == after.get(name) for name in before if name.startswith("rec_"))
     verified = run_command("verify", "--data", folder / "data")
@@ -143,23 +143,23 @@ def recover_all(tried: Tried, folder: Path, environment: Environment, before: Vi
         tried.broken.append(f"verify: {verified.output[-200:]}")
 
 
-def _of_recordings(views: Views) -> list[dict[str, Any]]:
+def _list_recordings(views: Views) -> list[dict[str, Any]]:
     return [view for name, view in views.items() if name.startswith("rec_")]
 
 
-def try_folder(folder: Path, number: int) -> list[Tried]:
-    tried = Tried("folder and SQLite")
+def try_folder(folder: Path, number: int) -> list[RecoveryResult]:
+    tried = RecoveryResult("folder and SQLite")
     with running(folder, {}, workers=2) as client:
         fill(client, number, seed=1)
         before = read_all(client)
-    _throw_away_sqlite(folder / "data")
+    _delete_sqlite(folder / "data")
     recover_all(tried, folder, {}, before)
     return [tried]
 
 
-def try_bucket(folder: Path, number: int) -> list[Tried]:
+def try_bucket(folder: Path, number: int) -> list[RecoveryResult]:
     tried, swift, postgres = (
-        Tried("bucket and PostgreSQL, from another folder"),
+        RecoveryResult("bucket and PostgreSQL, from another folder"),
         SwiftServer(),
         PostgresServer(),
     )
@@ -182,7 +182,7 @@ def try_bucket(folder: Path, number: int) -> list[Tried]:
     return [tried]
 
 
-def _throw_away_sqlite(data: Path) -> None:
+def _delete_sqlite(data: Path) -> None:
     for path in data.glob("acromion.sqlite3*"):
         path.unlink()
 
@@ -192,7 +192,7 @@ def main() -> None:
     parser.add_argument("--recordings", type=int, default=1000)
     parser.add_argument("--only", choices=("folder", "bucket"))
     wished = parser.parse_args()
-    tried: list[Tried] = []
+    tried: list[RecoveryResult] = []
     for what in ("folder", "bucket"):
         if wished.only not in (None, what):
             continue

@@ -40,7 +40,7 @@ rewrite_reports(folder, ReportRequest("", languages=("en",)), folder / "again")
 """
 
 
-def keep_shift(folder: Path, hours: float) -> tuple[Findings, ReportSubject]:
+def store_shift(folder: Path, hours: float) -> tuple[Findings, ReportSubject]:
     """Simulate a shift, analyse it and store its results."""
     log = write_shift(folder, simulate_shift("gt9x", hours, seed=1), actilife_csv=False)[0]
     findings = take_findings(analyse(read_recording(io.BytesIO(log.read_bytes()), file_name=log.name)))
@@ -84,7 +84,7 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=20)
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
-        findings, subject = keep_shift(Path(temporary), arguments.hours)
+        findings, subject = store_shift(Path(temporary), arguments.hours)
         warm = time_warm(findings, subject, arguments.runs)
         cold_s = time_cold(Path(temporary), 5)
     total = warm["values"] + warm["HTML"] + warm["PDF"]

@@ -47,7 +47,7 @@ print(time.perf_counter() - began, time.process_time() - cpu)
 
 
 @dataclass(frozen=True, slots=True)
-class Road:
+class Case:
     """A recording to analyse, and its limits: seconds, multiples of ``pandas.read_csv``, or memory."""
 
     device: Device
@@ -62,16 +62,16 @@ class Road:
     most_further_cpu_s: float | None = None
 
 
-ROADS = {
-    "gt9x-gt3x": Road(
+CASES = {
+    "gt9x-gt3x": Case(
         "gt9x", 8.0, ".gt3x", most_first_s=12.0, most_s=1.8, most_cpu_s=2.5, most_further_cpu_s=1.5
     ),
-    "gt9x-csv": Road("gt9x", 8.0, ".csv", most_times=3.0, most_cpu_times=1.8, most_mib=350.0),
-    "lsm9ds1-4h": Road("lsm9ds1", 4.0, ".csv", most_times=2.4, most_cpu_times=1.8, most_mib=400.0),
-    "lsm9ds1-8h": Road("lsm9ds1", 8.0, ".csv", most_times=1.8, most_cpu_times=1.4, most_mib=500.0),
-    "lsm9ds1-24h": Road("lsm9ds1", 24.0, ".csv", most_mib=600.0),
+    "gt9x-csv": Case("gt9x", 8.0, ".csv", most_times=3.0, most_cpu_times=1.8, most_mib=350.0),
+    "lsm9ds1-4h": Case("lsm9ds1", 4.0, ".csv", most_times=2.4, most_cpu_times=1.8, most_mib=400.0),
+    "lsm9ds1-8h": Case("lsm9ds1", 8.0, ".csv", most_times=1.8, most_cpu_times=1.4, most_mib=500.0),
+    "lsm9ds1-24h": Case("lsm9ds1", 24.0, ".csv", most_mib=600.0),
 }
-USUAL = tuple(name for name in ROADS if name != "lsm9ds1-24h")
+USUAL = tuple(name for name in CASES if name != "lsm9ds1-24h")
 FURTHER = 2
 FORMATS: tuple[tuple[Device, str], ...] = (("gt9x", ".gt3x"), ("gt9x", ".csv"), ("lsm9ds1", ".csv"))
 HOURS = (1.0, 2.0, 4.0, 8.0, 24.0)
@@ -103,7 +103,7 @@ def run_once(
     """
     asked = ["-o", str(out), "--method", method, "-j", str(at_once)]
     command = [sys.executable, "-m", "app", "run", str(log), *asked]
-    environment = keep_bytecode()
+    environment = build_environment()
     if kernels is not None:
         environment["NUMBA_CACHE_DIR"] = str(kernels)
     began = time.perf_counter()
@@ -129,7 +129,7 @@ def run_once(
     return Cost(wall_s, cpu_s, peak_kib / 1024)
 
 
-def keep_bytecode() -> dict[str, str]:
+def build_environment() -> dict[str, str]:
     """Return the environment without the variable that stops Python from storing bytecode."""
     return {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
 
@@ -175,7 +175,7 @@ def compare_with_truth(folder: Path, truth: Path) -> tuple[float, float, list[fl
 
 def main() -> None:
     parser = argparse.ArgumentParser()
-    parser.add_argument("names", nargs="*", choices=[*ROADS, []], metavar="NAME")
+    parser.add_argument("names", nargs="*", choices=[*CASES, []], metavar="NAME")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--method", default="smoothed")
     parser.add_argument("--runs", type=int, default=5)
@@ -187,9 +187,9 @@ def main() -> None:
             report_lines(Path(temporary), arguments)
             return
         for name in arguments.names or USUAL:
-            road = ROADS[name]
-            made = simulate(road, arguments.keep or Path(temporary), arguments.seed)
-            report(road, made, Path(temporary) / name, arguments)
+            case = CASES[name]
+            made = simulate(case, arguments.keep or Path(temporary), arguments.seed)
+            report(case, made, Path(temporary) / name, arguments)
 
 
 def report_lines(out: Path, arguments: argparse.Namespace) -> None:
@@ -197,23 +197,24 @@ def report_lines(out: Path, arguments: argparse.Namespace) -> None:
     folder, method = arguments.keep or out, arguments.method
     for device, ending in FORMATS:
         for hours in HOURS:
-            road = Road(device, hours, ending)
-            log = find_log(road, simulate(road, folder, arguments.seed))
+            case = Case(device, hours, ending)
+            log = find_log(case, simulate(case, folder, arguments.seed))
             place = out / f"{device}{ending}{hours:g}"
             watched = run_once(log, place / "watched", method, watch_memory=True)
             costs = [run_once(log, place / str(turn), method) for turn in range(arguments.runs)]
             print(
-                f"{device} {ending} {hours:g} h: {tell(costs)}, peak {watched.peak_mib:.0f} MiB", flush=True
+                f"{device} {ending} {hours:g} h: {format_costs(costs)}, peak {watched.peak_mib:.0f} MiB",
+                flush=True,
             )
-        eight = Road(device, 8.0, ending)
+        eight = Case(device, 8.0, ending)
         log = find_log(eight, simulate(eight, folder, arguments.seed))
         wall_s = run_batch(log, out / f"batch{device}{ending}", method, BATCH, at_once=2).wall_s
         print(f"{device} {ending}: {BATCH / wall_s * 3600:.0f} recordings of 8 h an hour", flush=True)
 
 
-def find_log(road: Road, made: Path) -> Path:
+def find_log(case: Case, made: Path) -> Path:
     """Return the recording of the wanted format among the simulated files."""
-    return next(path for path in sorted(made.iterdir()) if path.suffix == road.ending)
+    return next(path for path in sorted(made.iterdir()) if path.suffix == case.ending)
 
 
 def run_batch(log: Path, out: Path, method: str, count: int, *, at_once: int = 1) -> Cost:
@@ -225,19 +226,19 @@ def run_batch(log: Path, out: Path, method: str, count: int, *, at_once: int = 1
     return run_once(folder, out / "results", method, at_once=at_once)
 
 
-def simulate(road: Road, folder: Path, seed: int) -> Path:
+def simulate(case: Case, folder: Path, seed: int) -> Path:
     """Return the folder of the simulated recordings; create it if needed."""
-    made = folder / f"{road.device}_{road.hours:g}h_{seed}"
+    made = folder / f"{case.device}_{case.hours:g}h_{seed}"
     if not made.exists():
         began = time.perf_counter()
-        write_recordings(made, road.device, road.hours, seed)
-        print(f"{road.device}: simulated {road.hours:g} h in {time.perf_counter() - began:.1f} s")
+        write_recordings(made, case.device, case.hours, seed)
+        print(f"{case.device}: simulated {case.hours:g} h in {time.perf_counter() - began:.1f} s")
     return made
 
 
-def report(road: Road, made: Path, out: Path, arguments: argparse.Namespace) -> None:
+def report(case: Case, made: Path, out: Path, arguments: argparse.Namespace) -> None:
     """Run ours and pandas in alternation, compare, print."""
-    log, method = find_log(road, made), arguments.method
+    log, method = find_log(case, made), arguments.method
     first = run_once(log, out / "first", method, kernels=out / "kernels")
     run_once(log, out / "warm", method)
     watched = run_once(log, out / "watched", method, watch_memory=True)
@@ -245,21 +246,21 @@ def report(road: Road, made: Path, out: Path, arguments: argparse.Namespace) -> 
     theirs: list[Cost] = []
     for turn in range(arguments.runs):
         ours.append(run_once(log, out / str(turn), method))
-        if road.ending == ".csv":
+        if case.ending == ".csv":
             theirs.append(run_pandas(log))
-    print(f"{log.name}, {log.stat().st_size / 1e6:.0f} MB, {road.hours:g} h, {method}")
+    print(f"{log.name}, {log.stat().st_size / 1e6:.0f} MB, {case.hours:g} h, {method}")
     print(f"  first run after installation: wall {first.wall_s:.1f} s, cpu {first.cpu_s:.1f} s")
-    print(f"  run: {tell(ours)}, peak {watched.peak_mib:.0f} MiB")
+    print(f"  run: {format_costs(ours)}, peak {watched.peak_mib:.0f} MiB")
     if theirs:
         wall, cpu = (
             median(getattr(cost, of) for cost in ours) / median(getattr(cost, of) for cost in theirs)
             for of in ("wall_s", "cpu_s")
         )
-        print(f"  pandas.read_csv: {tell(theirs)}: run takes {wall:.2f} x (cpu {cpu:.2f} x)")
-    if road.most_further_cpu_s is not None:
+        print(f"  pandas.read_csv: {format_costs(theirs)}: run takes {wall:.2f} x (cpu {cpu:.2f} x)")
+    if case.most_further_cpu_s is not None:
         further_s = measure_further(log, out, method, median(cost.cpu_s for cost in ours), arguments.runs)
         print(f"  each further recording of a batch: cpu {further_s:.2f} s")
-    print(f"  goal: {tell_goal(road)}")
+    print(f"  goal: {format_goal(case)}")
     results = next((out / "warm").glob("*/"))
     print(f"  elevation.parquet: {(results / 'elevation.parquet').stat().st_size / 1e6:.2f} MB")
     rmse_deg, bias_deg, errors = compare_with_truth(results, made / "truth.parquet")
@@ -273,23 +274,23 @@ def measure_further(log: Path, out: Path, method: str, one_cpu_s: float, runs: i
     return (median(costs) - one_cpu_s) / FURTHER
 
 
-def tell(costs: Sequence[Cost]) -> str:
+def format_costs(costs: Sequence[Cost]) -> str:
     """Return the median wall time with its range, and the median processor time."""
     walls_s = sorted(cost.wall_s for cost in costs)
     cpu_s = median(cost.cpu_s for cost in costs)
     return f"wall {median(walls_s):.2f} s ({walls_s[0]:.2f} to {walls_s[-1]:.2f}), cpu {cpu_s:.2f} s"
 
 
-def tell_goal(road: Road) -> str:
+def format_goal(case: Case) -> str:
     """Return the limits of a recording as text."""
     asked = (
-        (road.most_first_s, "first run <= {} s"),
-        (road.most_s, "wall <= {} s"),
-        (road.most_cpu_s, "cpu <= {} s"),
-        (road.most_times, "<= {} x pandas.read_csv"),
-        (road.most_cpu_times, "cpu <= {} x"),
-        (road.most_mib, "peak <= {} MiB"),
-        (road.most_further_cpu_s, "each further cpu <= {} s"),
+        (case.most_first_s, "first run <= {} s"),
+        (case.most_s, "wall <= {} s"),
+        (case.most_cpu_s, "cpu <= {} s"),
+        (case.most_times, "<= {} x pandas.read_csv"),
+        (case.most_cpu_times, "cpu <= {} x"),
+        (case.most_mib, "peak <= {} MiB"),
+        (case.most_further_cpu_s, "each further cpu <= {} s"),
     )
     return ", ".join(words.format(value) for value, words in asked if value is not None)
 

@@ -168,9 +168,9 @@ def read_diary(content: bytes) -> tuple[DiaryEntry, ...]:
     header, *told = rows
     if _is_activity_log(header[1]):
         told_log = _read_each(told, partial(_read_log_row, header[1], is_alone=len(told) == 1))
-        return _drop_ends(told_log)
+        return _set_ends(told_log)
     columns = _read_header(*header)
-    return _drop_ends(
+    return _set_ends(
         _read_each(told, lambda line, cells: (_read_row(line, dict(zip(columns, cells, strict=False))),))
     )
 
@@ -318,7 +318,7 @@ def split_times(entry: DiaryEntry) -> dict[str, float | str | None]:
     }
 
 
-def _drop_ends(rows: Sequence[Row]) -> tuple[DiaryEntry, ...]:
+def _set_ends(rows: Sequence[Row]) -> tuple[DiaryEntry, ...]:
     """Set the end of each row from the separate row that states it."""
     entries: list[DiaryEntry] = []
     for row in rows:

@@ -17,7 +17,7 @@ from fusion.pose.calibrate import CalibratedSamples
 from fusion.pose.rules import AxisPart, Reading
 from fusion.recording import MICROSECONDS, BoolArray, Float64Array, FloatArray, Segment
 from fusion.sensor.gyroscope import BiasSettings, GyroScaleSettings
-from fusion.sensor.model import Nodes, spread_rows, view_segment
+from fusion.sensor.model import Nodes, propagate_vertical, view_segment
 from fusion.sensor.self_calibration import AccelerometerSettings
 from fusion.sensor.stillness import StillRules
 
@@ -67,7 +67,7 @@ class VerticalOnDemand:
         node = min(first // per_node, len(self.up) - 1)
         end = len(self) if stop > len(self.up) * per_node else min(-(-stop // per_node) * per_node, len(self))
         out = np.empty((end - node * per_node, 3), dtype=np.float32)
-        spread_rows(self.gyr_dps, self.rate_hz, self.nodes, self.up, out, node)
+        propagate_vertical(self.gyr_dps, self.rate_hz, self.nodes, self.up, out, node)
         return out[first - node * per_node : stop - node * per_node]
 
 
@@ -105,7 +105,7 @@ class AngleRows:
         return slice(first * self.count // self.samples, -(-stop * self.count // self.samples))
 
 
-def lay_rows(run: Segment) -> AngleRows:
+def group_rows(run: Segment) -> AngleRows:
     """Group the fewest whole samples per row that keep at most 100 rows per second."""
     samples, per_row = len(run), ceil(run.rate_hz / MOST_HZ)
     if per_row == 1 or samples == 0:
@@ -256,12 +256,12 @@ def estimate_elevation(samples: CalibratedSamples, method: MethodName = "smoothe
     if method == "smoothed" and any(len(one) > 0 for one in by_second):
         seconds_deg = np.minimum(np.concatenate(by_second).astype(np.float64), 2.0 * UNCERTAIN_DEG)
         own_deg = float(np.sqrt(np.mean(seconds_deg**2)))
-    sigma_deg = sqrt(own_deg**2 + _average_doubt(samples, segments))
-    widened = tuple(_widen_remounted(samples, segment) for segment in segments)
+    sigma_deg = sqrt(own_deg**2 + _average_axis_variance(samples, segments))
+    widened = tuple(_widen_sigma(samples, segment) for segment in segments)
     return Elevation(widened, describe_method(method, samples), sigma_deg)
 
 
-def _average_doubt(samples: CalibratedSamples, segments: tuple[ElevationSegment, ...]) -> float:
+def _average_axis_variance(samples: CalibratedSamples, segments: tuple[ElevationSegment, ...]) -> float:
     """Return the variance of the arm axis after the sensor turned, deg^2, averaged over all valid rows."""
     squares = rows = 0.0
     for segment in segments:
@@ -344,12 +344,12 @@ def _turn_to_degrees(across: Any, along: Any, out: Any) -> None:  # pragma: no c
 
 
 def _fuse_smoothed(samples: CalibratedSamples, segment: Segment) -> ElevationSegment:
-    calibrated, rows = samples.run_of(segment), lay_rows(segment)
+    calibrated, rows = samples.run_of(segment), group_rows(segment)
     nodes = calibrated.nodes
     smoothed = smooth_nodes(nodes)
     sigma_deg = estimate_sigma(smoothed, samples.accelerometer)
     per_value = smoothed.nodes_per_value * nodes.rows_per_node
-    valid = _start_valid(samples, segment, rows)
+    valid = _mark_valid_rows(samples, segment, rows)
     for value in np.flatnonzero(np.maximum(sigma_deg, smoothed.disagreement_deg) > UNCERTAIN_DEG).tolist():
         valid[rows.hold(value * per_value, (value + 1) * per_value)] = False
     vertical = VerticalOnDemand(calibrated.run.gyr_dps, segment.rate_hz, nodes, smoothed.up)
@@ -368,7 +368,7 @@ def _find_rows(part: AxisPart, run: AngleRows | Segment | ElevationSegment) -> t
     return first, stop
 
 
-def _widen_remounted(samples: CalibratedSamples, segment: ElevationSegment) -> ElevationSegment:
+def _widen_sigma(samples: CalibratedSamples, segment: ElevationSegment) -> ElevationSegment:
     """Add, for each second, the uncertainty of the axis in the parts after the sensor turned."""
     if segment.sigma_deg is None:
         return segment
@@ -381,19 +381,19 @@ def _widen_remounted(samples: CalibratedSamples, segment: ElevationSegment) -> E
 
 
 def _fuse_published(samples: CalibratedSamples, segment: Segment) -> ElevationSegment:
-    bias_dps, rows = samples.calibration.gyro_bias_dps, lay_rows(segment)
+    bias_dps, rows = samples.calibration.gyro_bias_dps, group_rows(segment)
     up = estimate_published(view_segment(segment), bias_dps, dtype=np.float32)
-    return _measure_segment(samples, segment, rows, up, _start_valid(samples, segment, rows))
+    return _measure_segment(samples, segment, rows, up, _mark_valid_rows(samples, segment, rows))
 
 
 def _fuse_live(samples: CalibratedSamples, segment: Segment) -> ElevationSegment:
-    live, rows = LiveVertical(segment.rate_hz, samples.calibration.gyro_bias_dps), lay_rows(segment)
-    valid = _start_valid(samples, segment, rows)
+    live, rows = LiveVertical(segment.rate_hz, samples.calibration.gyro_bias_dps), group_rows(segment)
+    valid = _mark_valid_rows(samples, segment, rows)
     valid[rows.hold(0, round(LiveParameters().time_constant_s * segment.rate_hz))] = False
     return _measure_segment(samples, segment, rows, live.update(segment.acc_g, segment.gyr_dps), valid)
 
 
-def _start_valid(samples: CalibratedSamples, segment: Segment, rows: AngleRows) -> BoolArray:
+def _mark_valid_rows(samples: CalibratedSamples, segment: Segment, rows: AngleRows) -> BoolArray:
     """Mark rows as valid if no sample is bridged, the segment is long enough and the arm axis is known."""
     valid = np.full(len(rows), len(segment) / segment.rate_hz >= SHORTEST_SEGMENT_S)
     turned = (_find_rows(part, segment) for part in samples.axis_parts if part.arm_axis is None)
@@ -442,7 +442,7 @@ def _measure_parts(
             elevation_deg[first:stop] = measure_elevation(up[first:stop], part.arm_axis)
 
 
-def read_otherwise(elevation: Elevation, reading: Reading) -> Elevation:
+def apply_reading(elevation: Elevation, reading: Reading) -> Elevation:
     """Return the same fused angle with the arm axis of another reading of the recording."""
     segments = []
     for segment in elevation.segments:

@@ -129,7 +129,7 @@ def _make_private_folder() -> Path | None:
             folder.mkdir(mode=0o700, exist_ok=True)
         except OSError:
             continue
-        if os.access(folder, os.W_OK) and _is_ours(place) and _is_ours(folder):
+        if os.access(folder, os.W_OK) and _is_owned_by_user(place) and _is_owned_by_user(folder):
             return folder
     return None
 
@@ -148,7 +148,7 @@ def _fingerprint_kernels() -> str:
     return digest.hexdigest()[:12]
 
 
-def _is_ours(folder: Path) -> bool:
+def _is_owned_by_user(folder: Path) -> bool:
     return not hasattr(os, "getuid") or folder.stat().st_uid == os.getuid()
 
 
@@ -241,7 +241,7 @@ def njit(
 
     def decorate(function: Callable[Given, Result]) -> Callable[Given, Result]:
         compiled: Any = numba.njit(**options)(function)
-        _forget_constants(compiled)
+        _unify_integer_types(compiled)
         kept: Callable[Given, Result] = _keep_on_disk(compiled) if cache else compiled
         return kept
 
@@ -288,11 +288,11 @@ def _compile(function: Callable[Given, Result], options: dict[str, Any]) -> Call
     decorate: Any = numba.njit  # its type stubs omit the options about entry points
     made = decorate(nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options)
     compiled: Callable[Given, Result] = made(function)
-    _forget_constants(compiled)
+    _unify_integer_types(compiled)
     return compiled
 
 
-def _forget_constants(compiled: Any) -> None:
+def _unify_integer_types(compiled: Any) -> None:
     """Compile once for all integers; numba would compile a function again for each constant argument."""
     if not hasattr(compiled, "get_call_template"):  # a plain function: NUMBA_DISABLE_JIT
         return

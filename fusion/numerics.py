@@ -12,7 +12,7 @@ def cos_deg(angle_deg: float) -> float:
     return float(np.cos(np.radians(angle_deg)))
 
 
-def find_angle_deg(first: Float64Array, second: Float64Array) -> float:
+def compute_angle_deg(first: Float64Array, second: Float64Array) -> float:
     """Return the angle between two vectors (3,) of any length."""
     return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(first, second)), first @ second)))
 
@@ -22,7 +22,7 @@ def scale_to_unit(vector: Float64Array) -> Float64Array:
     return np.asarray(vector / np.linalg.norm(vector))
 
 
-def find_turn(before: Float64Array, after: Float64Array) -> Float64Array:
+def compute_rotation(before: Float64Array, after: Float64Array) -> Float64Array:
     """Return the smallest rotation, (3, 3), from one unit vector to another."""
     cross, cosine = np.cross(before, after), float(before @ after)
     skew = np.array([[0.0, -cross[2], cross[1]], [cross[2], 0.0, -cross[0]], [-cross[1], cross[0], 0.0]])

@@ -10,24 +10,24 @@ from fusion.angle_files.angle_series import read_angle_series
 from fusion.caveats import Caveat
 from fusion.conventions import is_npose
 from fusion.diary import DiaryEntry
-from fusion.elevation import Elevation, estimate_elevation, read_otherwise
+from fusion.elevation import Elevation, apply_reading, estimate_elevation
 from fusion.errors import UnknownAxis
 from fusion.exposure.parts import DayDivision, snap_periods
 from fusion.exposure.periods import Placed, divide_day, find_diary_poses, find_left_out, place_diary
-from fusion.exposure.summary import summarise_exposure, widen_over, withhold_short
+from fusion.exposure.summary import remove_short_ranges, summarise_exposure, widen_intervals
 from fusion.exposure.types import Exposure
 from fusion.pose.calibrate import CalibratedSamples, Calibration, calibrate, reduce_recording
 from fusion.pose.rules import AxisPart
 from fusion.quality import Quality, TimeAccount
 from fusion.quality.time_account import (
     account_time,
+    check_minimum_duration,
     count_holes_us,
     divide_time,
     find_exclusions,
     leave_out,
     make_disjoint,
     propose_nonwear,
-    refuse_short,
 )
 from fusion.quality.verdict import (
     assess_quality,
@@ -101,14 +101,14 @@ class FusedRecording:
     flags: tuple[QualityFlag, ...]
 
 
-def announce_nothing(_step: Step) -> None:
+def ignore_step(_step: Step) -> None:
     """Ignore the step; this is the default listener."""
 
 
 def analyse(
     recording: Recording | RecordingFile,
     settings: AnalysisSettings | None = None,
-    on_step: Callable[[Step], None] = announce_nothing,
+    on_step: Callable[[Step], None] = ignore_step,
 ) -> Analysis:
     """Compute elevation, exposure and a quality verdict from a recording.
 
@@ -142,12 +142,12 @@ def analyse(
     settings = apply_file_settings(recording, settings or AnalysisSettings())
     on_step("checking")
     placed = place_diary(settings.diary, recording.start, recording.duration_us)
-    refuse_short(recording)
+    check_minimum_duration(recording)
     found = fuse_recording(recording, settings, on_step)
     samples, elevation = found.samples, found.elevation
     on_step("counting")
     day = _divide(recording, elevation, found.exclusions, placed)
-    exposure = withhold_short(_summarise_readings(samples, elevation, day))
+    exposure = remove_short_ranges(_summarise_readings(samples, elevation, day))
     time = _divide_time(recording, day, exposure, found.flags)
     static_dps = samples.calibration.gyro_bias_dps
     flags = (
@@ -207,12 +207,12 @@ def _summarise_readings(samples: CalibratedSamples, elevation: Elevation, day: "
             is_npose=is_npose(calibration.pose, calibration.state),
         )
 
-    others = [summarise(read_otherwise(day.counted, reading)) for reading in samples.readings]
-    return widen_over(summarise(day.counted), others)
+    others = [summarise(apply_reading(day.counted, reading)) for reading in samples.readings]
+    return widen_intervals(summarise(day.counted), others)
 
 
 def fuse_recording(
-    recording: Recording, settings: AnalysisSettings, on_step: Callable[[Step], None] = announce_nothing
+    recording: Recording, settings: AnalysisSettings, on_step: Callable[[Step], None] = ignore_step
 ) -> FusedRecording:
     """Calibrate and fuse a recording of any length.
 
@@ -266,7 +266,7 @@ def _divide_time(
 
 def analyse_angles(
     file: BinaryIO,
-    on_step: Callable[[Step], None] = announce_nothing,
+    on_step: Callable[[Step], None] = ignore_step,
     diary: tuple[DiaryEntry, ...] = (),
 ) -> Analysis:
     """Return the analysis of a ready angle series (columns ``time_s,elevation_deg``; an empty cell is
@@ -277,7 +277,7 @@ def analyse_angles(
 
 def analyse_angle_file(
     file: AngleFile,
-    on_step: Callable[[Step], None] = announce_nothing,
+    on_step: Callable[[Step], None] = ignore_step,
     diary: tuple[DiaryEntry, ...] = (),
     windows_s: tuple[tuple[float, float], ...] = (),
 ) -> Analysis:
@@ -300,7 +300,7 @@ def _count_ready(
     placed = place_diary(diary, recording.start, recording.duration_us)
     on_step("counting")
     day = _divide(recording, elevation, (), placed)
-    exposure = withhold_short(
+    exposure = remove_short_ranges(
         summarise_exposure(
             day.counted,
             recording.start,

@@ -13,13 +13,13 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.validation.document import Section, draw_table
-from benchmarks.validation.real_clips import CLIP_HZ, Clip, Side, feel, load_library
+from benchmarks.validation.real_clips import CLIP_HZ, Clip, Side, compute_readings, load_library
 from benchmarks.validation.stated import DATA
-from fusion.numerics import find_angle_deg
+from fusion.numerics import compute_angle_deg
 from fusion.recording import Float64Array
 from fusion.simulation.activities import Choreography, draw_person, stand, walk
 from fusion.simulation.body import Body, play
-from fusion.simulation.body import feel as feel_body
+from fusion.simulation.body import compute_readings as compute_body_readings
 
 RATE_HZ, STAND_S, WALK_S, ENDS_S = 50.0, 60.0, 60.0, 4.0
 SIDES: tuple[Side, ...] = ("r", "l")
@@ -52,7 +52,7 @@ def measure_recorded(folder: Path) -> list[Gait]:
     for side in SIDES:
         library = load_library(folder, side)
         for name, strides in sorted(library.strides.items()):
-            walked = np.concatenate([feel(clip, CLIP_HZ).acc_g for clip in strides]).mean(axis=0)
+            walked = np.concatenate([compute_readings(clip, CLIP_HZ).acc_g for clip in strides]).mean(axis=0)
             stances = [up for clip in library.work.get(name, []) for up in _find_stances(clip)]
             stood = np.mean(stances, axis=0) if stances else np.full(3, np.nan)
             found.append(_compare(f"{name} {side}", stood, walked))
@@ -66,8 +66,8 @@ def _find_stances(clip: Clip) -> list[Float64Array]:
     calm = []
     for first in range(0, len(up) - size + 1, size):
         part = up[first : first + size]
-        turned_deg = find_angle_deg(part[0], part[-1])
-        if turned_deg < CALM_DEG and find_angle_deg(part.mean(axis=0), UP) < HANGING_DEG:
+        turned_deg = compute_angle_deg(part[0], part[-1])
+        if turned_deg < CALM_DEG and compute_angle_deg(part.mean(axis=0), UP) < HANGING_DEG:
             calm.append(part.mean(axis=0))
     return calm
 
@@ -81,7 +81,9 @@ def measure_simulated(seeds: Sequence[int]) -> list[Gait]:
         stand(body, STAND_S, chance)
         stood_s = body.time_s
         walk(body, WALK_S, chance)
-        acc_g = feel_body(play(body.finish(), 0, int(body.time_s * RATE_HZ), RATE_HZ), Body()).acc_g
+        acc_g = compute_body_readings(
+            play(body.finish(), 0, int(body.time_s * RATE_HZ), RATE_HZ), Body()
+        ).acc_g
         walked = slice(round((stood_s + ENDS_S) * RATE_HZ), -round(ENDS_S * RATE_HZ))
         stood = slice(0, round(stood_s * RATE_HZ))
         found.append(_compare(f"seed {seed}", acc_g[stood].mean(axis=0), acc_g[walked].mean(axis=0)))
@@ -90,8 +92,10 @@ def measure_simulated(seeds: Sequence[int]) -> list[Gait]:
 
 def _compare(name: str, stood: Float64Array, walked: Float64Array) -> Gait:
     if np.isnan(stood).any():
-        return Gait(name, np.nan, find_angle_deg(walked, UP), np.nan)
-    return Gait(name, find_angle_deg(stood, UP), find_angle_deg(walked, UP), find_angle_deg(stood, walked))
+        return Gait(name, np.nan, compute_angle_deg(walked, UP), np.nan)
+    return Gait(
+        name, compute_angle_deg(stood, UP), compute_angle_deg(walked, UP), compute_angle_deg(stood, walked)
+    )
 
 
 def draw_gaits(people: dict[str, list[Gait]]) -> str:

@@ -12,8 +12,8 @@ from benchmarks.validation.worn import DEVICES, NAMES, at_rows, find_rmse_deg, w
 from fusion.pose.calibrate import CalibratedSamples, calibrate
 from fusion.readers import read_recording
 from fusion.recording import Recording, Segment
-from fusion.sensor.gyroscope import leave_gyro_scale
-from fusion.sensor.model import leave_accelerometer
+from fusion.sensor.gyroscope import build_identity_gyro_scale
+from fusion.sensor.model import build_identity_accelerometer
 from fusion.simulation import simulate_shift
 from tests.simulated_shifts import make_perfect
 
@@ -68,8 +68,8 @@ def _fuse_both(samples: CalibratedSamples) -> tuple[Angle, Angle]:
     axis = still.gravity_g / np.linalg.norm(still.gravity_g)
     plain = replace(
         samples,
-        accelerometer=leave_accelerometer(),
-        gyro_scale=leave_gyro_scale(),
+        accelerometer=build_identity_accelerometer(),
+        gyro_scale=build_identity_gyro_scale(),
         runs=(),
         calibration=replace(samples.calibration, arm_axis=axis),
     )

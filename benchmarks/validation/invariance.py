@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.validation.document import Goal, Section, draw_table, judge
 from benchmarks.validation.worn import DEVICES, NAMES, find_rmse_deg, wear
 from fusion.comparison.alignment import Run, interpolate
-from fusion.elevation import estimate_elevation, lay_rows
+from fusion.elevation import estimate_elevation, group_rows
 from fusion.pose.calibrate import CalibratedSamples, calibrate
 from fusion.recording import MICROSECONDS, Recording, Segment
 from fusion.sensor.model import view_segment
@@ -122,7 +122,7 @@ def trim(recording: Recording) -> Recording:
 
 
 def _count_per_row(segment: Segment) -> int:
-    return lay_rows(segment).per_row
+    return group_rows(segment).per_row
 
 
 def halve_rate(recording: Recording, whole: Angle) -> Angle:

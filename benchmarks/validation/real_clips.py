@@ -172,7 +172,7 @@ class Track:
         """Current duration."""
         return self._count / CLIP_HZ
 
-    def go_on(self, clip: Clip, least_s: float = TURN_S) -> None:
+    def append(self, clip: Clip, least_s: float = TURN_S) -> None:
         """Turn to the start of a clip, then append it."""
         if self.strap and clip.plate is None:
             clip = replace(clip, plate=self.strap(clip.turn))
@@ -181,10 +181,10 @@ class Track:
             self._add(_bridge(self._clips[-1], clip, least_s))
         self._add(clip)
 
-    def go_on_with_nearest(self, clips: Sequence[Clip]) -> None:
+    def append_nearest(self, clips: Sequence[Clip]) -> None:
         """Append the one of a few random clips whose start is most like the current posture."""
         drawn = [clips[k] for k in self.chance.choice(len(clips), min(CANDIDATES, len(clips)), replace=False)]
-        self.go_on(min(drawn, key=self._find_turn))
+        self.append(min(drawn, key=self._find_turn))
 
     @property
     def now(self) -> Rotation:
@@ -201,7 +201,7 @@ class Track:
         )
         waves = np.sin(2.0 * np.pi * rates_hz * time_s[:, None, None] + phases).sum(axis=1)
         sway = Rotation.from_rotvec(np.radians(sway_deg) / np.sqrt(3.0) * waves)
-        self.go_on(Clip(turn * sway, np.zeros((count, 3))), least_s=HOLD_TURN_S)
+        self.append(Clip(turn * sway, np.zeros((count, 3))), least_s=HOLD_TURN_S)
         return self.length_s - seconds, self.length_s
 
     def pause(self) -> None:
@@ -264,7 +264,7 @@ def _derive(values: Float64Array, sign: float) -> list[Float64Array]:
     return [values[0], rate, CLIP_HZ**2 * (values[0] - 2.0 * values[1] + values[2])]
 
 
-def feel(clip: Clip, rate_hz: float) -> ArmState:
+def compute_readings(clip: Clip, rate_hz: float) -> ArmState:
     """Return the readings of an ideal sensor on the arm, or on its plate, and the exact elevation of the arm.
 
     The angular rate is the rotation from half a sample before to half a sample after.

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.validation.document import Section, draw_table
 from benchmarks.validation.peers import QUICK
 from benchmarks.validation.pose_error import KINDS, Ranged, holds, read_turned
-from benchmarks.validation.real_clips import CLIP_HZ, Clip, Track, feel
+from benchmarks.validation.real_clips import CLIP_HZ, Clip, Track, compute_readings
 from benchmarks.validation.skin_clips import Strap, load_skin_library
 from benchmarks.validation.worn import (
     DEVICES,
@@ -89,10 +89,10 @@ def make_day(
     track = Track(np.random.default_rng([seed, zlib.crc32(b"skin")]), Strap(clips))
     poses_s = (track.hold(Rotation.identity(), POSE_S), track.hold(_raise_level(clips), POSE_S))
     while track.length_s < day_s:
-        track.go_on_with_nearest(clips)
+        track.append_nearest(clips)
         if track.chance.random() < pause_share:
             track.pause()
-    return feel(track.join(), RATE_HZ), poses_s
+    return compute_readings(track.join(), RATE_HZ), poses_s
 
 
 def _raise_level(clips: Sequence[Clip]) -> Rotation:

@@ -22,7 +22,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from benchmarks.validation.document import Goal, Section, draw_table, judge
-from benchmarks.validation.real_clips import STRIDE_TURN_S, Clip, Track, feel, load_library
+from benchmarks.validation.real_clips import STRIDE_TURN_S, Clip, Track, compute_readings, load_library
 from benchmarks.validation.skin_clips import Strap, load_skin_library
 from benchmarks.validation.worn import DEVICES, WornDay, find_rmse_deg, name_devices, record_motion
 from fusion.conventions import CalibrationState
@@ -30,7 +30,7 @@ from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import FusionError
 from fusion.exposure.summary import summarise_exposure
 from fusion.exposure.types import Exposure
-from fusion.numerics import find_angle_deg
+from fusion.numerics import compute_angle_deg
 from fusion.pipeline import Analysis, analyse
 from fusion.quality import Verdict
 from fusion.recording import Float64Array
@@ -75,7 +75,7 @@ or a caveat about the pose or a slip.
 
 The limits of the slip question (12 deg, shares of 0.8 and 0.5) and of the sway of a table (0.08 deg/s) were
 set on the same motion and on recordings of real sensors. These days are not a blind test of them."""
-UNSEEN_PROSE = """\
+UNDETECTED_PROSE = """\
 A slip has no sign if no question is asked (no `W-SLIP`): no motion before and after it looks like walking. On
 seated days, fast work looks like walking. The goals exclude slips without a sign."""
 
@@ -202,7 +202,7 @@ class Choreography:
         """Move without a pause while the sensor is strapped on."""
         until_s = self.track.length_s + STRAP_ON_S
         while self.track.length_s < until_s:
-            self.track.go_on_with_nearest(self.person.work)
+            self.track.append_nearest(self.person.work)
 
     def work(self, until_s: float, *, is_carrying: bool = False) -> None:
         """Work, walk and pause."""
@@ -210,20 +210,20 @@ class Choreography:
             if self.person.strides and self.chance.random() < WALK_SHARE:
                 self._walk(min(until_s, self.track.length_s + self.chance.uniform(*WALK_S)), is_carrying)
                 continue
-            self.track.go_on_with_nearest(self.person.work)
+            self.track.append_nearest(self.person.work)
             if self.chance.random() < PAUSE_SHARE:
                 self.track.pause()
 
     def _walk(self, until_s: float, is_carrying: bool) -> None:  # noqa: FBT001
         steps = [raise_arm(clip) for clip in self.person.strides] if is_carrying else self.person.strides
-        self.track.go_on_with_nearest(steps)
+        self.track.append_nearest(steps)
         while self.track.length_s < until_s:
-            self.track.go_on(steps[int(self.chance.integers(len(steps)))], STRIDE_TURN_S)
+            self.track.append(steps[int(self.chance.integers(len(steps)))], STRIDE_TURN_S)
 
     def finish(self, worn_from_s: float = 0.0) -> Piece:
         """End with the arm hanging, and return the readings of an ideal sensor."""
         self.hang(SEAM_S)
-        return Piece(feel(self.track.join(), RATE_HZ), tuple(self.poses_s), worn_from_s)
+        return Piece(compute_readings(self.track.join(), RATE_HZ), tuple(self.poses_s), worn_from_s)
 
 
 @lru_cache(maxsize=12)
@@ -365,7 +365,7 @@ def score(key: str, subject: Subject, device: Device) -> Scored:
         verdict=analysis.quality.verdict,
         rmse_deg=find_rmse_deg((found.elevation_deg - day.truth_deg)[rows]),
         cut_s=float((day.worn & ~found.valid).sum() / found.rate_hz),
-        axis_deg=find_angle_deg(calibration.arm_axis, day.arm_axis),
+        axis_deg=compute_angle_deg(calibration.arm_axis, day.arm_axis),
         is_held=_is_held(analysis, day.poses_s[:1]),
         inside=tuple(_list_inside(analysis.exposure, true)),
         widths=tuple(high - low for low, high in list_ranges(analysis.exposure)),
@@ -474,7 +474,7 @@ ASKING = frozenset({
 })  # fmt: skip
 
 
-def is_unseen(day: Scored) -> bool:
+def is_undetected(day: Scored) -> bool:
     """Return whether the sensor slipped and no question was asked."""
     return SCENARIOS[day.key].slip_deg > 0.0 and not day.refused and "W-SLIP" not in day.codes
 
@@ -484,12 +484,12 @@ def is_wrong(day: Scored) -> bool:
     return day.verdict == "good" and day.rmse_deg > LARGEST_DEG[day.kind]
 
 
-def draw_unseen(scores: Sequence[Scored]) -> str:
+def draw_undetected(scores: Sequence[Scored]) -> str:
     """Return a table of the slips that raised no question, a row for each kind of day and slip."""
     rows = []
     for kind, key in product(KINDS, SCENARIOS):
         days = [day for day in scores if (day.kind, day.key) == (kind, key) and SCENARIOS[key].slip_deg]
-        unseen = [day for day in days if is_unseen(day)]
+        unseen = [day for day in days if is_undetected(day)]
         if days:
             good = sum(day.verdict == "good" for day in unseen)
             worst = f"{max(day.rmse_deg for day in unseen):.1f}" if unseen else "-"
@@ -502,7 +502,7 @@ def draw_unseen(scores: Sequence[Scored]) -> str:
 def judge_days(scores: Sequence[Scored]) -> Iterator[Goal]:
     """Yield the goals of each kind of day; slips without a sign are excluded."""
     for kind, name in KINDS.items():
-        days = [day for day in scores if day.kind == kind and not day.refused and not is_unseen(day)]
+        days = [day for day in scores if day.kind == kind and not day.refused and not is_undetected(day)]
         rows = [row for key in SCENARIOS if (row := [day for day in days if day.key == key])]
         outside = [100.0 - 100.0 * float(np.mean([day.inside for day in row])) for row in rows]
         widths = [float(np.median([day.widths[ABOVE_60] for day in row])) for row in rows]
@@ -539,7 +539,7 @@ def compare_on_stated(data: Path, seeds: int, log: Path | None) -> Section:
     scores = list(run(tuple(SCENARIOS), range(seeds), log, data))
     prose = PROSE.format(last=seeds - 1, devices=name_devices())
     return Section(
-        title, (prose, *draw(scores), UNSEEN_PROSE, draw_unseen(scores)), tuple(judge_days(scores))
+        title, (prose, *draw(scores), UNDETECTED_PROSE, draw_undetected(scores)), tuple(judge_days(scores))
     )
 
 

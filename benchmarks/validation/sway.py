@@ -8,14 +8,14 @@ from scipy.io import loadmat
 
 from benchmarks.validation.document import Goal, Section, draw_table, judge
 from benchmarks.validation.invariance import STANDARD_GRAVITY
-from benchmarks.validation.real_clips import Clip, feel, load_clip
+from benchmarks.validation.real_clips import Clip, compute_readings, load_clip
 from benchmarks.validation.skin_clips import load_skin_library
 from fusion.errors import FusionError
 from fusion.pose.calibrate import (
     TABLE_SWAY_DPS,
     find_still_stretches,
-    measure_asked,
     measure_stretch,
+    measure_window,
     reduce_recording,
 )
 from fusion.readers import read_recording
@@ -91,7 +91,7 @@ def _measure_stills(recording: Recording) -> list[float]:
 
 
 def _find_calmest(clip: Clip) -> float:
-    state = feel(clip, RATE_HZ)
+    state = compute_readings(clip, RATE_HZ)
     recording = _record(state.acc_g, state.gyr_dps, RATE_HZ)
     last_s = len(state.acc_g) / RATE_HZ - WINDOW_S
     return min((_measure(recording, start_s) for start_s in np.arange(0.0, last_s, STEP_S)), default=np.inf)
@@ -100,6 +100,6 @@ def _find_calmest(clip: Clip) -> float:
 def _measure(recording: Recording, start_s: float) -> float:
     """Return the sway of a window; infinite if it cannot be a pose."""
     try:
-        return measure_asked(recording, (start_s, start_s + WINDOW_S)).sway_dps
+        return measure_window(recording, (start_s, start_s + WINDOW_S)).sway_dps
     except FusionError:
         return np.inf

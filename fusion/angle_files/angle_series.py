@@ -314,7 +314,7 @@ class AngleFileOptions:
     rate_hz: float | None = None
 
 
-def keep_orientation(
+def build_orientation_file(
     device: str,
     source: Source,
     time_s: Float64Array,
@@ -349,21 +349,21 @@ or more.
 """
 
 
-def take_up_of_quaternion(quaternion_wxyz: Float64Array) -> Up:
+def compute_up_from_quaternion(quaternion_wxyz: Float64Array) -> Up:
     """Return the third row of R for each quaternion (n, 4), segment to world; NaN if it is not a rotation."""
     w, x, y, z = _scale_to_unit(quaternion_wxyz).T
     up = np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=1)
     return up.astype(np.float32)
 
 
-def take_up_of_euler(roll_deg: Float64Array, pitch_deg: Float64Array) -> Up:
+def compute_up_from_euler(roll_deg: Float64Array, pitch_deg: Float64Array) -> Up:
     """Return the third row of R = Rz(yaw) Ry(pitch) Rx(roll), Xsens's order (aerospace sequence)."""
     roll, pitch = np.radians(roll_deg), np.radians(pitch_deg)
     up = [-np.sin(pitch), np.cos(pitch) * np.sin(roll), np.cos(pitch) * np.cos(roll)]
     return np.stack(up, axis=1).astype(np.float32)
 
 
-def take_up_of_row(third_row: Float64Array) -> Up:
+def compute_up_from_row(third_row: Float64Array) -> Up:
     """Return the third row of R, (n, 3), at unit length; NaN if it is missing."""
     return _scale_to_unit(third_row).astype(np.float32)
 

@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from fusion.angle_files.angle_series import HOLE_PERIODS, AngleFile, AngleFileOptions
-from fusion.angle_files.tables import check_times, keep_angles
+from fusion.angle_files.tables import build_angle_file, check_times
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import UnknownColumns, UnreadableFile
 from fusion.readers import RecordingFile
@@ -88,7 +88,7 @@ def read(source: Source, _options: AngleFileOptions) -> AngleFile:
     rows = _read_source(source)
     elevation_deg = np.where(rows.valid, rows.elevation_deg, np.nan).astype(np.float64)
     understood = {"layout": "Parquet", "source": rows.column}
-    return keep_angles(source, check_times(rows.time_s), elevation_deg, understood)
+    return build_angle_file(source, check_times(rows.time_s), elevation_deg, understood)
 
 
 def read_elevation(file: RecordingFile) -> Elevation:

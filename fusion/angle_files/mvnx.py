@@ -25,10 +25,10 @@ from fusion.angle_files.angle_series import (
     AngleFile,
     AngleFileOptions,
     Up,
-    keep_orientation,
+    build_orientation_file,
+    compute_up_from_quaternion,
+    compute_up_from_row,
     measure_from_up,
-    take_up_of_quaternion,
-    take_up_of_row,
 )
 from fusion.caveats import Caveat
 from fusion.errors import MissingSegment, RefusedXml, TooShort, UnknownRate
@@ -80,7 +80,7 @@ def read(source: Source, options: AngleFileOptions) -> AngleFile:
     since_ms = frames.times[2]  # since 1970, UTC, at the first frame
     start = datetime.fromtimestamp(since_ms / 1000.0, UTC) if 0 < since_ms < LATEST_MS else None
     time_s, understood = _find_times(frames), _describe(frames, side, axis)
-    file = keep_orientation("mvn", source, time_s, up, understood, start)
+    file = build_orientation_file("mvn", source, time_s, up, understood, start)
     assert file.up is not None
     return replace(
         file,
@@ -218,14 +218,14 @@ def _find_up(frames: _Frames, side: str) -> tuple[Up, Float64Array]:
     """Return the zenith in the segment's frame (n, 3) and the axis towards the shoulder."""
     orientation = np.asarray(frames.orientation).reshape(-1, 4)
     if np.isfinite(orientation).any():
-        return take_up_of_quaternion(orientation), _find_axis(frames, side)
+        return compute_up_from_quaternion(orientation), _find_axis(frames, side)
     towards = np.asarray(frames.towards).reshape(-1, 3)
     if not np.isfinite(towards).any():
         raise MissingSegment(segment=frames.arm)
     # In a frame whose z axis is the arm, the angle between the zenith and z is the elevation, in the x-z
     # plane.
     across = np.hypot(towards[:, 0], towards[:, 1])
-    up = take_up_of_row(np.stack([across, np.zeros(len(across)), towards[:, 2]], axis=1) * 10.0)
+    up = compute_up_from_row(np.stack([across, np.zeros(len(across)), towards[:, 2]], axis=1) * 10.0)
     return up, np.array([0.0, 0.0, 1.0])
 
 
@@ -261,6 +261,6 @@ def _describe(frames: _Frames, side: str, axis: Float64Array) -> dict[str, str]:
         "rate_hz": frames.header.get("subject_frameRate", ""),
     }
     if frames.pose_orientation is not None:
-        pose_up = take_up_of_quaternion(np.array([frames.pose_orientation]))
+        pose_up = compute_up_from_quaternion(np.array([frames.pose_orientation]))
         understood["t_pose_elevation_deg"] = f"{float(measure_from_up(pose_up, axis)[0]):.1f}"
     return understood

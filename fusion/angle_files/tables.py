@@ -14,10 +14,10 @@ from fusion.angle_files.angle_series import (
     AngleFile,
     AngleFileOptions,
     Up,
-    keep_orientation,
-    take_up_of_euler,
-    take_up_of_quaternion,
-    take_up_of_row,
+    build_orientation_file,
+    compute_up_from_euler,
+    compute_up_from_quaternion,
+    compute_up_from_row,
 )
 from fusion.errors import EmptyFile, MissingSegment, UnknownRate, UnreadableRows, UnusableTime, WrongAngle
 from fusion.readers.samples import check_rows
@@ -160,9 +160,9 @@ def _read_up(
     values = read_columns(source, layout, [*columns, *others])
     numbers = [values[name] for name in columns]
     if kind == "euler":
-        return take_up_of_euler(numbers[0], numbers[1]), kind, values
+        return compute_up_from_euler(numbers[0], numbers[1]), kind, values
     stacked = np.stack(numbers, axis=1)
-    return (take_up_of_row if kind == "matrix" else take_up_of_quaternion)(stacked), kind, values
+    return (compute_up_from_row if kind == "matrix" else compute_up_from_quaternion)(stacked), kind, values
 
 
 def _unwrap_counter(counter: Float64Array, span: float) -> Float64Array:
@@ -230,7 +230,7 @@ def read_mt_manager(source: Source, options: AngleFileOptions) -> AngleFile:
         "source": kind,
         "rate_hz": rate,
     }
-    return keep_orientation("other", source, time_s, up, understood)
+    return build_orientation_file("other", source, time_s, up, understood)
 
 
 # The CSV of Xsens (Movella) DOT with an orientation: metadata lines, then a table with ``SampleTimeFine`` in
@@ -260,7 +260,7 @@ def read_dot(source: Source, _options: AngleFileOptions) -> AngleFile:
     up, kind, values = _read_up(source, layout, [FINE])
     time_s = _unwrap_counter(values[FINE], FINE_SPAN) * DOT_TICK_S
     understood = {"layout": "DOT", "source": kind}
-    return keep_orientation("dot", source, time_s, up, understood, _find_dot_start(layout.before))
+    return build_orientation_file("dot", source, time_s, up, understood, _find_dot_start(layout.before))
 
 
 def _find_dot_start(text: str) -> datetime | None:
@@ -311,19 +311,19 @@ def read_named(source: Source, _options: AngleFileOptions) -> AngleFile:
         time_name, angle_name = _find_name(layout, TIMES), _find_name(layout, ANGLES)
         values = read_columns(source, layout, [time_name, angle_name])
         time_s = check_times(values[time_name] * TIMES[time_name])
-        return keep_angles(source, time_s, values[angle_name], {"layout": "CSV", "source": angle_name})
+        return build_angle_file(source, time_s, values[angle_name], {"layout": "CSV", "source": angle_name})
     layout = _get_layout(source, NEEDED_TIME)
     time_name = _find_name(layout, TIMES)
     up, kind, values = _read_up(source, layout, [time_name])
     time_s = check_times(values[time_name] * TIMES[time_name])
-    return keep_orientation("angles", source, time_s, up, {"layout": "CSV", "source": kind})
+    return build_orientation_file("angles", source, time_s, up, {"layout": "CSV", "source": kind})
 
 
 def _find_name(layout: Layout, names: Container[str]) -> str:
     return next(name for name in layout.names if name in names)
 
 
-def keep_angles(
+def build_angle_file(
     source: Source, time_s: Float64Array, elevation_deg: Float64Array, understood: Mapping[str, str]
 ) -> AngleFile:
     """Return the rows with an angle.

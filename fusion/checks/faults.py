@@ -222,14 +222,14 @@ def _leave_out(recording: Recording, found: Sequence[Rows], filled: str) -> Reco
         return recording
     pairs = list(zip(recording.segments, found, strict=True))
     spans = [place_rows(segment, int(a), int(b)) for segment, runs in pairs for a, b in runs]
-    segments = tuple(piece for segment, runs in pairs for piece in _open_hole(segment, runs))
+    segments = tuple(piece for segment, runs in pairs for piece in _remove_rows(segment, runs))
     flags = tuple(flag for flag in recording.flags if flag.code != Caveat.GAP)
     flags += flag_gaps(segments, recording.duration_us, recording.excluded)
     flags += flag_spans(Caveat.STUCK_PART, spans, filled=filled)
     return replace(recording, segments=segments, flags=flags)
 
 
-def _open_hole(segment: Segment, runs: Rows) -> list[Segment]:
+def _remove_rows(segment: Segment, runs: Rows) -> list[Segment]:
     """Return the pieces of a segment without some runs of rows; short runs are bridged in place."""
     if len(runs) == 0:
         return [segment]
@@ -271,7 +271,9 @@ def exclude_stuck(recording: Recording) -> Recording:
     segments = recording.segments
     pairs = list(zip(segments, _find_stuck(segments), strict=True))
     stuck = [
-        place_rows(segment, *rows, "stuck") for segment, some in pairs for rows in _leave_holes(segment, some)
+        place_rows(segment, *rows, "stuck")
+        for segment, some in pairs
+        for rows in _exclude_bridged(segment, some)
     ]
     if not stuck:
         return recording
@@ -287,7 +289,7 @@ def exclude_stuck(recording: Recording) -> Recording:
     return replace(recording, segments=kept or segments[:1], excluded=excluded, flags=flags)
 
 
-def _leave_holes(segment: Segment, stuck: Sequence[Pair]) -> list[Pair]:
+def _exclude_bridged(segment: Segment, stuck: Sequence[Pair]) -> list[Pair]:
     """Return the rows of ``stuck`` outside gaps that were already bridged: those stay missing time."""
     is_stuck = np.zeros(len(segment) if stuck else 0, np.bool_)
     for first, stop in stuck:
@@ -384,7 +386,7 @@ def exclude_faults(recording: Recording, searched: Recording | None = None) -> R
         for sensor, least in zip(summarise(segment), (LEAST_SPIKE_G, LEAST_SPIKE_DPS), strict=True):
             blocks = np.flatnonzero((sensor.step >= least).any(axis=0))
             if len(blocks):
-                _mend_blocks(sensor.samples, least, blocks, marked)
+                _repair_blocks(sensor.samples, least, blocks, marked)
         rows = np.flatnonzero(marked).tolist()
         spikes += [place_rows(segment, row, row + 1, "spikes") for row in rows]
         # the samples changed, so the segment must be a new object
@@ -402,7 +404,7 @@ def _find_notes(recording: Recording) -> tuple[object, object]:
 
 
 @kernel
-def _mend_blocks(values: Any, least: float, blocks: Any, marked: Any) -> None:  # pragma: no cover
+def _repair_blocks(values: Any, least: float, blocks: Any, marked: Any) -> None:  # pragma: no cover
     """Replace single readings far outside their neighbours, in the blocks with such a step, and mark the
     rows.
 

@@ -448,7 +448,7 @@ def judge_frame(
     lively = int(is_lively.sum())
     if lively < FEWEST_WINDOWS:
         return None
-    as_read = search.refine(search.try_out(factors[0]), OFFSET_BASIS)
+    as_read = search.refine(search.try_factor(factors[0]), OFFSET_BASIS)
     if as_read.score <= GOOD_SCORE:
         return FrameEvidence(lively, lively, as_read.score, as_read, as_read)
     plain = is_lively & (measure_speed_dps(windows) * factors[0] < FAST_DPS) & find_plain(windows)
@@ -461,7 +461,7 @@ def judge_frame(
     is_sure = nats > CERTAIN_NATS and best.score < min(BAD_SCORE, KNOWN_RATIO * as_read.score)
     if is_sure or (nats > UNIT_NATS and is_clear and best.score < GOOD_SCORE):
         rivals = (one for one in ranked if search.weigh(one, best, best) < RIVAL_NATS)
-        if search.holds_in_halves(as_read, best) and all(one.is_like(best) for one in rivals):
+        if search.is_supported_by_halves(as_read, best) and all(one.is_like(best) for one in rivals):
             return replace(seen, chosen=best)
     return replace(seen, has_better=nats > CLEAR_NATS and is_clear and not as_read.is_like(best))
 
@@ -486,13 +486,13 @@ class _Search:
     factors: Sequence[float]
     blind_g: Float64Array
 
-    def holds_in_halves(self, as_read: Arrangement, best: Arrangement) -> bool:
+    def is_supported_by_halves(self, as_read: Arrangement, best: Arrangement) -> bool:
         """Return whether both halves of the movement support the better fit."""
         left_g = [np.minimum(one.miss_g, self.blind_g) for one in (best, as_read)]
         halves = np.array_split(np.flatnonzero(self.blind_g > LIVELY_G), 2)
         return all(left_g[0][half].sum() < KNOWN_RATIO * left_g[1][half].sum() for half in halves)
 
-    def try_out(self, factor: float) -> Arrangement:
+    def try_factor(self, factor: float) -> Arrangement:
         gain = factor * np.eye(3)
         return self.measure(GyroModel(gain, -gain @ self.offset_dps, np.zeros(3)))
 
@@ -531,7 +531,7 @@ class _Search:
         small = _Search(pick_windows(self.windows, few), self.offset_dps, self.factors, self.blind_g[few])
         possible = [factor for factor in self.factors if factor * fastest_dps < MOST_DPS]
         possible += [self.factors[0] * scale for scale in SCALES]
-        tried = [small.try_out(sign * factor) for factor in possible for sign in (1.0, -1.0)]
+        tried = [small.try_factor(sign * factor) for factor in possible for sign in (1.0, -1.0)]
         tried.sort(key=lambda one: one.score)
         fitted = [small.refine(one, SCALE_BASIS) for one in tried[:MOST_REFINED]]
         return [self.measure(one.model) for one in fitted if abs(one.factor) * fastest_dps < MOST_DPS]
@@ -670,7 +670,7 @@ def _check_gravity(recording: Recording, rests: Rests) -> Recording:
     """Find the unit that makes the reading at rest 1 g; without rest and a stated unit, use the movement."""
     unit = _drop_unknown(recording.stated.acc_unit)
     if len(rests) == 0:
-        return _settle_moving(recording, unit)
+        return _check_moving_gravity(recording, unit)
     off = abs(rests.length - 1.0)
     if unit != "registers" and off <= REST_TOLERANCE:
         return recording
@@ -679,14 +679,14 @@ def _check_gravity(recording: Recording, rests: Rests) -> Recording:
         return _set_acc_unit(recording, unit, factor, "rest", rests.length)
     if off <= MOST_DOUBTED:
         return _flag_doubt(recording, "accelerometer", g=round(rests.length, 3))
-    _refuse_no_gravity(recording)
+    _check_gravity_present(recording)
     _refuse_short(recording)
     raise WrongScale(g=round(rests.length, 3))
 
 
-def _settle_moving(recording: Recording, unit: str) -> Recording:
+def _check_moving_gravity(recording: Recording, unit: str) -> Recording:
     """Handle a recording without rest: a stated unit is kept unless it is impossible."""
-    part = _refuse_no_gravity(recording)
+    part = _check_gravity_present(recording)
     lengths = measure_lengths(recording.segments)
     usual = float(np.median(lengths)) if len(lengths) else 0.0
     if part is not None and acc_scale_g(unit) and usual < LEAST_USUAL_G:
@@ -727,7 +727,7 @@ def _set_acc_unit(recording: Recording, unit: str, factor: float, evidence: str,
     return _flag_correction(scaled, "acceleration", evidence, factor=factor, g=round(read_g, 3))
 
 
-def _refuse_no_gravity(recording: Recording) -> float | None:
+def _check_gravity_present(recording: Recording) -> float | None:
     """Raise NoGravity if the acceleration at rest is almost zero; see :func:`measure_rest_part`."""
     part = measure_rest_part(recording.segments)
     if part is not None and part < LEAST_REST_PART:
@@ -768,9 +768,9 @@ def _check_rates(recording: Recording, rests: Rests) -> Recording:
     is_cut = find_flat_range([summarise(segment)[1] for segment in recording.segments]) is not None
     evidence = judge_frame(windows, offset_dps, _list_rate_factors(unit))
     if evidence is not None:
-        _refuse_mixed(recording, evidence)
+        _check_mixed(recording, evidence)
     if evidence is not None and evidence.is_settled:
-        recording = _arrange(recording, unit, windows, evidence)
+        recording = _apply_arrangement(recording, unit, windows, evidence)
     elif unit in ("", "registers"):
         _refuse_short(recording)
         raise UnknownUnit(sensor="gyroscope")
@@ -787,7 +787,7 @@ def _list_rate_factors(unit: str) -> tuple[float, ...]:
     return (1.0, DEG_PER_RAD, 1 / DEG_PER_RAD, 1e-3, 1e3)
 
 
-def _refuse_mixed(recording: Recording, evidence: FrameEvidence) -> None:
+def _check_mixed(recording: Recording, evidence: FrameEvidence) -> None:
     """Raise MixedColumns if a known header is contradicted, or if nothing explains the motion."""
     is_other = evidence.chosen is not evidence.as_read and evidence.lively >= BAD_WINDOWS
     if recording.stated.is_known and is_other:
@@ -800,7 +800,9 @@ def _describe_mixed(evidence: FrameEvidence) -> dict[str, int]:
     return {"percent": round(100.0 * evidence.as_read.score), "turns": evidence.lively}
 
 
-def _arrange(recording: Recording, unit: str, windows: GravityWindows, evidence: FrameEvidence) -> Recording:
+def _apply_arrangement(
+    recording: Recording, unit: str, windows: GravityWindows, evidence: FrameEvidence
+) -> Recording:
     """Apply the unit and handedness from the motion, then flag a remaining scale error."""
     chosen = evidence.chosen
     size = max(abs(chosen.factor), 1e-12)

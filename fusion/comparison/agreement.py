@@ -18,12 +18,12 @@ from fusion.comparison.alignment import (
     Runs,
     align,
     align_roughly,
-    find_r,
+    compute_pearson_r,
+    get_valid_runs,
+    get_vertical_paths,
     join_pairs,
     measure_path,
     pair,
-    take_paths,
-    take_runs,
 )
 from fusion.diary import TaskWindow
 from fusion.errors import NotAligned, NothingInCommon, UnknownAxis
@@ -78,37 +78,37 @@ def measure_agreement(ours_deg: Float64Array, reference_deg: Float64Array, durat
     if not len(ours_deg):
         return Agreement(0, 0.0, *([nan] * 10))
     error = ours_deg - reference_deg
-    bias, sd = float(error.mean()), find_sd(error)
-    reference_sd = find_sd(reference_deg)
+    bias, sd = float(error.mean()), compute_sd(error)
+    reference_sd = compute_sd(reference_deg)
     moves = reference_sd >= QUASI_STATIC_DEG
     return Agreement(
         count=len(error),
         duration_s=duration_s,
-        r=find_r(ours_deg, reference_deg) if moves else nan,
+        r=compute_pearson_r(ours_deg, reference_deg) if moves else nan,
         rmse_deg=float(np.sqrt(np.mean(error**2))),
         mean_absolute_error_deg=float(np.abs(error).mean()),
         bias_deg=bias,
         sd_deg=sd,
         loa_low_deg=bias - LIMIT_SD * sd,
         loa_high_deg=bias + LIMIT_SD * sd,
-        icc=find_icc(ours_deg, reference_deg) if moves else nan,
-        concordance=find_concordance(ours_deg, reference_deg) if moves else nan,
+        icc=compute_icc(ours_deg, reference_deg) if moves else nan,
+        concordance=compute_concordance(ours_deg, reference_deg) if moves else nan,
         reference_sd_deg=reference_sd,
     )
 
 
-def find_sd(values: Float64Array) -> float:
+def compute_sd(values: Float64Array) -> float:
     """Return the sample standard deviation; NaN for fewer than two."""
     return float(values.std(ddof=1)) if len(values) > 1 else nan
 
 
-def find_concordance(a: Float64Array, b: Float64Array) -> float:
+def compute_concordance(a: Float64Array, b: Float64Array) -> float:
     """Return Lin's coefficient: 2 s_ab / (s_a^2 + s_b^2 + (mean_a - mean_b)^2), variances over n."""
     apart = float(a.mean() - b.mean()) ** 2 + float(a.var()) + float(b.var())
     return 2.0 * float(np.mean((a - a.mean()) * (b - b.mean()))) / apart if apart > 0 else nan
 
 
-def find_icc(a: Float64Array, b: Float64Array) -> float:
+def compute_icc(a: Float64Array, b: Float64Array) -> float:
     """Return ICC(A,1): (MSR - MSE) / (MSR + MSE + 2 (MSC - MSE) / n), for two measurements of n moments."""
     n = len(a)
     if n < 2:
@@ -133,7 +133,7 @@ class Limits:
     within_sd_deg: float
 
 
-def find_repeated_limits(groups: Sequence[Agreement]) -> Limits:
+def compute_repeated_limits(groups: Sequence[Agreement]) -> Limits:
     """Return limits of agreement for several people (or repetitions) with many rows each.
 
     One-way analysis of variance of the differences: within = MSW, between = (MSB - MSW) / m0 with m0 = (N^2 -
@@ -216,7 +216,7 @@ def _summarise(entries: Sequence[AgreementEntry]) -> AgreementCell:
         spread(_average(own, "rmse_deg") for own in of),
         spread(_average(own, "mean_absolute_error_deg") for own in of),
         spread(_average(own, "bias_deg") for own in of),
-        find_repeated_limits([entry.agreement for entry in entries]),
+        compute_repeated_limits([entry.agreement for entry in entries]),
     )
 
 
@@ -236,7 +236,7 @@ def spread(values: Iterable[float]) -> Spread:
     known = np.array([value for value in every if isfinite(value)])
     if 2 * len(known) <= len(every):
         return Spread(nan, nan, len(known))
-    return Spread(float(known.mean()), find_sd(known), len(known))
+    return Spread(float(known.mean()), compute_sd(known), len(known))
 
 
 # The two sides of a comparison: a recording fused by Acromion, or a file that contains its angle.
@@ -269,8 +269,8 @@ def take_recording(fused: FusedRecording) -> Side:
         recording.device,
         recording.sha256,
         recording.duration_us / 1e6,
-        take_runs(fused.elevation),
-        take_paths(fused.elevation),
+        get_valid_runs(fused.elevation),
+        get_vertical_paths(fused.elevation),
         (windows[0].start_s, windows[0].end_s) if windows else None,
         recording.understood,
     )
@@ -282,15 +282,15 @@ def take_angle_file(file: AngleFile, calibration_s: tuple[float, float] | None =
         file.device,
         file.sha256,
         file.last_s - file.first_s,
-        _lay(file, file.elevation_deg),
-        _lay(file, None if file.up is None else measure_path(file.up)),
+        _resample(file, file.elevation_deg),
+        _resample(file, None if file.up is None else measure_path(file.up)),
         calibration_s,
         file.understood,
     )
 
 
-def _lay(file: AngleFile, values: FloatArray | None) -> Runs:
-    return () if values is None else take_runs(resample_file(file, values)[1], file.first_s)
+def _resample(file: AngleFile, values: FloatArray | None) -> Runs:
+    return () if values is None else get_valid_runs(resample_file(file, values)[1], file.first_s)
 
 
 # The error by elevation and by speed, both as measured by the reference.
@@ -471,7 +471,7 @@ def _compare_tasks(pairs: Pairs, tasks: tuple[TaskWindow, ...]) -> tuple[TaskAgr
     for name in dict.fromkeys(task.name for task in tasks):
         windows = [task for task in tasks if task.name == name]
         parts = [pairs.cut(task.start_s, task.end_s) for task in windows]
-        limits = find_repeated_limits([_measure(part) for part in parts])
+        limits = compute_repeated_limits([_measure(part) for part in parts])
         pooled = _measure(join_pairs(parts))
         found.append(TaskAgreement(name, windows[0].paper_task, len(windows), pooled, limits))
     return tuple(found)

@@ -53,7 +53,7 @@ class Run:
 Runs = tuple[Run, ...]
 
 
-def take_runs(elevation: Elevation, first_s: float = 0.0) -> Runs:
+def get_valid_runs(elevation: Elevation, first_s: float = 0.0) -> Runs:
     """Return the valid rows as runs; ``first_s`` is the clock at the recording's first sample."""
     return tuple(
         Run(first_s + (segment.start_us / MICROSECONDS) + start / segment.rate_hz, segment.rate_hz, values)
@@ -62,7 +62,7 @@ def take_runs(elevation: Elevation, first_s: float = 0.0) -> Runs:
     )
 
 
-def take_paths(elevation: Elevation) -> Runs:
+def get_vertical_paths(elevation: Elevation) -> Runs:
     """Return the path of the vertical in the sensor's frame, deg, at about 50 Hz.
 
     Its rate of change does not depend on the mounting of the sensor. It is used to align an orientation whose
@@ -298,7 +298,7 @@ def _find_common(slow: Runs, fast: Runs) -> Iterator[PairedRun]:
                 yield PairedRun(float(time_s[0]), run.rate_hz, values, within)
 
 
-def find_r(a: Float64Array, b: Float64Array) -> float:
+def compute_pearson_r(a: Float64Array, b: Float64Array) -> float:
     """Return Pearson's correlation; NaN if one does not vary."""
     u, v = a - a.mean(), b - b.mean()
     size = sqrt(float(u @ u) * float(v @ v))
@@ -576,4 +576,4 @@ def _correlate_rates(ours: Runs, reference: Runs, alignment: Alignment) -> float
     steps = max(1, round(find_rate_hz(ours) / GRID_HZ))
     parts = [(run.ours_deg[::steps], run.reference_deg[::steps]) for run in pairs.runs]
     changes = [np.concatenate([np.diff(part[k]) for part in parts]) for k in (0, 1)]
-    return find_r(changes[0], changes[1]) if len(changes[0]) > 1 else nan
+    return compute_pearson_r(changes[0], changes[1]) if len(changes[0]) > 1 else nan

@@ -248,7 +248,9 @@ def add_intervals(exposure: Exposure, day: DayTally, errors: ErrorTally) -> Expo
         eva=replace(
             exposure.eva, intervals=tuple(cells[k : k + columns] for k in range(0, len(cells), columns))
         ),
-        intervals={name: i for name, i in named.items() if is_told(name, errors.sigma_deg, block_us)},
+        intervals={
+            name: i for name, i in named.items() if has_enough_evidence(name, errors.sigma_deg, block_us)
+        },
     )
     return _add_part_intervals(of_day, day, errors)
 
@@ -311,7 +313,7 @@ def _add_ranges(
     )
 
 
-def is_told(name: str, sigma_deg: float, block_us: IntArray) -> bool:
+def has_enough_evidence(name: str, sigma_deg: float, block_us: IntArray) -> bool:
     """Return whether an interval includes an error of the angle or enough of the day."""
     is_extreme = name.startswith("worst_") or "_longest_" in name  # depends on the error of the angle only
     # does not depend on that error
@@ -328,13 +330,13 @@ def _add_part_intervals(exposure: Exposure, day: DayTally, errors: ErrorTally) -
 
     def add(parts: Sequence[PartExposure], groups: Sequence[Group]) -> tuple[PartExposure, ...]:
         pairs = zip(parts, groups, strict=True)
-        return _tell_ranges(parts, [draw(part, np.isin(piece_of, group)) for part, group in pairs])
+        return _add_ranges_to_parts(parts, [draw(part, np.isin(piece_of, group)) for part, group in pairs])
 
     by_hour = [draw(hour, hour_of == k) for k, hour in enumerate(exposure.by_hour)]
     varied = draw_variation(exposure.by_hour, [drawn for drawn, _ in by_hour], exposure.hour_variation)
     return replace(
         exposure,
-        by_hour=_tell_ranges(exposure.by_hour, by_hour),
+        by_hour=_add_ranges_to_parts(exposure.by_hour, by_hour),
         by_period=add(exposure.by_period, day.division.group_by_row()),
         by_task=add(exposure.by_task, day.division.group_by_task()),
         intervals={**exposure.intervals, **find_intervals(varied)},
@@ -371,7 +373,7 @@ def _draw_part_figures(part: DrawnDistribution, entries_per_h: Float64Array) -> 
     }
 
 
-def _tell_ranges(
+def _add_ranges_to_parts(
     parts: Sequence[PartExposure], drawn: Sequence[tuple[Figures, Figures]]
 ) -> tuple[PartExposure, ...]:
     return tuple(
@@ -439,7 +441,7 @@ def draw_variation(
 # Ranges over several readings of one day, if no person has stated which one is right.
 
 
-def widen_over(exposure: Exposure, others: Sequence[Exposure]) -> Exposure:
+def widen_intervals(exposure: Exposure, others: Sequence[Exposure]) -> Exposure:
     """Return the exposure with each range widened to include the ranges of the same figure in others."""
     widened = _widen(exposure, others)
     assert isinstance(widened, Exposure)
@@ -609,7 +611,7 @@ def _divide_day(exposure: Exposure, day: DayTally) -> Exposure:
     )
 
 
-def withhold_short(exposure: Exposure) -> Exposure:
+def remove_short_ranges(exposure: Exposure) -> Exposure:
     """Remove ranges and rates per hour from figures of less than half an hour, including those of parts.
 
     So little time does not show how often something happens per hour, nor how much another hour would differ.

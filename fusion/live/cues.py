@@ -89,7 +89,7 @@ class _RuleWatch:
         self._stay_s = self._stay_s + step_s if is_above else 0.0
         if self.rule.kind == "hold":
             return self._hold()
-        self._turn_second(time_s)
+        self._close_second(time_s)
         self._known_s += step_s if is_known else 0.0
         self._above_s += self._count_above(step_s, is_above=is_above)
         return self._is_over(time_s)
@@ -113,7 +113,7 @@ class _RuleWatch:
             return 0.0
         return self._stay_s if self._stay_s - step_s < STAY_S else step_s
 
-    def _turn_second(self, time_s: float) -> None:
+    def _close_second(self, time_s: float) -> None:
         """Close the second that has ended, and drop the seconds that left the window."""
         if int(time_s) == self._second:
             return

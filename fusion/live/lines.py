@@ -257,7 +257,7 @@ class LineReader:
                 self._learned_from.clear()
             self._head.append(line)
         if len(self._learned_from) == ROWS_TO_LEARN and self._head:
-            columns = self._columns = _learn([*self._head, *(text for text, _ in self._learned_from)])
+            columns = self._columns = _parse_header([*self._head, *(text for text, _ in self._learned_from)])
             parsed = (self._parse(text, came_us, columns) for text, came_us in self._learned_from)
             yield from (row for row in parsed if row is not None)
 
@@ -291,7 +291,7 @@ class LineReader:
         layout = columns.layout
         if not line or line.startswith(("#", "%", "//")) or line in (layout.header, *layout.preamble):
             return
-        self._changed = _learn_again(line)
+        self._changed = _parse_changed_header(line)
         self.torn += self._changed is None
 
     def _follow_header(self, line: str, columns: _Columns) -> _Columns:
@@ -336,14 +336,14 @@ class LineReader:
             raise UnusableTime(why="rate changed")
 
 
-def _learn_again(line: str) -> _Columns | None:
+def _parse_changed_header(line: str) -> _Columns | None:
     """Read the header of a reconfigured board; None if the line is not a header."""
     delimiter = next((mark for mark in DELIMITERS if mark in line), "")
     if not delimiter or not WORDS.search(line):
         return None
     row = delimiter.join("1" for _ in split_fields(line, delimiter))
     try:
-        return _learn([line, *[row] * ROWS_TO_LEARN])
+        return _parse_header([line, *[row] * ROWS_TO_LEARN])
     except FusionError:
         return None
 
@@ -357,7 +357,7 @@ def _drop_before_restart(rows: list[Row]) -> list[Row]:
     return rows[falls[-1] :] if falls else rows
 
 
-def _learn(lines: Sequence[str]) -> _Columns:
+def _parse_header(lines: Sequence[str]) -> _Columns:
     layout = find_layout("\n".join([*lines, ""]))
     if layout is None or layout.header is None or layout.labels is not None:
         raise UnknownColumns(why="no header")

@@ -214,7 +214,7 @@ class LiveSession:
             self._first_us = int(frames.time_us[0])
         for first, stop in self._find_runs(frames):
             run = frames.cut(first, stop)
-            self._cross(run)
+            self._handle_gap(run)
             elevation_deg[first:stop], valid[first:stop] = self._fuse(run)
             self._count(elevation_deg[first:stop][valid[first:stop]])
             self._last = run.cut(len(run) - 1, len(run))
@@ -257,7 +257,7 @@ class LiveSession:
             edges.add(int(np.searchsorted(frames.time_us, self._pose.end_us)))
         yield from pairwise(sorted(edges))
 
-    def _cross(self, run: Frames) -> None:
+    def _handle_gap(self, run: Frames) -> None:
         """Handle the gap between the last frame and this run."""
         if self._last is None:
             return

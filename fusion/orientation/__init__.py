@@ -11,7 +11,7 @@ from fusion.orientation.live import LiveVertical
 from fusion.orientation.published import estimate_published
 from fusion.orientation.smoothed import smooth_nodes
 from fusion.recording import Float64Array
-from fusion.sensor.model import SensorRun, check_arrays, check_gravity, spread_rows
+from fusion.sensor.model import SensorRun, check_arrays, check_gravity, propagate_vertical
 from fusion.sensor.self_calibration import calibrate_sensor
 from fusion.sensor.stillness import find_quietest_rate, find_still_moments, reduce_run
 
@@ -59,5 +59,5 @@ def estimate_vertical(
     _, (calibrated,) = calibrate_sensor([run], blocks, find_still_moments(blocks))
     nodes, gyr_dps = calibrated.nodes, calibrated.run.gyr_dps
     up = np.empty((len(run), 3))
-    spread_rows(gyr_dps, run.rate_hz, nodes, smooth_nodes(nodes).up, up, 0)
+    propagate_vertical(gyr_dps, run.rate_hz, nodes, smooth_nodes(nodes).up, up, 0)
     return up

@@ -9,7 +9,7 @@ import numpy as np
 
 from fusion.conventions import CONFIRMED, SAID_S, CalibrationState, Pose, PoseHeld
 from fusion.errors import UnusableCalibration
-from fusion.numerics import find_angle_deg, scale_to_unit
+from fusion.numerics import compute_angle_deg, scale_to_unit
 from fusion.pose.rules import (
     ALIKE_DEG,
     ASSUMED_SIGMA_DEG,
@@ -19,26 +19,26 @@ from fusion.pose.rules import (
     WALKING_SIGMA_DEG,
     AxisPart,
     Reading,
-    choose_apart,
+    compute_spread_deg,
     estimate_held_sigma,
     estimate_repeated_sigma,
-    find_spread_deg,
     point_along,
     score_still_period,
+    select_distinct_axes,
     window_rejection_reason,
 )
 from fusion.pose.wear import (
     MOVED_SHARE,
     Question,
     Wear,
-    ask_for_slip,
     compare_postures,
     divide_by_wear,
+    find_slip,
     find_walking,
     find_wear,
 )
 from fusion.recording import MICROSECONDS, Float64Array, Recording, Segment, join_overlapping
-from fusion.sensor.gyroscope import GyroScale, leave_gyro_scale
+from fusion.sensor.gyroscope import GyroScale, build_identity_gyro_scale
 from fusion.sensor.model import AccelerometerCorrection, GyroBias, view_segment
 from fusion.sensor.self_calibration import (
     CalibratedRun,
@@ -135,7 +135,7 @@ def find_tables(recording: Recording, stretches_s: Sequence[Window]) -> list[Win
     return [span_s for span_s in long_s if measure_stretch(recording, span_s).sway_dps < TABLE_SWAY_DPS]
 
 
-def measure_asked(recording: Recording, window_s: Window) -> StillPeriod:
+def measure_window(recording: Recording, window_s: Window) -> StillPeriod:
     """Measure a window that a person chose; raises UnusableCalibration."""
     start_s, end_s = window_s
     is_outside = start_s < 0.0 or end_s * MICROSECONDS > recording.duration_us + 1
@@ -148,8 +148,8 @@ def measure_pair(recording: Recording, windows_s: Sequence[Window]) -> tuple[Sti
     """Measure the two windows of the two-point pose, hanging and level; raises UnusableCalibration."""
     if len(windows_s) != 2:
         raise UnusableCalibration(why="count", start_s=0.0, end_s=0.0)
-    hanging, level = (measure_asked(recording, window) for window in windows_s)
-    if not 60.0 <= find_angle_deg(hanging.gravity_g, level.gravity_g) <= 120.0:
+    hanging, level = (measure_window(recording, window) for window in windows_s)
+    if not 60.0 <= compute_angle_deg(hanging.gravity_g, level.gravity_g) <= 120.0:
         raise UnusableCalibration(why="angle", start_s=windows_s[1][0], end_s=windows_s[1][1])
     return hanging, level
 
@@ -168,7 +168,7 @@ def measure_stillest(recording: Recording, blocks: Blocks) -> StillPeriod:
     return _measure(recording, start_s, start_s + table.duration_s, refuses_motion=True)
 
 
-def share_between(hanging_g: Float64Array, level_g: Float64Array) -> Float64Array:
+def compute_two_point_axis(hanging_g: Float64Array, level_g: Float64Array) -> Float64Array:
     """Return the arm axis for the two-point pose.
 
     Let ``gamma`` be the angle between both gravity directions. The axis is in their plane, rotated from the
@@ -177,7 +177,7 @@ def share_between(hanging_g: Float64Array, level_g: Float64Array) -> Float64Arra
     """
     first, second = scale_to_unit(hanging_g), scale_to_unit(level_g)
     across = scale_to_unit(second - (first @ second) * first)
-    turn = np.radians(find_angle_deg(first, second) - 90.0) / 2.0
+    turn = np.radians(compute_angle_deg(first, second) - 90.0) / 2.0
     return np.asarray(np.cos(turn) * first + np.sin(turn) * across)
 
 
@@ -285,7 +285,9 @@ def assume_pose(
     at_start = tuple(still for still in early.stills if still.start_s <= early.worn_from_s + HELD_S)
     if pose_held == "start" and at_start:
         is_late = at_start[0].start_s > early.worn_from_s + AT_ONCE_S
-        differ = is_late and find_spread_deg([each.correct(accelerometer) for each in at_start]) > ALIKE_DEG
+        differ = (
+            is_late and compute_spread_deg([each.correct(accelerometer) for each in at_start]) > ALIKE_DEG
+        )
         return describe_pose("held_at_start", at_start[0], accelerometer, at_start if differ else ())
     if not early.stills:
         return None
@@ -305,7 +307,7 @@ def describe_pose(
     return FoundPose(state, still.start_s, still.end_s, axis, sigma_deg, None, still, candidates)
 
 
-def do_without_pose(
+def estimate_axis_without_pose(
     recording: Recording, blocks: Blocks, wear: Wear, accelerometer: AccelerometerCorrection
 ) -> FoundPose:
     """Return the direction of the arm in a minute of walking, or else in the stillest moment.
@@ -355,7 +357,7 @@ def propose_poses(recording: Recording) -> tuple[ProposedPose, ...]:
         for start_s, end_s in stretches_s
         if start_s >= late_s and end_s - start_s <= LONGEST_POSE_S
     ]
-    near = [still for still in late if find_angle_deg(axis, still.correct(accelerometer)) <= ALIKE_DEG]
+    near = [still for still in late if compute_angle_deg(axis, still.correct(accelerometer)) <= ALIKE_DEG]
     return (*proposed, *(ProposedPose(still, "repeat") for still in near[:MOST_REPEATS]))
 
 
@@ -366,7 +368,7 @@ def propose_poses(recording: Recording) -> tuple[ProposedPose, ...]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Read:
+class AxisAssignment:
     """The first axis, the stretches with another axis in time order, and poses that disagree."""
 
     first: FoundPose
@@ -374,7 +376,9 @@ class Read:
     differ: tuple[Question, ...]
 
 
-def read_recording(wears: Sequence[Wear], poses: Sequence[FoundPose], slip_times_s: Sequence[float]) -> Read:
+def assign_axes(
+    wears: Sequence[Wear], poses: Sequence[FoundPose], slip_times_s: Sequence[float]
+) -> AxisAssignment:
     """Assign to each stretch between the stated slips the poses that were held in it."""
     slips = join_overlapping([(time_s - SAID_S, time_s + SAID_S) for time_s in slip_times_s])
     edges_s = [-np.inf, *(edge_s for slip in slips for edge_s in slip), np.inf]
@@ -388,12 +392,12 @@ def read_recording(wears: Sequence[Wear], poses: Sequence[FoundPose], slip_times
     for section, known in zip(sections, own, strict=True):
         parts += _place(section, known, wears, first) if known else [AxisPart(*section, None)]
     differ = [
-        Question("poses", before.end_s, one.time_s, find_angle_deg(before.axis, one.axis))
+        Question("poses", before.end_s, one.time_s, compute_angle_deg(before.axis, one.axis))
         for known in own
         for before, one in pairwise(known)
         if find_wear(wears, one.time_s).start_s <= before.end_s
     ]
-    return Read(first, tuple(sorted(parts, key=lambda part: part.start_s)), tuple(differ))
+    return AxisAssignment(first, tuple(sorted(parts, key=lambda part: part.start_s)), tuple(differ))
 
 
 def _place(
@@ -414,7 +418,7 @@ def _join_agreeing(poses: Sequence[FoundPose]) -> list[FoundPose]:
     """Merge consecutive poses within 10 deg."""
     groups: list[list[FoundPose]] = []
     for pose in poses:
-        if groups and find_angle_deg(_average(groups[-1]), pose.axis) <= ALIKE_DEG:
+        if groups and compute_angle_deg(_average(groups[-1]), pose.axis) <= ALIKE_DEG:
             groups[-1].append(pose)
         else:
             groups.append([pose])
@@ -423,8 +427,8 @@ def _join_agreeing(poses: Sequence[FoundPose]) -> list[FoundPose]:
         one, axes = group[0], [pose.axis for pose in group]
         if len(group) > 1:
             axis = _average(group)
-            sigma_deg = estimate_repeated_sigma([find_angle_deg(axis, each) for each in axes])
-            repeat_deg, end_s = find_spread_deg(axes), group[-1].end_s
+            sigma_deg = estimate_repeated_sigma([compute_angle_deg(axis, each) for each in axes])
+            repeat_deg, end_s = compute_spread_deg(axes), group[-1].end_s
             one = replace(one, axis=axis, sigma_deg=sigma_deg, repeat_deg=repeat_deg, end_s=end_s)
         joined.append(one)
     return joined
@@ -434,14 +438,16 @@ def _average(poses: Sequence[FoundPose]) -> Float64Array:
     return poses[0].axis if len(poses) == 1 else scale_to_unit(np.sum([pose.axis for pose in poses], axis=0))
 
 
-def ask(wears: Sequence[Wear], poses: Sequence[FoundPose], answers_s: Sequence[float]) -> Iterator[Question]:
+def find_questions(
+    wears: Sequence[Wear], poses: Sequence[FoundPose], answers_s: Sequence[float]
+) -> Iterator[Question]:
     """Yield when the sensor may have moved, if neither an answer nor poses settle it.
 
     Two poses settle a question if a person gave them, one before and one after, and they agree.
     """
     for wear in wears:
         is_posed = any(wear.start_s <= pose.time_s < wear.end_s for pose in poses)
-        asked = [ask_for_slip(wear.strides, wear.calm)]
+        asked = [find_slip(wear.strides, wear.calm)]
         if wear is not wears[0] and not is_posed and poses[0].state != "axis":
             asked.insert(0, Question("put_back", wear.worn_from_s - wear.off_s, wear.worn_from_s))
         for question in asked:
@@ -450,7 +456,7 @@ def ask(wears: Sequence[Wear], poses: Sequence[FoundPose], answers_s: Sequence[f
             before = [pose.axis for pose in poses if pose.time_s < question.first_s]
             after = [pose.axis for pose in poses if pose.time_s > question.end_s]
             is_given = poses[0].state in CONFIRMED and bool(before and after)
-            if not is_given or find_angle_deg(before[-1], after[0]) > ALIKE_DEG:
+            if not is_given or compute_angle_deg(before[-1], after[0]) > ALIKE_DEG:
                 yield replace(question, until_s=wear.end_s)
 
 
@@ -469,7 +475,7 @@ def assume_put_back(
 
 
 def list_readings(
-    read: Read,
+    read: AxisAssignment,
     candidates: Sequence[Float64Array],
     questions: Sequence[Question],
     stills: Sequence[tuple[Wear, list[Float64Array]]],
@@ -480,14 +486,14 @@ def list_readings(
     ones.
     """
     axis, parts = read.first.axis, read.parts
-    yield from (Reading(candidates[place], parts) for place in choose_apart(candidates)[1:])
+    yield from (Reading(candidates[place], parts) for place in select_distinct_axes(candidates)[1:])
     asked_s = [question.end_s for question in questions if question.kind == "put_back"]
     put_back = [(wear, axes) for wear, axes in stills if axes and wear.worn_from_s in asked_s]
-    for turn in range(max((len(choose_apart(axes)) for _, axes in put_back), default=0)):
+    for turn in range(max((len(select_distinct_axes(axes)) for _, axes in put_back), default=0)):
         again = [
             AxisPart(wear.start_s, wear.end_s, axes[place])
             for wear, axes in put_back
-            for place in choose_apart(axes)[turn : turn + 1]
+            for place in select_distinct_axes(axes)[turn : turn + 1]
         ]
         yield Reading(axis, (*parts, *again))
     for question in questions:
@@ -566,7 +572,7 @@ class CalibratedSamples:
     bias: GyroBias
     accelerometer: AccelerometerCorrection
     stills: QuietTable
-    gyro_scale: GyroScale = field(default_factory=leave_gyro_scale)
+    gyro_scale: GyroScale = field(default_factory=build_identity_gyro_scale)
     runs: tuple[CalibratedRun, ...] = ()
     axis_parts: tuple[AxisPart, ...] = ()
     readings: tuple[Reading, ...] = ()
@@ -601,10 +607,10 @@ def calibrate(
     early = find_early_stills(recording, wears, stretches_s)
     found, windows = _find_stated(recording, wears[0], correction, settings)
     assumed = assume_pose(early[0], correction, settings.pose_held)
-    poses = found or (assumed or do_without_pose(recording, blocks, wears[0], correction),)
-    questions = tuple(ask(wears, poses, (*settings.slip_times_s, *settings.no_slip_times_s)))
+    poses = found or (assumed or estimate_axis_without_pose(recording, blocks, wears[0], correction),)
+    questions = tuple(find_questions(wears, poses, (*settings.slip_times_s, *settings.no_slip_times_s)))
     put_back = assume_put_back(wears, early, questions, correction)
-    first, read = poses[0], read_recording(wears, (*poses, *put_back), settings.slip_times_s)
+    first, read = poses[0], assign_axes(wears, (*poses, *put_back), settings.slip_times_s)
     windows = windows or ((first.still,) if first.still else ())
     axes = [[still.correct(correction) for still in one.stills] for one in early]
     candidates = [still.correct(correction) for still in first.candidates]
@@ -616,11 +622,11 @@ def calibrate(
         first.state,
         windows,
         windows[0].gyro_bias_dps if windows else sensor.bias.bias_dps.mean(axis=0),
-        None if walking is None else find_angle_deg(walking, read.first.axis),
+        None if walking is None else compute_angle_deg(walking, read.first.axis),
         read.first.repeat_deg,
         first.candidates,
-        find_spread_deg(candidates),
-        tuple(find_angle_deg(again.axis, first.axis) for again in poses[1:]),
+        compute_spread_deg(candidates),
+        tuple(compute_angle_deg(again.axis, first.axis) for again in poses[1:]),
         questions,
         read.differ,
     )
@@ -636,14 +642,14 @@ def _find_stated(
     """Return the poses or the axis that a person stated, in time order, and the windows."""
     if settings.calibration_windows_s and settings.pose == "two-point":
         hanging, level = measure_pair(recording, settings.calibration_windows_s)
-        axis = share_between(hanging.correct(accelerometer), level.correct(accelerometer))
+        axis = compute_two_point_axis(hanging.correct(accelerometer), level.correct(accelerometer))
         shorter = min(hanging, level, key=lambda still: still.duration_s)
         pose = replace(describe_pose("given", shorter, accelerometer), time_s=hanging.start_s, axis=axis)
         return (pose,), (hanging, level)
     if settings.calibration_windows_s:
         spans_s = join_overlapping(settings.calibration_windows_s)
-        windows = tuple(measure_asked(recording, span_s) for span_s in spans_s)
-        spread_deg = find_spread_deg([still.correct(accelerometer) for still in windows])
+        windows = tuple(measure_window(recording, span_s) for span_s in spans_s)
+        spread_deg = compute_spread_deg([still.correct(accelerometer) for still in windows])
         state: CalibrationState = "repeated" if len(windows) > 1 and spread_deg <= ALIKE_DEG else "given"
         return tuple(describe_pose(state, still, accelerometer) for still in windows), windows
     if settings.arm_axis is not None:

@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 
 from fusion.conventions import ARM_AXES, ArmAxis
-from fusion.numerics import find_angle_deg
+from fusion.numerics import compute_angle_deg
 from fusion.recording import Float64Array
 from fusion.still_limits import POSE
 
@@ -141,23 +141,23 @@ def point_along(axis: ArmAxis) -> Float64Array:
 
 def find_nearest_axis(direction: Float64Array) -> tuple[ArmAxis, float]:
     """Return the sensor axis nearest to a direction (3,), and the angle between them, deg."""
-    apart_deg = {axis: find_angle_deg(point_along(axis), direction) for axis in ARM_AXES}
+    apart_deg = {axis: compute_angle_deg(point_along(axis), direction) for axis in ARM_AXES}
     nearest = min(ARM_AXES, key=lambda axis: apart_deg[axis])
     return nearest, apart_deg[nearest]
 
 
-def find_spread_deg(axes: Iterable[Float64Array]) -> float:
+def compute_spread_deg(axes: Iterable[Float64Array]) -> float:
     """Return the largest angle between any two directions; 0 for one."""
-    return max((find_angle_deg(one, other) for one, other in combinations(axes, 2)), default=0.0)
+    return max((compute_angle_deg(one, other) for one, other in combinations(axes, 2)), default=0.0)
 
 
-def choose_apart(axes: Sequence[Float64Array], most: int = MOST_READINGS) -> list[int]:
+def select_distinct_axes(axes: Sequence[Float64Array], most: int = MOST_READINGS) -> list[int]:
     """Return the indices of representative axes: the first, then repeatedly the one farthest from those
     chosen.
     """
     chosen = [0] if axes else []
     while axes and len(chosen) < most:
-        nearest_deg = [min(find_angle_deg(axis, axes[place]) for place in chosen) for axis in axes]
+        nearest_deg = [min(compute_angle_deg(axis, axes[place]) for place in chosen) for axis in axes]
         farthest = int(np.argmax(nearest_deg))
         if nearest_deg[farthest] < SAME_DEG:
             break

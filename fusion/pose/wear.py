@@ -12,14 +12,14 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.numerics import cos_deg, find_angle_deg, find_turn
+from fusion.numerics import compute_angle_deg, compute_rotation, cos_deg
 from fusion.recording import Float64Array
 from fusion.sensor.model import AccelerometerCorrection
 from fusion.sensor.stillness import QuarterSeconds
 
 # Directions of gravity in the sensor, in windows of 2 s, at rest and in walking.
 
-MOST = 500
+MAX_MOMENTS = 500
 """This many moments at even steps are enough to compare all pairs."""
 CALM_BLOCKS = 8
 CALM_WITHIN_G = 0.1
@@ -43,7 +43,7 @@ class Moments:
         """Return the moments from ``first_s`` on and before ``end_s``."""
         return self.select((self.time_s >= first_s) & (self.time_s < end_s))
 
-    def thin(self, most: int = MOST) -> "Moments":
+    def thin(self, most: int = MAX_MOMENTS) -> "Moments":
         """Return at most ``most`` moments, at even steps."""
         step = -(-len(self.up) // most) or 1
         return Moments(self.time_s[::step], self.up[::step])
@@ -220,7 +220,7 @@ def find_walking(strides: Moments) -> Float64Array | None:
     return direction if share >= STEADY_SHARE else None
 
 
-def ask_for_slip(strides: Moments, calm: Moments) -> Question | None:
+def find_slip(strides: Moments, calm: Moments) -> Question | None:
     """Return the slip that walking shows within one stretch of wear; None if there is none.
 
     The other postures must also have changed. If they have not, the person carries loads.
@@ -236,7 +236,7 @@ def ask_for_slip(strides: Moments, calm: Moments) -> Question | None:
     ]
     told = [edge * one[1] + (count - edge) * two[1] for edge, (one, two) in zip(edges, sides, strict=True)]
     edge, ((before, before_share), (after, after_share)) = edges[np.argmax(told)], sides[int(np.argmax(told))]
-    apart_deg = find_angle_deg(before, after)
+    apart_deg = compute_angle_deg(before, after)
     knows = max(share_near(few.up[:edge], after[None])[0], share_near(few.up[edge:], before[None])[0])
     if apart_deg < MOVED_DEG or min(before_share, after_share) < OWN_SHARE or knows > OTHER_SHARE:
         return None
@@ -246,7 +246,7 @@ def ask_for_slip(strides: Moments, calm: Moments) -> Question | None:
     earlier, later = rest.within(-np.inf, first_s).thin().up, rest.within(end_s, np.inf).thin().up
     if min(len(earlier), len(later)) >= LEAST_REST and compare_postures(earlier, later) > ALIKE_SHARE:
         return None
-    return Question("slip", first_s, end_s, apart_deg, find_turn(before, after))
+    return Question("slip", first_s, end_s, apart_deg, compute_rotation(before, after))
 
 
 def compare_postures(earlier: Float64Array, later: Float64Array) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
-from fusion.elevation import AngleRows, Elevation, lay_rows
+from fusion.elevation import AngleRows, Elevation, group_rows
 from fusion.errors import TooShort
 from fusion.numba_kernels import kernel
 from fusion.pose.calibrate import Blocks, reduce_recording
@@ -107,7 +107,7 @@ def find_exclusions(recording: Recording, blocks: Blocks | None = None) -> tuple
     ]
     clipped = _find_clipped(recording, blocks or reduce_recording(recording))
     spans = [*clipped, *short, *recording.excluded]
-    coarse = [rows for rows in map(lay_rows, recording.segments) if rows.per_row > 1]
+    coarse = [rows for rows in map(group_rows, recording.segments) if rows.per_row > 1]
     if coarse:
         spans = [_widen_to_rows(span, coarse) for span in spans]
     return make_disjoint(spans, recording.duration_us)
@@ -126,7 +126,7 @@ def _widen_to_rows(span: Span, runs: Sequence[AngleRows]) -> Span:
     return replace(span, start_us=start_us, duration_us=end_us - start_us)
 
 
-def refuse_short(recording: Recording) -> None:
+def check_minimum_duration(recording: Recording) -> None:
     """Check that the recording can contain the 10 s that an analysis needs, before anything else.
 
     Raises TooShort.
@@ -175,7 +175,7 @@ def leave_out(elevation: Elevation, exclusions: tuple[Span, ...]) -> Elevation:
 
 Account = Literal["analysed", "excluded", "missing"]
 
-SAID_BY_A_PERSON = frozenset({"break", "not-worn", "outside", "seated", "supported", "task", "work", "shift"})
+STATED_REASONS = frozenset({"break", "not-worn", "outside", "seated", "supported", "task", "work", "shift"})
 
 
 CAUSES = {Caveat.RESOLUTION: "resolution", Caveat.ACC_DRIFT: "drift"}
@@ -221,17 +221,17 @@ def account_time(
 def count_holes_us(recording: Recording, exclusions: tuple[Span, ...]) -> int:
     """Return the time without samples that no exclusion explains, plus samples that share a row with it."""
     holes = find_missing(recording.segments, recording.duration_us, exclusions)
-    return sum(hole.duration_us for hole in holes) + count_beside_us(recording, exclusions)
+    return sum(hole.duration_us for hole in holes) + count_partial_rows_us(recording, exclusions)
 
 
-def count_beside_us(recording: Recording, exclusions: tuple[Span, ...]) -> int:
+def count_partial_rows_us(recording: Recording, exclusions: tuple[Span, ...]) -> int:
     """Return the time of samples beside a bridged gap that share a row with it, so that the row is not valid.
 
     Zero if each sample is a row, as when `inspect` counts before an analysis.
     """
     beside_us = 0
     for segment in recording.segments:
-        rows = lay_rows(segment)
+        rows = group_rows(segment)
         if rows.per_row == 1 or not segment.bridged:
             continue
         bridged, fallen = np.zeros(len(segment), np.bool_), np.zeros(len(rows), np.bool_)
@@ -303,7 +303,7 @@ def _describe_largest(exclusions: tuple[Span, ...], left_out_us: int = 0) -> dic
         return {}
     largest = max(lengths_us, key=lambda reason: lengths_us[reason])
     told: dict[str, str | float] = {"left_out": largest, "left_out_s": lengths_us[largest] / MICROSECONDS}
-    if largest in SAID_BY_A_PERSON:
+    if largest in STATED_REASONS:
         told["cure"] = "left out"
     return told
 

@@ -7,12 +7,12 @@ import numpy as np
 from fusion.caveats import FEW_H, POOR_H, TIME_LOST, Caveat, Grade
 from fusion.checks.summary import number_directions
 from fusion.conventions import NPOSE_ERROR_DEG, is_npose
-from fusion.elevation import Elevation, lay_rows
+from fusion.elevation import Elevation, group_rows
 from fusion.exposure.types import LEAST_RANGED_S, Exposure
 from fusion.pose.calibrate import TABLE_SWAY_DPS, CalibratedSamples, Calibration, StillPeriod
 from fusion.pose.rules import RULES
 from fusion.quality import Quality, TimeAccount, Verdict
-from fusion.quality.time_account import count_beside_us
+from fusion.quality.time_account import count_partial_rows_us
 from fusion.recording import (
     MICROSECONDS,
     Float64Array,
@@ -114,7 +114,7 @@ def _flag_untrusted(
             for span in exclusions
         )
     )
-    beside_us = count_beside_us(recording, exclusions)
+    beside_us = count_partial_rows_us(recording, exclusions)
     untrusted_us = time.missing_us - bridged_us - beside_us - sum(span.duration_us for span in holes)
     if untrusted_us >= MICROSECONDS:
         yield QualityFlag(Caveat.UNTRUSTED, seconds=untrusted_us / MICROSECONDS)
@@ -225,7 +225,7 @@ def flag_untrusted(
     gap, and excluded time is not missing. Less than a second in total is not flagged.
     """
     bridged = {
-        segment.start_us: [lay_rows(segment).hold(first, stop) for first, stop in segment.bridged]
+        segment.start_us: [group_rows(segment).hold(first, stop) for first, stop in segment.bridged]
         for segment in recording.segments
     }
     spans: list[Span] = []

@@ -28,9 +28,9 @@ from fusion.sensor.model import (
     LinearInterpolator,
     Nodes,
     SensorRun,
+    build_constant_bias,
+    build_random_walk,
     carry,
-    hold_bias,
-    hold_together,
     reduce_to_nodes,
     solve_band,
     turn_factors,
@@ -162,13 +162,13 @@ class BiasSettings:
 BIAS = BiasSettings()
 
 
-def follow_gyro_bias(nodes: Sequence[Nodes], stills: QuietTable) -> GyroBias:
+def estimate_gyro_bias_track(nodes: Sequence[Nodes], stills: QuietTable) -> GyroBias:
     """Estimate the bias of all runs of a recording together, from nodes with an approximate bias subtracted.
 
     Compared to the publication: the paper subtracts the mean of one still period; this estimate is ours, for
     `smoothed`.
     """
-    bias = hold_bias(nodes[0].bias_rad[0] / RADIANS)
+    bias = build_constant_bias(nodes[0].bias_rad[0] / RADIANS)
     first_s = nodes[0].start_s
     last_s = max(nodes[-1].start_s + len(nodes[-1].acc_g) * nodes[-1].period_s, first_s + 1e-3)
     pieces = max(1, round((last_s - first_s) / BIAS.knot_s))
@@ -189,9 +189,9 @@ def reduce_about_start(runs: Sequence[SensorRun], stills: QuietTable) -> list[No
     motion.
     """
     if len(stills) >= BIAS.least_stills:
-        bias = hold_bias(np.median(stills.gyro_dps, axis=0))
+        bias = build_constant_bias(np.median(stills.gyro_dps, axis=0))
     else:
-        bias = _grow_windows([reduce_to_nodes(run, hold_bias(np.zeros(3))) for run in runs])
+        bias = _grow_windows([reduce_to_nodes(run, build_constant_bias(np.zeros(3))) for run in runs])
     return [reduce_to_nodes(run, bias) for run in runs]
 
 
@@ -199,7 +199,7 @@ def _grow_windows(nodes: Sequence[Nodes]) -> GyroBias:
     """Estimate a constant bias from zero: first with windows so short that a large bias barely rotates
     them.
     """
-    bias = hold_bias(np.zeros(3))
+    bias = build_constant_bias(np.zeros(3))
     total_s = sum(len(run.acc_g) * run.period_s for run in nodes)
     for length_s in (1.0, 1.0, 2.0, 4.0, 8.0, BIAS.window_s):
         windows = form_equations(nodes, bias, length_s, max(length_s / 2.0, total_s / 200.0))
@@ -211,7 +211,7 @@ def _grow_windows(nodes: Sequence[Nodes]) -> GyroBias:
             normal = np.einsum("w,wij,wik->jk", weight, windows.matrix, windows.matrix) + 1e-3 * np.eye(3)
             right = np.einsum("w,wij,wi->j", weight, windows.matrix, windows.difference) + 1e-3 * start_dps
             bias_dps = np.linalg.solve(normal, right)
-        bias = hold_bias(bias_dps)
+        bias = build_constant_bias(bias_dps)
     return bias
 
 
@@ -256,7 +256,7 @@ def _solve(
         weight = _weigh(windows.residual(bias.at(windows.time_s))) / overlap
         off_dps = np.linalg.norm(stills.gyro_dps - bias.at(stills.middle_s), axis=1)
         still_weight = 1.0 / (variance * (1.0 + off_dps**2 / (CAUCHY**2 * variance)))
-        band = hold_together(knots_s, BIAS.wander_dps_per_root_min)
+        band = build_random_walk(knots_s, BIAS.wander_dps_per_root_min)
         band[0] += LOOSE
         right = LOOSE * start_dps.ravel()
         squares = np.einsum("w,wij,wik->wjk", weight, windows.matrix, windows.matrix)
@@ -312,7 +312,7 @@ class GyroScale:
     pairs: int = 0
 
 
-def leave_gyro_scale() -> GyroScale:
+def build_identity_gyro_scale() -> GyroScale:
     """Return no correction."""
     return GyroScale(np.eye(3), SCALE.scale)
 
@@ -325,10 +325,10 @@ def estimate_gyro_scale(
     parts = [_compare_in_run(run, stills.middle_s, up, bias) for run in nodes]
     slope, miss, variance = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     if len(miss) == 0:
-        return leave_gyro_scale()
+        return build_identity_gyro_scale()
     errors, standard_error = _fit(slope, miss, variance)
     if standard_error > SCALE.believed_error or np.linalg.norm(errors, 2) > SCALE.most:
-        return leave_gyro_scale()
+        return build_identity_gyro_scale()
     return GyroScale(np.eye(3) + errors, standard_error, len(miss))
 
 

@@ -78,7 +78,7 @@ JUMP_S = 0.02
 """Two knots this close represent a jump, and are not tied together."""
 
 
-def hold_together(knots_s: Float64Array, sd_per_root_min: float) -> Float64Array:
+def build_random_walk(knots_s: Float64Array, sd_per_root_min: float) -> Float64Array:
     """Return the lower band of a random walk from knot to knot, the same for each of the three unknowns."""
     band = np.zeros((BAND, 3 * len(knots_s)))
     apart_s = np.diff(knots_s)
@@ -223,7 +223,7 @@ class GyroBias:
         return np.stack(columns, axis=1)
 
 
-def hold_bias(bias_dps: Float64Array) -> GyroBias:
+def build_constant_bias(bias_dps: Float64Array) -> GyroBias:
     """Return one constant bias for the whole recording."""
     return GyroBias(np.zeros(1), np.asarray(bias_dps, dtype=np.float64).reshape(1, 3))
 
@@ -285,7 +285,7 @@ class AccelerometerCorrection:
         return np.asarray(self.offset_g.mean(axis=0))
 
 
-def leave_accelerometer() -> AccelerometerCorrection:
+def build_identity_accelerometer() -> AccelerometerCorrection:
     """Return no correction."""
     return AccelerometerCorrection(np.zeros(1), np.zeros((1, 3)), np.eye(3))
 
@@ -357,7 +357,7 @@ def correct_nodes(
     arrays of the given nodes (allocating memory takes ten times as long as the sums).
     """
     gyro_gain = np.eye(3) if gyro_gain is None else gyro_gain
-    felt = accelerometer or leave_accelerometer()
+    felt = accelerometer or build_identity_accelerometer()
     bias_rad = nodes.bias_rad if in_place else nodes.bias_rad.copy()
     turn_rad, acc_g = (table if in_place else np.empty_like(table) for table in (nodes.turn_rad, nodes.acc_g))
     change = gyro_gain @ np.linalg.inv(nodes.gyro_gain)
@@ -398,7 +398,7 @@ def _correct(readings: Any, steps: Any, line: Any, taken: Any, out: Any) -> None
             out[node, axis] = gain[axis, 0] * x + gain[axis, 1] * y + gain[axis, 2] * z
 
 
-def spread_rows(
+def propagate_vertical(
     gyr_dps: FloatArray, rate_hz: float, nodes: Nodes, up: Float64Array, out: FloatArray, first: int
 ) -> None:
     """Propagate the vertical from each node to the rows around it, into ``out``, for the nodes from ``first``

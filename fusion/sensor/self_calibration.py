@@ -22,7 +22,12 @@ from fusion.checks.summary import (
 from fusion.numba_kernels import inner, kernel
 from fusion.numerics import weigh_cauchy
 from fusion.recording import Float64Array, FloatArray, Segment
-from fusion.sensor.gyroscope import GyroScale, estimate_gyro_scale, follow_gyro_bias, reduce_about_start
+from fusion.sensor.gyroscope import (
+    GyroScale,
+    estimate_gyro_bias_track,
+    estimate_gyro_scale,
+    reduce_about_start,
+)
 from fusion.sensor.model import (
     PART_OFFSET_G,
     AccelerometerCorrection,
@@ -30,9 +35,9 @@ from fusion.sensor.model import (
     LinearInterpolator,
     Nodes,
     SensorRun,
+    build_identity_accelerometer,
+    build_random_walk,
     correct_nodes,
-    hold_together,
-    leave_accelerometer,
     reduce_to_nodes,
     solve_band,
 )
@@ -106,7 +111,7 @@ class MovingReadings:
     gravity_g: Float64Array
 
 
-def sees_few_directions(stills: QuietTable) -> bool:
+def has_few_directions(stills: QuietTable) -> bool:
     """Return whether still moments alone do not determine the offset in every direction."""
     return _count_directions(stills) < SETTINGS.least_directions
 
@@ -131,7 +136,7 @@ def calibrate_accelerometer(
     remove a little.
     """
     if len(stills) == 0:
-        return leave_accelerometer()
+        return build_identity_accelerometer()
     if moving is not None:
         found = _find_correction(_average_cells(stills, moving), is_few=True)
         if found is not None and found.directions >= SETTINGS.least_directions:
@@ -139,7 +144,7 @@ def calibrate_accelerometer(
                 found, offset_sd_g=min(SETTINGS.moving_doubt * found.offset_sd_g, SETTINGS.offset_g)
             )
     is_few = _count_directions(stills) < SETTINGS.rest_directions
-    return _find_correction(_average_cells(stills, None), is_few=is_few) or leave_accelerometer()
+    return _find_correction(_average_cells(stills, None), is_few=is_few) or build_identity_accelerometer()
 
 
 def _find_correction(cells: "_Cells", *, is_few: bool) -> AccelerometerCorrection | None:
@@ -149,7 +154,7 @@ def _find_correction(cells: "_Cells", *, is_few: bool) -> AccelerometerCorrectio
     be their own error, and a fitted correction explains little of it.
     """
     offset_g, gain = _fit(cells)
-    corrected = (cells.reading_g - cells.hats.read(offset_g)) @ gain
+    corrected = (cells.reading_g - cells.interpolator.read(offset_g)) @ gain
     before, after = (
         float(np.mean((np.linalg.norm(table, axis=1) - 1.0) ** 2)) for table in (cells.reading_g, corrected)
     )
@@ -183,7 +188,7 @@ class _Cells:
     reading_g: Float64Array
     variance: Float64Array
     directions: int
-    hats: LinearInterpolator = field(repr=False)
+    interpolator: LinearInterpolator = field(repr=False)
 
 
 def _average_cells(stills: QuietTable, moving: MovingReadings | None) -> _Cells:
@@ -218,7 +223,7 @@ def _fit(cells: _Cells) -> tuple[Float64Array, Float64Array]:
     """Return the offsets at the knots (k, 3) and the gain (3, 3)."""
     offset_g, gain = np.zeros((len(cells.knots_s), 3)), np.eye(3)
     for _ in range(SETTINGS.rounds):
-        bare = cells.reading_g - cells.hats.read(offset_g)
+        bare = cells.reading_g - cells.interpolator.read(offset_g)
         corrected = bare @ gain
         length = np.linalg.norm(corrected, axis=1)
         along = corrected / np.maximum(length, 1e-9)[:, None]
@@ -227,7 +232,7 @@ def _fit(cells: _Cells) -> tuple[Float64Array, Float64Array]:
         departure = length - 1.0
         weight = weigh_cauchy(departure, cells.variance)
         # Linear about the present solution, so that the unknowns are the solution itself.
-        present = (by_offset * cells.hats.read(offset_g)).sum(axis=1)
+        present = (by_offset * cells.interpolator.read(offset_g)).sum(axis=1)
         aim = present + by_gain @ (gain - np.eye(3))[FIRST_AXIS, SECOND_AXIS] - departure
         offset_g, six = _solve(cells, by_offset, by_gain, aim, weight)
         gain = np.eye(3)
@@ -242,13 +247,13 @@ def _solve(
     """Run one round: eliminate the knots' offsets (they form a band), then solve the six numbers of the
     gain.
     """
-    band = hold_together(cells.knots_s, SETTINGS.wander_g_per_root_min)
+    band = build_random_walk(cells.knots_s, SETTINGS.wander_g_per_root_min)
     band[0] += 1.0 / (SETTINGS.offset_g**2 * len(cells.knots_s))
     right = np.zeros((1 + len(PAIRS), band.shape[1]))
     heavy = weight[:, None] * by_offset
-    cells.hats.add(band, right[0], heavy[:, :, None] * by_offset[:, None, :], heavy * aim[:, None])
+    cells.interpolator.add(band, right[0], heavy[:, :, None] * by_offset[:, None, :], heavy * aim[:, None])
     for k in range(len(PAIRS)):
-        cells.hats.pull(right[1 + k], heavy * by_gain[:, k, None])
+        cells.interpolator.pull(right[1 + k], heavy * by_gain[:, k, None])
     solved = solve_band(band, right).T
     both = right[1:] @ solved
     normal = (weight[:, None] * by_gain).T @ by_gain + np.diag(PAIRS / SETTINGS.scale**2) - both[:, 1:]
@@ -528,9 +533,9 @@ def calibrate_sensor(
     """Estimate bias, accelerometer correction and gyroscope scale, and apply them."""
     bridged = bridge_saturation(runs, blocks, acc_range_g, gyr_range_dps)
     rough = reduce_about_start(bridged, stills)
-    bias = follow_gyro_bias(rough, stills)
+    bias = estimate_gyro_bias_track(rough, stills)
     moving = None
-    if sees_few_directions(stills):
+    if has_few_directions(stills):
         moving = read_while_moving([correct_nodes(nodes, bias) for nodes in rough])
     accelerometer = calibrate_accelerometer(stills, moving=moving)
     gyro_scale = estimate_gyro_scale(rough, stills, bias, accelerometer)

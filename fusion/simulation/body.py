@@ -181,7 +181,7 @@ class ArmState:
     elevation_deg: Float64Array
 
 
-def feel(channels: Float64Array, body: Body) -> ArmState:
+def compute_readings(channels: Float64Array, body: Body) -> ArmState:
     """Derive the readings of an ideal sensor from the channels of :func:`fusion.simulation.body.play`.
 
     The pelvis is accelerated by walking (change of speed, speed times rate of turn) and by its sway, both in
@@ -189,7 +189,9 @@ def feel(channels: Float64Array, body: Body) -> ArmState:
     """
     count = channels.shape[2]
     felt, elevation_deg = np.empty((count, 9)), np.empty(count)
-    _feel(channels, np.array([body.shoulder_m, body.sensor_m, body.field_ut]), felt, elevation_deg)
+    _compute_readings(
+        channels, np.array([body.shoulder_m, body.sensor_m, body.field_ut]), felt, elevation_deg
+    )
     return ArmState(felt[:, 0:3], felt[:, 3:6], felt[:, 6:9], elevation_deg)
 
 
@@ -246,7 +248,7 @@ def _stand(seen: Float64Array, q: Float64Array, field: Float64Array) -> None:  #
 
 
 @njit(cache=True, nogil=True)
-def _feel(
+def _compute_readings(
     channels: Float64Array, levers: Float64Array, felt: Float64Array, elevation: Float64Array
 ) -> None:  # pragma: no cover - compiled
     """Evaluate the chain for each sample; ``felt`` (n, 9) receives force in g, rate in dps, field in uT."""

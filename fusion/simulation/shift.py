@@ -8,7 +8,7 @@ import numpy as np
 
 from fusion.recording import Float64Array
 from fusion.simulation.activities import ACTIVITIES, HANGING, Choreography, draw_person, hold_still, relax
-from fusion.simulation.body import ArmState, Body, Motion, feel, play
+from fusion.simulation.body import ArmState, Body, Motion, compute_readings, play
 from fusion.simulation.sensor import (
     PARTS,
     Device,
@@ -102,7 +102,7 @@ class SimulatedShift:
         for number, first in enumerate(range(0, self.sample_count, size)):
             count = min(size, self.sample_count - first)
             time_s = np.arange(first, first + count) / self.rate_hz
-            state = feel(play(self.motion, first, count, self.rate_hz), self.body)
+            state = compute_readings(play(self.motion, first, count, self.rate_hz), self.body)
             readings = sense(state, self.errors, time_s, np.random.default_rng([self.seed, 3, number]))
             yield SampleBlock(first, time_s, state, readings)
 
