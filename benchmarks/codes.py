@@ -105,8 +105,8 @@ def _describe_others(refusals: tuple[type[FusionError] | type[AppError], ...]) -
         if issubclass(kind, AppError):
             title, outcome = describe_problem(kind.code, {}, "en").title, find_outcome(kind)
             again = "yes" if outcome.retryable else "no"
-            told = _describe_facts(find_own_facts(kind))
-            yield f"| `{kind.code}` | {title} | {outcome.status} | {outcome.exit_code} | {again} | {told} |"
+            facts = _describe_facts(find_own_facts(kind))
+            yield f"| `{kind.code}` | {title} | {outcome.status} | {outcome.exit_code} | {again} | {facts} |"
 
 
 def find_own_facts(kind: type[FusionError] | type[AppError]) -> Mapping[str, str]:

@@ -76,8 +76,8 @@ def measure_once(elevation: Elevation, recording: Recording) -> float:
 def measure_apart(hours: float, rate_hz: float) -> Cost:
     """Measure in a separate process."""
     command = [sys.executable, "-m", "benchmarks.exposure", str(hours), str(rate_hz)]
-    told = subprocess.run(command, check=True, capture_output=True, text=True).stdout
-    return Cost(**json.loads(told))
+    output = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    return Cost(**json.loads(output))
 
 
 def main() -> None:
@@ -90,8 +90,8 @@ def main() -> None:
         return
     for hours, rate_hz in SHIFTS:
         cost = measure_apart(hours, rate_hz)
-        told = f"{cost.cpu_s:6.3f} s of CPU {cost.memory_mib:6.1f} MiB above input"
-        print(f"{hours:>4} h at {rate_hz:g} Hz {cost.rows:>11,} rows {told}")
+        cost_text = f"{cost.cpu_s:6.3f} s of CPU {cost.memory_mib:6.1f} MiB above input"
+        print(f"{hours:>4} h at {rate_hz:g} Hz {cost.rows:>11,} rows {cost_text}")
 
 
 if __name__ == "__main__":

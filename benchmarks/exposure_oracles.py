@@ -55,9 +55,9 @@ def check_swing() -> Iterator[Oracle]:
     speeds.add_inclination(angle)
     velocity = speeds.summarise()
     assert velocity is not None
-    told = (velocity.p10_dps, velocity.p50_dps, velocity.p90_dps, velocity.p99_dps, velocity.mean_dps)
+    computed = (velocity.p10_dps, velocity.p50_dps, velocity.p90_dps, velocity.p99_dps, velocity.mean_dps)
     names = ("P10", "P50", "P90", "P99", "mean")
-    for name, value, got in zip(names, (9.8291, 44.4288, 62.0583, 62.8241, 40.0), told, strict=True):
+    for name, value, got in zip(names, (9.8291, 44.4288, 62.0583, 62.8241, 40.0), computed, strict=True):
         yield Oracle("3", f"swing speed {name}, deg/s", value, got, 0.05)
     slow = float(speeds.cell_s[:501].sum() / speeds.cell_s.sum())
     yield Oracle("4", "swing slower than 5 deg/s", 0.050714, slow, 0.0005)

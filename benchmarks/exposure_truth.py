@@ -134,9 +134,9 @@ def format_shift(rows: list[Compared]) -> Iterator[str]:
     yield "| figure | sensor | exact angle | 95 % range | truth inside |"
     yield "|---|---:|---:|---:|---|"
     for row in rows:
-        told = f"{row.interval.low:.2f} to {row.interval.high:.2f}" if row.interval else "none"
+        interval = f"{row.interval.low:.2f} to {row.interval.high:.2f}" if row.interval else "none"
         inside = "yes" if row.is_inside else "**no**"
-        yield f"| {row.name} | {row.measured:.2f} | {row.true:.2f} | {told} | {inside} |"
+        yield f"| {row.name} | {row.measured:.2f} | {row.true:.2f} | {interval} | {inside} |"
 
 
 def format_coverage(held: Counter[str], held_turned: Counter[str], seeds: int) -> Iterator[str]:
@@ -145,7 +145,7 @@ def format_coverage(held: Counter[str], held_turned: Counter[str], seeds: int) -
     yield "|---|---:|---:|"
     for name, count in held.items():
         yield f"| {name} | {count} | {held_turned[name]} |"
-    shares = [100 * sum(told.values()) / (seeds * len(held)) for told in (held, held_turned)]
+    shares = [100 * sum(counts.values()) / (seeds * len(held)) for counts in (held, held_turned)]
     yield f"| all, % | {shares[0]:.1f} | {shares[1]:.1f} |"
 
 

@@ -121,10 +121,10 @@ def list_commands(work: Path) -> Iterator[tuple[str, list[str]]]:
             yield name, ["run", str(SHARED / path), "-o", f"out/{name}", "--rate-hz", "100"]
     (work / "diary.csv").write_text(DIARY)
     first, second = "gt9x/*.gt3x", "gt9x_later/*.gt3x"
-    told = ["--subject", "S012", "--side", "left"]
-    yield "left", ["run", first, "-o", "out/left", *told, "--diary", "diary.csv", "--lang", "fr"]
+    subject = ["--subject", "S012", "--side", "left"]
+    yield "left", ["run", first, "-o", "out/left", *subject, "--diary", "diary.csv", "--lang", "fr"]
     yield "right", ["run", second, "-o", "out/right", "--subject", "S012", "--side", "right"]
-    yield "later", ["run", second, "-o", "out/later", *told, "--paper", "letter"]
+    yield "later", ["run", second, "-o", "out/later", *subject, "--paper", "letter"]
     yield "actilife", ["run", "gt9x/*.csv", "-o", "out/actilife"]
     yield "lsm9ds1", ["run", "lsm9ds1/*.csv", "-o", "out/lsm9ds1"]
     yield "published", ["run", first, "-o", "out/published", "--method", "published", "--report", "html"]
@@ -166,8 +166,8 @@ def _run(command: list[str], hook: Path, work: Path) -> bytes:
     print(f"{done.returncode} {' '.join(command)}", flush=True)
     if command[0] == "run":  # its lines contain its duration
         return str(done.returncode).encode()
-    told = done.stdout.replace(str(work).encode(), b"").replace(str(SHARED).encode(), b"")
-    return str(done.returncode).encode() + told
+    output = done.stdout.replace(str(work).encode(), b"").replace(str(SHARED).encode(), b"")
+    return str(done.returncode).encode() + output
 
 
 def _expand(word: str, work: Path) -> list[str]:

@@ -45,9 +45,9 @@ def format_timestamp(k: int) -> str:
 
 def make_recording(k: int) -> dict[str, object]:
     """Return the row of one recording."""
-    told = {"subject": f"S{k % 500:03d}", "external_id": f"visit-{k}", "start": format_timestamp(k)[:19]}
+    metadata = {"subject": f"S{k % 500:03d}", "external_id": f"visit-{k}", "start": format_timestamp(k)[:19]}
     stored = {"sha256": f"{k:064x}", "size_bytes": 1_000_000, "file_name": f"{k}.gt3x", "state": "stored"}
-    return {"id": f"rec_{k:016x}", "created_at": format_timestamp(k), **told, **stored}
+    return {"id": f"rec_{k:016x}", "created_at": format_timestamp(k), **metadata, **stored}
 
 
 def make_analysis(k: int, request: str) -> dict[str, object]:

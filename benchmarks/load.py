@@ -45,8 +45,8 @@ def make_body(size_bytes: int, number: int) -> Iterator[bytes]:
 def upload(address: str, size_bytes: int, number: int) -> int:
     """Upload once; return the status."""
     with closing(http.client.HTTPConnection(urlsplit(address).netloc, timeout=600)) as client:
-        told = {"Content-Length": str(size_bytes // PIECE_BYTES * PIECE_BYTES)}
-        client.request("POST", "/api/v1/analyze", make_body(size_bytes, number), told)
+        headers = {"Content-Length": str(size_bytes // PIECE_BYTES * PIECE_BYTES)}
+        client.request("POST", "/api/v1/analyze", make_body(size_bytes, number), headers)
         return client.getresponse().status
 
 
@@ -104,9 +104,9 @@ def probe_under_load(address: str, shift: Path, size_bytes: int) -> float:
 
 def analyse_once(address: str, shift: Path, side: str) -> None:
     """Analyse a shift again, and wait for the end."""
-    told = {"side": side, "again": "true", "file_name": shift.name}
+    params = {"side": side, "again": "true", "file_name": shift.name}
     with httpx2.Client(base_url=address, timeout=600) as client:
-        analysis = client.post("/api/v1/analyze", params=told, content=shift.read_bytes()).json()
+        analysis = client.post("/api/v1/analyze", params=params, content=shift.read_bytes()).json()
         while (state := analysis["state"]) in ("queued", "running"):
             analysis = client.get(analysis["links"]["self"], params={"wait": 10}).json()
     if state != "succeeded":

@@ -36,7 +36,7 @@ TIMINGS = """performance.getEntriesByType("resource")
 
 def fill_library(data: Path) -> None:
     store = JobStore(Settings(data_dir=data))
-    rows, jobs, told = [], [], []
+    rows, jobs, results = [], [], []
     for number in range(LIBRARY):
         recording, analysis = f"rec_{secrets.token_hex(8)}", f"an_{secrets.token_hex(8)}"
         moment = (
@@ -55,9 +55,9 @@ def fill_library(data: Path) -> None:
         job |= {"state": JobState.SUCCEEDED, "progress": 1.0, "attempts": 1, "beats": 1, "created_at": moment}
         jobs.append(job)
         verdict = ("good", "caution", "poor")[number % 3]
-        told.append({"analysis_id": analysis, "verdict": verdict, "start": moment[:19]})
+        results.append({"analysis_id": analysis, "verdict": verdict, "start": moment[:19]})
     with store.engine.begin() as connection:
-        for table, values in ((recordings, rows), (analyses, jobs), (answers, told)):
+        for table, values in ((recordings, rows), (analyses, jobs), (answers, results)):
             connection.execute(insert(table), values)
     store.close()
 

@@ -56,13 +56,13 @@ def fill(client: httpx2.Client, number: int, seed: int) -> None:
     """Store recordings with different metadata, and analyse them all."""
     dice, ids = random.Random(seed), list[str]()
     for k in range(number):
-        told = {
+        metadata = {
             "file_name": f"shift {k}.gt3x",
             "subject": f"S-{k % 97}",
             "side": dice.choice(("left", "right")),
         }
-        told |= {"external_id": f"EXT-{k}", "note": f"note {k}, côté {dice.random():.3f}"}
-        stored = client.post("/recordings", content=dice.randbytes(dice.randint(100, 3000)), params=told)
+        metadata |= {"external_id": f"EXT-{k}", "note": f"note {k}, côté {dice.random():.3f}"}
+        stored = client.post("/recordings", content=dice.randbytes(dice.randint(100, 3000)), params=metadata)
         ids.append(stored.raise_for_status().json()["id"])
         if k % PERIODS_OF == 0:
             period = {"start_s": 0, "end_s": 60 + k, "kind": "task", "label": f"task {k}"}

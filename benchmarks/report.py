@@ -88,8 +88,8 @@ def main() -> None:
         warm = time_warm(findings, subject, arguments.runs)
         cold_s = time_cold(Path(temporary), 5)
     total = warm["values"] + warm["HTML"] + warm["PDF"]
-    told = ", ".join(f"{name} {ms:.0f} ms" for name, ms in warm.items())
-    print(f"warm, one language: HTML + PDF {total:.0f} ms ({told})")
+    parts = ", ".join(f"{name} {ms:.0f} ms" for name, ms in warm.items())
+    print(f"warm, one language: HTML + PDF {total:.0f} ms ({parts})")
     print(f"new process, from the folder of a finished analysis: {cold_s:.2f} s")
 
 

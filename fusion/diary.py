@@ -48,9 +48,9 @@ def read_rows(text: str) -> Iterator[tuple[int, list[str]]]:
     csv.field_size_limit(max(csv.field_size_limit(), len(text)))
     reader = csv.reader(io.StringIO(text, newline=None), delimiter=delimiter)
     for cells in reader:
-        told = [cell.strip() for cell in cells]
-        if any(told) and not told[0].startswith("#"):
-            yield reader.line_num, told
+        stripped = [cell.strip() for cell in cells]
+        if any(stripped) and not stripped[0].startswith("#"):
+            yield reader.line_num, stripped
 
 
 def plain_word(word: str) -> str:
@@ -165,13 +165,13 @@ def read_diary(content: bytes) -> tuple[DiaryEntry, ...]:
     if len(rows) < 2:
         line = rows[0][0] if rows else 1
         raise UnusableDiary(line=line, why="empty", cure="header", value="")
-    header, *told = rows
+    header, *body = rows
     if _is_activity_log(header[1]):
-        told_log = _read_each(told, partial(_read_log_row, header[1], is_alone=len(told) == 1))
+        told_log = _read_each(body, partial(_read_log_row, header[1], is_alone=len(body) == 1))
         return _set_ends(told_log)
     columns = _read_header(*header)
     return _set_ends(
-        _read_each(told, lambda line, cells: (_read_row(line, dict(zip(columns, cells, strict=False))),))
+        _read_each(body, lambda line, cells: (_read_row(line, dict(zip(columns, cells, strict=False))),))
     )
 
 
@@ -180,25 +180,25 @@ def _read_each(
 ) -> tuple[Row, ...]:
     """Read every row; raise one error with all rows that cannot be read, each with its text."""
     entries: list[Row] = []
-    slips: list[UnusableDiary] = []
+    row_errors: list[UnusableDiary] = []
     for line, cells in rows:
         try:
             entries.extend(read(line, cells))
-        except UnusableDiary as slip:
+        except UnusableDiary as error:
             text = ", ".join(cell for cell in cells if cell)[:LONGEST_LABEL]
-            value = str(slip.facts.get("value", ""))[:LONGEST_LABEL]
-            slips.append(UnusableDiary(**{**slip.facts, "value": value, "text": text}))
-    refuse_slips(slips)
+            value = str(error.facts.get("value", ""))[:LONGEST_LABEL]
+            row_errors.append(UnusableDiary(**{**error.facts, "value": value, "text": text}))
+    refuse_slips(row_errors)
     return tuple(entries)
 
 
-def refuse_slips(slips: Sequence[UnusableDiary]) -> None:
+def refuse_slips(row_errors: Sequence[UnusableDiary]) -> None:
     """Raise one error for all rows that cannot be used.
 
     Raises UnusableDiary: if there is at least one such row.
     """
-    if slips:
-        raise UnusableDiary(**join_facts([slip.facts for slip in slips]))
+    if row_errors:
+        raise UnusableDiary(**join_facts([error.facts for error in row_errors]))
 
 
 def _read_header(line: int, cells: list[str]) -> list[str]:
@@ -226,10 +226,10 @@ def _read_log_row(header: list[str], line: int, cells: list[str], *, is_alone: b
         elif cell and days:
             days[-1][1].append((name, cell))
     file = "" if is_alone else cells[0]
-    for day, told in days:
+    for day, activities in days:
         midnight = datetime.combine(day + timedelta(days=1), time()).isoformat()
-        begins = [parse_clock(f"{day.isoformat()} {cell}", line) for _, cell in told]
-        for (name, _), start, end in zip(told, begins, [*begins[1:], midnight], strict=True):
+        begins = [parse_clock(f"{day.isoformat()} {cell}", line) for _, cell in activities]
+        for (name, _), start, end in zip(activities, begins, [*begins[1:], midnight], strict=True):
             yield DiaryEntry(start, end, WORDS.get(plain_word(name), "task"), name, line=line, file=file)
 
 
@@ -292,19 +292,19 @@ def parse_clock(text: str, line: int = 0) -> str:
     Raises UnusableDiary: with ``line`` and the accepted forms.
     """
     dated = DAY.fullmatch(text.strip())
-    told = (dated[2] if dated else text).strip()
-    hour = next(filter(None, (spelling.fullmatch(told) for spelling in SPELLINGS)), None)
-    why = "fraction" if DAY_FRACTION.fullmatch(told) else "time"
+    clock = (dated[2] if dated else text).strip()
+    hour = next(filter(None, (spelling.fullmatch(clock) for spelling in SPELLINGS)), None)
+    why = "fraction" if DAY_FRACTION.fullmatch(clock) else "time"
     try:
         if why == "fraction" or not (hour or dated):
             raise ValueError
         if hour:
             parts = hour.groupdict()
             second = parts["second"] or "00"
-            told = time.fromisoformat(
+            clock = time.fromisoformat(
                 f"{int(parts['hour']):02d}:{parts['minute'] or '00'}:{second}"
             ).isoformat()
-        return datetime.fromisoformat(f"{dated[1]}T{told}").isoformat() if dated else told
+        return datetime.fromisoformat(f"{dated[1]}T{clock}").isoformat() if dated else clock
     except ValueError:
         raise UnusableDiary(line=line, why=why, cure=why, value=text[:LONGEST_LABEL]) from None
 

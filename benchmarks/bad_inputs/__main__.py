@@ -111,9 +111,9 @@ def write_table(seen: dict[str, Outcomes]) -> int:
             f"## {part}\n\n| row | file | expected | {' | '.join(seen)} |\n|---|---|---|{'---|' * len(seen)}"
         )
         for bad in files:
-            told = ["same" if one[bad] == expect(bad) else f"**{one[bad]}**" for one in seen.values()]
-            wrong += sum(text != "same" for text in told)
-            print(f"| {bad.row} | {bad.name} | {expect(bad)} | {' | '.join(told)} |")
+            cells = ["same" if one[bad] == expect(bad) else f"**{one[bad]}**" for one in seen.values()]
+            wrong += sum(text != "same" for text in cells)
+            print(f"| {bad.row} | {bad.name} | {expect(bad)} | {' | '.join(cells)} |")
         print()
     print(f"{len(BAD_FILES)} files, {len(seen)} ways in, {wrong} outcomes other than expected.")
     return wrong

@@ -18,8 +18,8 @@ def cite(markdown: str, bibliography: Path) -> str:
         A cited work is not in the bibliography.
     """
     works = _read_works(bibliography.read_text("utf-8"))
-    told = _CITED.sub(lambda found: _write_citation(found, works), markdown)
-    return "\n".join([told.rstrip(), "", *(f"- {_write_work(work)}" for work in _sort(works)), ""])
+    text = _CITED.sub(lambda found: _write_citation(found, works), markdown)
+    return "\n".join([text.rstrip(), "", *(f"- {_write_work(work)}" for work in _sort(works)), ""])
 
 
 def _read_works(text: str) -> dict[str, Mapping[str, str]]:
@@ -31,8 +31,8 @@ def _read_works(text: str) -> dict[str, Mapping[str, str]]:
 
 def _write_citation(found: re.Match[str], works: Mapping[str, Mapping[str, str]]) -> str:
     keys = re.findall(r"@(\w+)", found[0])
-    told = "; ".join(f"{_name_authors(works[key])} {works[key].get('year', '')}".strip() for key in keys)
-    return f"({told})" if found["keys"] else told
+    text = "; ".join(f"{_name_authors(works[key])} {works[key].get('year', '')}".strip() for key in keys)
+    return f"({text})" if found["keys"] else text
 
 
 def _name_authors(work: Mapping[str, str]) -> str:

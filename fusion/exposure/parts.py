@@ -262,8 +262,8 @@ def find_quarter_hours(seconds: Float64Array, duration_us: int) -> tuple[PeakWin
     free = [(0, len(seconds))]
     found: list[PeakWindow] = []
     while free and len(found) < QUARTER_HOURS:
-        told = [(_find_peak_window(seconds[a:b], QUARTER_HOUR_S), a, b) for a, b in free]
-        window, first, stop = max(told, key=lambda one: one[0].percent_above_60 or 0.0)
+        candidates = [(_find_peak_window(seconds[a:b], QUARTER_HOUR_S), a, b) for a, b in free]
+        window, first, stop = max(candidates, key=lambda one: one[0].percent_above_60 or 0.0)
         if window.start_s is None or not window.percent_above_60:
             break
         start = first + int(window.start_s)

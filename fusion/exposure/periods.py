@@ -66,18 +66,18 @@ def place_diary(entries: Sequence[DiaryEntry], start: datetime | None, duration_
     Raises UnusableDiary: with the line and the reason, if a row cannot be placed.
     """
     whole: list[Period] = []
-    slips: list[UnusableDiary] = []
+    row_errors: list[UnusableDiary] = []
     for entry, following in _pair_with_next(entries):
         reason = REASONS.get(entry.kind, "")
         if entry.left_out is not None:
             reason = (reason or entry.kind) if entry.left_out else ""
         try:
             bounds_us = _bound(entry, following, start, duration_us)
-        except UnusableDiary as slip:
-            slips.append(slip)
+        except UnusableDiary as error:
+            row_errors.append(error)
         else:
             whole.append(Period(*bounds_us, entry.kind, entry.label, reason, entry.line))
-    refuse_slips(slips)
+    refuse_slips(row_errors)
     inside = [period for period in whole if period.start_us < duration_us and period.end_us > 0]
     if whole and not inside:
         raise UnusableDiary(
@@ -194,17 +194,17 @@ def _measure_from(start: datetime, moment: datetime) -> int:
 
 def _refuse_overlap(periods: Sequence[Period]) -> None:
     """Raise UnusableDiary if two rows of one kind overlap."""
-    slips = []
+    row_errors = []
     for kind in KINDS:
         same = sorted((period for period in periods if period.kind == kind), key=lambda p: p.start_us)
-        slips += [
+        row_errors += [
             UnusableDiary(
                 line=after.line, why="overlap", cure="overlap", other=before.line, value=after.label
             )
             for before, after in pairwise(same)
             if before.end_us - after.start_us > OVERLAP_US
         ]
-    refuse_slips(slips)
+    refuse_slips(row_errors)
 
 
 def divide_day(periods: Sequence[Period], duration_us: int) -> tuple[Piece, ...]:

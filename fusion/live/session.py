@@ -320,9 +320,9 @@ class LiveSession:
         high, low = elevation_deg > RISE_DEG + HYSTERESIS_DEG, elevation_deg < RISE_DEG - HYSTERESIS_DEG
         if self._is_above is None:
             self._is_above = bool(high[0])
-        told = np.concatenate([[self._is_above], high[high | low]])
-        self._rises += int(np.count_nonzero(~told[:-1] & told[1:]))
-        self._is_above = bool(told[-1])
+        states = np.concatenate([[self._is_above], high[high | low]])
+        self._rises += int(np.count_nonzero(~states[:-1] & states[1:]))
+        self._is_above = bool(states[-1])
 
 
 # Check from the motion whether gyroscope and accelerometer share one right-handed frame.

@@ -234,13 +234,16 @@ def find_slip(strides: Moments, calm: Moments) -> Question | None:
         tuple(find_commonest(up[:: -(-len(up) // MOST_STRIDES)]) for up in (few.up[:edge], few.up[edge:]))
         for edge in edges
     ]
-    told = [edge * one[1] + (count - edge) * two[1] for edge, (one, two) in zip(edges, sides, strict=True)]
-    edge, ((before, before_share), (after, after_share)) = edges[np.argmax(told)], sides[int(np.argmax(told))]
+    scores = [edge * one[1] + (count - edge) * two[1] for edge, (one, two) in zip(edges, sides, strict=True)]
+    edge, ((before, before_share), (after, after_share)) = (
+        edges[np.argmax(scores)],
+        sides[int(np.argmax(scores))],
+    )
     apart_deg = compute_angle_deg(before, after)
     knows = max(share_near(few.up[:edge], after[None])[0], share_near(few.up[edge:], before[None])[0])
     if apart_deg < MOVED_DEG or min(before_share, after_share) < OWN_SHARE or knows > OTHER_SHARE:
         return None
-    likely = edges[np.array(told) >= TOLD_SHARE * max(told)]
+    likely = edges[np.array(scores) >= TOLD_SHARE * max(scores)]
     first_s, end_s = float(few.time_s[likely[0] - 1]), float(few.time_s[likely[-1]])
     rest = calm.select(~np.isin(calm.time_s, strides.time_s))
     earlier, later = rest.within(-np.inf, first_s).thin().up, rest.within(end_s, np.inf).thin().up

@@ -302,10 +302,10 @@ def _describe_largest(exclusions: tuple[Span, ...], left_out_us: int = 0) -> dic
     if not lengths_us:
         return {}
     largest = max(lengths_us, key=lambda reason: lengths_us[reason])
-    told: dict[str, str | float] = {"left_out": largest, "left_out_s": lengths_us[largest] / MICROSECONDS}
+    facts: dict[str, str | float] = {"left_out": largest, "left_out_s": lengths_us[largest] / MICROSECONDS}
     if largest in STATED_REASONS:
-        told["cure"] = "left out"
-    return told
+        facts["cure"] = "left out"
+    return facts
 
 
 # Time when the sensor may have been on a desk: proposed to the person, never applied.

@@ -52,9 +52,9 @@ def assess_quality(
     most time comes first.
     """
     given = (*recording.flags, *calibration_flags)
-    told = {flag.code for flag in given}
+    known_codes = {flag.code for flag in given}
     own = _find_own_flags(recording, calibration, time, exclusions)
-    flags = [*given, *(flag for flag in own if flag.code not in told)]
+    flags = [*given, *(flag for flag in own if flag.code not in known_codes)]
     # then by the time that a caveat cost; otherwise in the order found
     flags = sorted(flags, key=lambda flag: (-_grade(flag, time), -flag.seconds * (flag.code in TIME_LOST)))
     worst = max((_grade(flag, time) for flag in flags), default=Grade.NOTE)

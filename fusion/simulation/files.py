@@ -484,18 +484,18 @@ def open_truth(paths: tuple[Path, Path], shift: SimulatedShift) -> Iterator[Call
 
 def _describe_errors(errors: SensorErrors) -> dict[str, Any]:
     """Return the specimen's values; for drifting values, the first and last knot and the span."""
-    told: dict[str, Any] = {
+    values: dict[str, Any] = {
         name: getattr(errors, name).tolist()
         for name in ("mounting", "acc_gain", "gyr_gain", "acc_offset_g", "gyr_offset_dps")
     }
     for name in ("acc_wander_g", "gyr_wander_dps"):
         knots = getattr(errors, name)
-        told[name] = {
+        values[name] = {
             "first": knots[0].tolist(),
             "last": knots[-1].tolist(),
             "span": np.ptp(knots, axis=0).tolist(),
         }
-    return told | {"acc_noise_g": errors.acc_noise_g, "gyr_noise_dps": errors.gyr_noise_dps}
+    return values | {"acc_noise_g": errors.acc_noise_g, "gyr_noise_dps": errors.gyr_noise_dps}
 
 
 @njit(cache=True, nogil=True)

@@ -57,4 +57,4 @@ def test_motion_that_is_not_there_is_named(tmp_path: Path) -> None:
 
     section = compare_on_stated(tmp_path, 1, None)
 
-    assert section.shown == ("Skipped: not there: skin_motion.",)
+    assert section.shown == ("Skipped: missing: skin_motion.",)
