@@ -47,9 +47,7 @@ class Cost:
 
     @property
     def commits(self) -> float:
-        """Upload, claim, publication; each reported stage; heartbeats; Procrastinate's fetch, finish,
-        drop.
-        """
+        """Upload, claim, publication; each stage; heartbeats; Procrastinate's fetch, finish, drop."""
         return 3 + self.stages + self.cpu_s / 3 + 3
 
 

@@ -1,5 +1,4 @@
-"""Compare the figures of simulated shifts with those of their exact angle, and count ranges that include the
-truth.
+"""Compare simulated shifts with their exact angle, and count the ranges that include the truth.
 
 The truth is the exact angle of the simulated arm, counted in the same way. A range includes the error of the
 angle (of the fusion, and of a pose held 3 deg off) and the sampling of the day in 5-minute blocks. Here both

@@ -1,5 +1,4 @@
-"""Compare the fusion with its peers, in one process: `python -m benchmarks.fusion
-[broad|sweep|shift|speed|band]`.
+"""Compare the fusion with its peers: `python -m benchmarks.fusion [broad|sweep|shift|speed|band]`.
 
 broad: inclination error on BROAD, interleaved trial by trial, with vqf's VQF and offlineVQF (`pip install
 vqf`); sweep: the slerp weight that the published algorithm leaves open; shift: simulated hours and their

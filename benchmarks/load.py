@@ -34,9 +34,7 @@ SPAWN = multiprocessing.get_context("spawn")
 
 
 def make_body(size_bytes: int, number: int) -> Iterator[bytes]:
-    """Yield that many bytes, different for each upload; not a recording, so it is rejected right after
-    storing.
-    """
+    """Yield that many bytes, different for each upload; rejected right after storing (not a recording)."""
     piece = hashlib.sha256(str(number).encode()).digest() * (PIECE_BYTES // 32)
     for _ in range(size_bytes // PIECE_BYTES):
         yield piece

@@ -1,5 +1,4 @@
-"""Measure the pages in Chromium: 14.4 million samples, 10,000 recordings, a 300 MB upload, 8 h from drop to
-report.
+"""Measure the pages in Chromium: a long curve, 10,000 recordings, a 300 MB upload, 8 h from drop to report.
 
     python -m benchmarks.pages
 
@@ -112,9 +111,7 @@ def measure_upload(browser: Browser, running: RunningServer, folder: Path) -> No
 
 
 def measure_drop(browser: Browser, running: RunningServer, folder: Path) -> None:
-    """Time an 8 h `.gt3x` from the drop to its report in the list, on a server that has analysed one
-    before.
-    """
+    """Time an 8 h `.gt3x` from the drop to its report in the list, on a warm server."""
     log = next(path for path in write_recordings(folder / "shift", "gt9x", 8.0, 1) if path.suffix == ".gt3x")
     taken_ms = []
     for number in range(DROPS + 1):

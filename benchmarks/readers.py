@@ -1,5 +1,4 @@
-"""Measure speed and memory of reading recordings, with general-purpose table readers for comparison, on one
-core.
+"""Measure speed and memory of reading recordings on one core, compared with table readers.
 
     python -m benchmarks.readers shift_seed1.gt3x shift_seed1-IMU.csv shift_seed1.csv
 

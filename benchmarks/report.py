@@ -1,5 +1,4 @@
-"""Measure the time of a report: HTML and PDF in one language from a finished analysis, warm and in a new
-process.
+"""Measure the time of a report (HTML and PDF, one language), warm and in a new process.
 
     python -m benchmarks.report [--hours 8] [--runs 20]
 

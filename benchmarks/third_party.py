@@ -73,9 +73,7 @@ def read_lock(lock: Path = LOCK) -> Iterator[Package]:
 
 
 def find_licence(name: str) -> str:
-    """Return the licence that an installed package states: as SPDX, in the older field, or by its
-    classifiers.
-    """
+    """Return the licence that a package states: as SPDX, in the older field, or by its classifiers."""
     try:
         stated = metadata(name)
     except PackageNotFoundError:

@@ -219,6 +219,4 @@ TIME_LOST = frozenset(
         Caveat.UNTRUSTED,
     }
 )
-"""Caveats whose seconds are time that was not analysed. Seconds of other caveats only give place or
-length.
-"""
+"""Caveats whose seconds were not analysed. The seconds of others only give place or length."""

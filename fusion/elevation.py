@@ -115,9 +115,7 @@ def group_rows(run: Segment) -> AngleRows:
 
 
 def read_rows(vertical: Vertical, rows: AngleRows, first: int, stop: int) -> FloatArray:
-    """Return unit vectors of the rows [first, stop), (stop - first, 3), from the vertical of all samples, (n,
-    3).
-    """
+    """Return unit vectors of the rows [first, stop), shape (rows, 3), from those of all samples, (n, 3)."""
     if rows.per_row == 1:
         return vertical[first:stop]
     reach, pace = rows.per_row, rows.samples / rows.count
@@ -235,14 +233,11 @@ UNCERTAIN_DEG = 5.0
 SHORTEST_SEGMENT_S = 1.0
 
 TYPICAL_SIGMA_DEG = {"published": 4.2, "live": 1.3}
-"""For methods without their own error estimate: RMSE on simulated arm tasks and shifts
-(docs/validation.md).
-"""
+"""For methods without an error estimate: RMSE on simulated arm tasks and shifts (docs/validation.md)."""
 
 
 def estimate_elevation(samples: CalibratedSamples, method: MethodName = "smoothed") -> Elevation:
-    """Fuse each segment and compute the angle between the arm axis and the vertical, at most 100 times a
-    second.
+    """Fuse each segment and compute the angle between arm axis and vertical, at most 100 times a second.
 
     Invalid rows are: rows that bridge a gap, segments under 1 s and, for `smoothed`, seconds with an
     uncertainty over 5 deg (by their sigma, or by half the angle between the estimates from past and future).
@@ -273,9 +268,7 @@ def _average_axis_variance(samples: CalibratedSamples, segments: tuple[Elevation
 
 
 def describe_method(method: MethodName, samples: CalibratedSamples | None = None) -> Method:
-    """Return the name, version and every parameter of an estimator, and its self-calibration of these
-    samples.
-    """
+    """Return the name, version and parameters of an estimator, and its self-calibration of these samples."""
     if method == "published":
         return Method(method, METHOD_VERSION, asdict(PublishedParameters()))
     if method == "live":

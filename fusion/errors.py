@@ -31,8 +31,7 @@ MOST_ROWS_NAMED = 20
 
 
 def join_facts(rows: Sequence[Mapping[str, Fact]]) -> dict[str, Fact]:
-    """Merge the facts of several rows into those of one error: the names of the second row end in ``_2``, and
-    so on.
+    """Merge the facts of several rows for one error: the names of the second row end in ``_2``, and so on.
 
     Beyond twenty rows, ``more`` counts the rest.
     """

@@ -153,9 +153,7 @@ def _is_owned_by_user(folder: Path) -> bool:
 
 
 def _copy_compiled(given: Path, folder: Path) -> None:
-    """Copy the compiled code into an empty folder; only one of several processes does it, and none sees half
-    a copy.
-    """
+    """Copy the compiled code into an empty folder, once and atomically for several processes."""
     if any(folder.iterdir()):
         return
     copy = Path(tempfile.mkdtemp(dir=folder.parent))

@@ -191,9 +191,7 @@ def apply_file_settings(recording: Recording, settings: AnalysisSettings) -> Ana
 
 
 def _summarise_readings(samples: CalibratedSamples, elevation: Elevation, day: "_Day") -> Exposure:
-    """Return the figures, with intervals that include every reading of the recording no person has ruled
-    out.
-    """
+    """Return the figures; their intervals include every reading that no person has ruled out."""
     recording, calibration = samples.recording, samples.calibration
 
     def summarise(counted: Elevation) -> Exposure:
@@ -269,9 +267,7 @@ def analyse_angles(
     on_step: Callable[[Step], None] = ignore_step,
     diary: tuple[DiaryEntry, ...] = (),
 ) -> Analysis:
-    """Return the analysis of a ready angle series (columns ``time_s,elevation_deg``; an empty cell is
-    missing).
-    """
+    """Return the analysis of a ready angle series (columns ``time_s,elevation_deg``; empty is missing)."""
     return _count_ready(*read_angle_series(file), on_step, diary)
 
 

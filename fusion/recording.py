@@ -235,9 +235,7 @@ def flag_counts(
 
 
 def flag_spans(caveat: Caveat, spans: Sequence[Span], **facts: str | float) -> tuple[QualityFlag, ...]:
-    """Return one flag for all spans of a kind, with their number, total duration and place (the longest);
-    none if there are no spans.
-    """
+    """Return one flag for all spans of a kind: number, total duration and place; none if there is none."""
     if not spans:
         return ()
     total_s = sum(span.duration_us for span in spans) / MICROSECONDS
@@ -277,9 +275,7 @@ def join_overlapping(spans: Iterable[tuple[Number, Number]]) -> list[tuple[Numbe
 def find_uncovered(
     spans: Iterable[tuple[Number, Number]], start: Number, end: Number, tolerance: Number
 ) -> list[tuple[Number, Number]]:
-    """Return the stretches between ``start`` and ``end`` that no span covers, if longer than
-    ``tolerance``.
-    """
+    """Return the stretches between ``start`` and ``end`` without a span, if longer than ``tolerance``."""
     uncovered: list[tuple[Number, Number]] = []
     covered = sorted(spans)
     covered.append((end, end))
@@ -314,9 +310,7 @@ GYR_UNITS_DPS = {
 
 
 def name_unit_source(acc_unit: str | None, gyr_unit: str | None, *, is_known: bool = False) -> UnitSource:
-    """Return "header" if a known device states both units, "stated" if names or a person state them, else
-    "".
-    """
+    """Return "header" if a known device states both units, "stated" if names or a person do, else ""."""
     if not (acc_scale_g(acc_unit) and gyr_scale_dps(gyr_unit)):
         return ""
     return "header" if is_known else "stated"

@@ -72,9 +72,7 @@ def _scan_runs(mask: Any, runs: Any) -> int:  # pragma: no cover
 def _scan_stays(
     values: Any, valid: Any, enter: Any, leave: Any, since: Any, stays: Any
 ) -> int:  # pragma: no cover
-    """``above`` counts the levels that are up; ``since`` stores when each went up, and whether by an
-    entry.
-    """
+    """``above`` counts the levels that are up; ``since``: when each went up, and if by an entry."""
     count, run, above, inside, top, bottom = 0, 0, 0, False, enter[0], -np.inf
     for i in range(len(values) + 1):
         if i == len(values) or not valid[i]:
@@ -140,9 +138,7 @@ def find_first_rows(run: EvenRun, times_us: IntArray) -> IntArray:
 
 
 def find_part_rows(run: EvenRun, edges_us: IntArray) -> IntArray:
-    """Return the first row of each part between successive edges; the outer parts extend to the ends of the
-    run.
-    """
+    """Return the first row of each part between edges; the outer parts extend to the ends of the run."""
     rows = find_first_rows(run, edges_us)
     rows[0], rows[-1] = 0, len(run)
     return rows
@@ -166,9 +162,7 @@ def find_part(edges, value):  # type: ignore[no-untyped-def]
 
 @inner
 def add_rows(first, stop, worth, part_rows, sums):  # type: ignore[no-untyped-def]
-    """Add the value of a stretch of rows to the parts that contain them; return the number of the first
-    part.
-    """
+    """Add the value of a stretch of rows to the parts with these rows; return the first part's number."""
     part = min(find_part(part_rows, first), len(sums) - 1)
     begun, here = part, first
     while here < stop:
@@ -228,9 +222,7 @@ def add_time(counts, rate_hz, cell_us):  # type: ignore[no-untyped-def]
 
 
 def find_valid_samples(valid: BoolArray, samples: int) -> BoolArray:
-    """Return the samples that are wholly within valid rows, shape (samples,); rows share the samples
-    evenly.
-    """
+    """Return the samples wholly within valid rows, shape (samples,); rows share the samples evenly."""
     rows = len(valid)
     if rows == samples:
         return valid

@@ -45,9 +45,7 @@ class Gait:
 
 
 def measure_recorded(folder: Path) -> list[Gait]:
-    """Measure every subject with plain walking, both arms; stance: calm half seconds of any clip, arm
-    hanging.
-    """
+    """Measure every subject with plain walking, both arms; stance: calm half seconds of a hanging arm."""
     found = []
     for side in SIDES:
         library = load_library(folder, side)

@@ -51,9 +51,7 @@ def run_vqf(acc_g: Table, gyr_dps: Table, rate_hz: float) -> Table:
 
 
 def run_offline_vqf(bias_clip_dps: float | None = None) -> Estimator:
-    """Run with the default clip (2 deg/s) unless another is given; the clip also limits its rest
-    detection.
-    """
+    """Run with the default clip (2 deg/s) or another; the clip also limits its rest detection."""
     parameters = {} if bias_clip_dps is None else {"biasClip": bias_clip_dps}
 
     def estimate(acc_g: Table, gyr_dps: Table, rate_hz: float) -> Table:

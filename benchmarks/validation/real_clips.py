@@ -257,9 +257,7 @@ def _find_ends(before: Rotation, after: Rotation) -> tuple[Rotation, Float64Arra
 
 
 def _derive(values: Float64Array, sign: float) -> list[Float64Array]:
-    """Return value, rate and acceleration at the first of three samples; ``sign`` -1 if they run
-    backwards.
-    """
+    """Return value, rate and acceleration at the first of three samples; ``sign`` -1 for reversed time."""
     rate = sign * CLIP_HZ * (-1.5 * values[0] + 2.0 * values[1] - 0.5 * values[2])
     return [values[0], rate, CLIP_HZ**2 * (values[0] - 2.0 * values[1] + values[2])]
 

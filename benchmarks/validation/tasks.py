@@ -149,9 +149,7 @@ def judge_smoothed(protocol: str, results: Results) -> tuple[Goal, ...]:
 
 
 def _compare_pattern(results: Results) -> str:
-    """Return the RMSE of `published` and the paper's, slow and fast tasks; no goal, as amplitudes are
-    ours.
-    """
+    """Return the RMSE of `published` and of the paper; no goal, because the amplitudes are ours."""
     rows = []
     for device in DEVICES:
         for what, tasks in (("slow tasks", SLOW_TASKS), ("3 Hz and throws", FAST_TASKS)):

@@ -65,9 +65,7 @@ def record_motion(
     worn: BoolArray | None = None,
     first: int = 0,
 ) -> WornDay:
-    """Return the recording of a specimen of the device from row ``first`` on; without ``worn``, always
-    worn.
-    """
+    """Return the recording of a specimen of the device from row ``first`` on; by default always worn."""
     part, time_s = PARTS[device], np.arange(len(state.elevation_deg)) / rate_hz
     errors = draw_errors(part, rate_hz, time_s[-1], chance)
     readings = sense(state, errors, time_s, chance)
@@ -82,9 +80,7 @@ def record_motion(
 
 
 def at_rows(values: NDArray[Any], count: int) -> NDArray[np.float64]:
-    """Return values, one per sample, at the times of ``count`` rows of angle that share the samples
-    evenly.
-    """
+    """Return values, one per sample, at the times of ``count`` rows that share the samples evenly."""
     if len(values) == count:
         return np.asarray(values, np.float64)
     places = np.arange(count) * (len(values) / count)

@@ -1,5 +1,4 @@
-"""Files that contain an angle or an orientation and need no sensor fusion: motion capture, orientations,
-ready angles.
+"""Files with an angle or an orientation that need no sensor fusion: motion capture and ready angles.
 
 They are the reference in a comparison. Motion capture files can also be analysed as recordings.
 """
@@ -91,9 +90,7 @@ def recognise_layout(file: BinaryIO, file_name: str = "") -> str:
 
 
 def holds_samples(file: BinaryIO) -> bool:
-    """Return whether a table also has acceleration and angular rate, so that it is fused. The file is
-    rewound.
-    """
+    """Return whether a table also has acceleration and angular rate, so that it is fused. Rewinds the file."""
     source = open_source(file, is_hashed=False)
     file.seek(0)
     return tables.find_layout(source, SAMPLES) is not None

@@ -124,8 +124,7 @@ def read_angle_series(file: BinaryIO) -> tuple[Recording, Elevation]:
 
 
 def resample_angles(recording: Recording, series: AngleRows) -> tuple[Recording, Elevation]:
-    """Resample rows of angles on even grids, split at gaps, and set the length, rate and gaps of the
-    recording.
+    """Resample rows of angles on even grids, split at gaps, and set the recording's length, rate and gaps.
 
     Raises UnusableTime: too few rows for a rate.
     """
@@ -339,9 +338,7 @@ def build_orientation_file(
 # From the rows of a file to an elevation; the arm axis comes from a still period if it is unknown.
 
 SHORTEST_QUATERNION = 0.5
-"""A quaternion shorter than this is not a rotation: the row is missing. Xsens writes unit quaternions to
-1e-6.
-"""
+"""A shorter quaternion is not a rotation: the row is missing. Xsens writes unit quaternions to 1e-6."""
 STILL_S, STILL_DEG, LEAST_ROWS = 2.0, 3.0, 10
 STEADY = 0.99
 """Length of the mean vertical over the calibration; a lower value means that the sensor turned by about 8 deg
@@ -380,9 +377,7 @@ def measure_from_up(up: Up, axis: Float64Array) -> NDArray[np.float32]:
 
 
 def resample_file(file: AngleFile, values: FloatArray) -> tuple[Recording, Elevation]:
-    """Resample values, one per row, on even grids, split at gaps, and return them as a recording without
-    samples.
-    """
+    """Resample values, one per row, on even grids, split at gaps, as a recording without samples."""
     rows = AngleRows(file.time_s, np.asarray(values, np.float64), file.first_s, file.last_s)
     zone = file.start.tzname() if file.start else None
     empty = Recording(
@@ -422,9 +417,7 @@ def calibrate_alone(file: AngleFile, windows_s: tuple[tuple[float, float], ...])
 
 
 def _find_still(file: AngleFile) -> tuple[float, float]:
-    """Return the first 2 s in which the vertical stays within 3 deg of its mean, in seconds from the first
-    row.
-    """
+    """Return the first 2 s with the vertical within 3 deg of its mean, in seconds from the first row."""
     if file.up is None:
         raise UnknownAxis
     time_s = file.time_s - file.first_s

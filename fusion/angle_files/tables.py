@@ -43,9 +43,7 @@ class Layout:
 
 
 def find_layout(source: Source, needed: Sequence[frozenset[str]]) -> Layout | None:
-    """Return the layout whose header line has at least one of each set of columns (lower case, without
-    spaces).
-    """
+    """Return the layout whose header has at least one of each set of columns (lower case, without spaces)."""
     lines = source.head.decode("utf-8-sig", "replace").splitlines()[:LINES_LOOKED_AT]
     for number, line in enumerate(lines):
         for delimiter in DELIMITERS:

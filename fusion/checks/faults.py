@@ -47,9 +47,7 @@ def find_held_runs(acc: SensorSummary, gyr: SensorSummary, shortest_rows: int, a
 
 @kernel
 def _find_held(acc: Any, gyr: Any, shortest_rows: int, axes: Any, runs: Any) -> int:  # pragma: no cover
-    """Such a run contains one of any ``shortest - 1`` consecutive repeats: only check the rows around
-    these.
-    """
+    """Such a run contains one of any ``shortest - 1`` consecutive repeats: only check rows around these."""
     stride = max(shortest_rows - 1, 1)
     found, k = 0, stride
     while k < len(acc):
@@ -125,9 +123,7 @@ LEAST_PART, MOST_TIMES = 0.1, 3.0
 COARSE_STEPS = 5.0
 LOOKED_AT_ROWS = 10_000
 MOST_RUNS_SHARE, FREE_RUNS = 0.1, 100
-"""If more than one row in ten starts a gap, the file is not evenly sampled (as in
-fusion.readers.time.grid).
-"""
+"""If more than one row in ten starts a gap, the file is not evenly sampled (see fusion.readers.time.grid)."""
 
 
 def leave_out_zeros(recording: Recording) -> Recording:
@@ -325,9 +321,7 @@ def _read(segment: Segment, sensor: int) -> Values:
 
 
 def _is_stuck(segment: Segment, sensor: int, axes: tuple[int, ...], rows: Pair) -> bool:
-    """Return whether a constant value is a fault: of a sensor while anything moves, of an axis as in
-    STUCK_S.
-    """
+    """Return whether a constant value is a fault: of a sensor if anything moves, of an axis as in STUCK_S."""
     first, stop = rows
     ranges = [np.ptp(_read(segment, one)[first:stop], axis=0).max() for one in range(2)]
     is_long = len(axes) > 1 or stop - first >= LONG_S * segment.rate_hz
@@ -340,9 +334,7 @@ def _is_stuck(segment: Segment, sensor: int, axes: tuple[int, ...], rows: Pair) 
 
 
 def _is_coarse(samples: Sequence[Values], axis: int, runs: Sequence[Rows]) -> bool:
-    """Return whether a channel also repeats its value so often elsewhere that flat stretches prove
-    nothing.
-    """
+    """Return whether a channel repeats its value so often elsewhere that flat stretches prove nothing."""
     inside = sum(int((some[:, 1] - some[:, 0] - 1).sum()) for some in runs)
     elsewhere = sum(len(values) - 1 for values in samples) - inside
     repeats = sum(int(np.count_nonzero(values[1:, axis] == values[:-1, axis])) for values in samples)
@@ -405,8 +397,7 @@ def _find_notes(recording: Recording) -> tuple[object, object]:
 
 @kernel
 def _repair_blocks(values: Any, least: float, blocks: Any, marked: Any) -> None:  # pragma: no cover
-    """Replace single readings far outside their neighbours, in the blocks with such a step, and mark the
-    rows.
+    """Replace single readings far outside their neighbours, in the blocks with such a step; mark the rows.
 
     Compared to Hampel's filter (median and MAD of a window): the reading must differ from both neighbours in
     the same direction, these must agree, and every step of the five rows on either side must be far smaller.

@@ -94,9 +94,7 @@ class GravityWindows:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GyroModel:
-    """Model: true rate = ``gain`` (3, 3) @ reading + ``drift_dps``; true acceleration = reading -
-    ``offset_g``.
-    """
+    """True rate = ``gain`` (3, 3) @ reading + ``drift_dps``; true acceleration = reading - ``offset_g``."""
 
     gain: Float64Array
     drift_dps: Float64Array
@@ -360,8 +358,7 @@ BLIND = GyroModel(np.zeros((3, 3)), np.zeros(3), np.zeros(3))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Arrangement:
-    """Hypothesis: true rate = ``factor`` times the reading, minus an offset; negative for a left-handed
-    frame.
+    """True rate = ``factor`` times the reading, minus an offset; negative for a left-handed frame.
 
     ``miss_g`` (n,): misses of the windows.
     ``score``: 0 explains everything, 1 is as bad as without a gyroscope.
@@ -706,9 +703,7 @@ def _check_moving_gravity(recording: Recording, unit: str) -> Recording:
 
 
 def _find_acc_factor(rest: float, unit: str) -> float | None:
-    """Return the factor that makes a reading at rest 1 g; a stated unit is only replaced for typical
-    mistakes.
-    """
+    """Return the factor that makes a reading at rest 1 g; replaces a stated unit only for typical mistakes."""
     tolerance, candidates = REST_TOLERANCE, tuple(RANGES_G)
     if unit == "":
         candidates = (1 / STANDARD_GRAVITY, 1e-3, WIDE_RANGE_FACTOR, *RANGES_G)
@@ -742,9 +737,7 @@ def _refuse_short(recording: Recording) -> None:
 
 
 def _check_rest_length(recording: Recording, rests_g: Float64Array) -> Recording:
-    """Flag an accelerometer that clearly reads too long or too short; reject it if the length differs by
-    direction.
-    """
+    """Flag an accelerometer that reads too long or too short; reject it if the length differs by direction."""
     scale = measure_rest_scale(rests_g)
     if scale is not None and scale.is_even:
         is_off = scale.is_off

@@ -310,9 +310,7 @@ def _look(
 def _place_stretches(
     segments: Sequence[Segment], length_s: float, fewest_rows: int
 ) -> Iterator[tuple[Segment, NDArray[np.int64], int]]:
-    """Split the blocks of each segment into stretches: their first rows (m,), and the number of rows of
-    each.
-    """
+    """Split the blocks of each segment into stretches; yield their first rows (m,) and number of rows."""
     for segment, some in groupby(probe_blocks(segments), key=lambda block: block[0]):
         width = max(fewest_rows, round(length_s * segment.rate_hz))
         firsts = [np.arange(first, stop - width + 1, width) for _, first, stop in some]
@@ -322,9 +320,7 @@ def _place_stretches(
 def _measure_stretches(
     samples: NDArray[np.float32], firsts: NDArray[np.int64], width_rows: int
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Return mean, standard deviation and mean square step, (m, 3) each, of stretches of ``width_rows``
-    rows.
-    """
+    """Return mean, standard deviation and mean square step, (m, 3) each, of stretches of rows."""
     means, scatter, steps = (np.empty((len(firsts), 3)) for _ in range(3))
     _reduce_stretches(samples, firsts, width_rows, means, scatter, steps)
     return means, scatter, steps
@@ -350,9 +346,7 @@ def _reduce_stretches(
 
 
 def measure_lengths(segments: Sequence[Segment], *, is_rate: bool = False) -> Float64Array:
-    """Return lengths, (n,), of means over 50 ms (at least 3 rows): of the acceleration, or of the angular
-    rate.
-    """
+    """Return lengths, (n,), of means over 50 ms (at least 3 rows), of acceleration or angular rate."""
     lengths = [np.zeros(0)]
     for segment, firsts, width in _place_stretches(segments, MEAN_S, 3):
         means, _, _ = _measure_stretches(segment.gyr_dps if is_rate else segment.acc_g, firsts, width)

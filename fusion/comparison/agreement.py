@@ -196,9 +196,7 @@ class AgreementCell:
 
 
 def summarise_agreement_study(entries: Sequence[AgreementEntry]) -> tuple[AgreementCell, ...]:
-    """Return a cell for each task and device: tasks of the paper in its order, then the others as they
-    occur.
-    """
+    """Return a cell for each task and device: tasks of the paper in its order, then the others."""
     keys = dict.fromkeys((entry.task, entry.device) for entry in entries)
     cells = [_summarise([entry for entry in entries if (entry.task, entry.device) == key]) for key in keys]
     return tuple(sorted(cells, key=lambda cell: cell.paper_task or 99))
@@ -227,8 +225,7 @@ def _average(agreements: Sequence[Agreement], name: str) -> float:
 
 
 def spread(values: Iterable[float]) -> Spread:
-    """Return mean and sample standard deviation of the known values; NaN if most people do not have the
-    figure.
+    """Return mean and sample standard deviation of the known values; NaN if most people lack the figure.
 
     This omits r for a task that is quasi-static for most people, even if one person moved a little more.
     """

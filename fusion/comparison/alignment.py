@@ -94,8 +94,7 @@ def _cut_valid(segment: ElevationSegment) -> Iterable[tuple[int, NDArray[np.floa
 
 
 def interpolate(run: Run, time_s: Float64Array) -> Float64Array:
-    """Return the value at each time, by the cubic through the four nearest values; times must be within the
-    run.
+    """Return the value at each time, by the cubic through the four nearest values; times within the run.
 
     At 60 Hz it follows a swing of 3 Hz to 0.02 % of its amplitude (linear interpolation: to 1.2 %).
     """
@@ -162,9 +161,7 @@ class Alignment:
 
     @property
     def drift_margin_ppm(self) -> float:
-        """Uncertainty of a fitted drift: 10 ms over the span of the stretches; NaN if the drift is not
-        fitted.
-        """
+        """Uncertainty of a fitted drift: 10 ms over the span of the stretches; NaN if there is no fit."""
         if not self.is_drift_fitted:
             return nan
         starts_s = [window.start_s for window in self.windows]
@@ -446,8 +443,7 @@ def _count_steps(runs: Runs) -> int:
 
 
 def _score_shifts(own: Float64Array, other: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Return the correlation for every shift of ``other`` to the right, and its score; index len(own) - 1 is
-    none.
+    """Return correlation and score for every shift of ``other`` to the right; index len(own) - 1 is none.
 
     Of two shifts with the same correlation, the one with more common motion has the higher score.
     """

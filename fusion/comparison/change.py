@@ -173,8 +173,7 @@ class ComparedDay:
 
 @dataclass(frozen=True, slots=True)
 class FigureChange:
-    """A figure of the later day minus that of the earlier, and the smallest change beyond the variation of
-    days.
+    """The later day's figure minus the earlier day's, and the smallest change beyond the variation of days.
 
     ``verdict`` is a key of the text: ``larger`` (than the day-to-day variation), ``not larger``, or
     ``unknown`` if no between-day variation was published for the figure. ``no two days``: the two are one

@@ -1,6 +1,4 @@
-"""Figures for parts of the day: minutes, clock hours, periods of the diary, and the windows of highest
-load.
-"""
+"""Figures for parts of the day: minutes, clock hours, diary periods, and the windows of highest load."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

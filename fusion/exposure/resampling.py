@@ -1,5 +1,4 @@
-"""Intervals by resampling: 5-minute blocks drawn with replacement, with an error of the angle and of the
-pose.
+"""Intervals by resampling: 5-minute blocks drawn with replacement, with errors of angle and pose.
 
 200 draws. Draw k uses the error at quantile (k + 0.5)/200 of a normal distribution, and as many blocks as the
 day has analysed ones, with replacement, by PCG64(0). The same recording always gives the same interval.
@@ -57,9 +56,7 @@ class Resampling:
     share: Float64Array = field(default_factory=lambda: np.zeros(DRAWS))
 
     def with_npose_error(self) -> "Resampling":
-        """Return the same draws with the error of the N-pose: each of 200 even shares of [0, 1] is used
-        once.
-        """
+        """Return the same draws with the error of the N-pose: each draw has another of 200 even shares."""
         return replace(self, share=(np.arange(DRAWS) * STRIDE % DRAWS + 0.5) / DRAWS)
 
     def sum(self, blocks: AnyArray) -> Float64Array:

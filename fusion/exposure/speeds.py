@@ -94,9 +94,7 @@ class FrequencyTally:
         return Frequency(weighted / seconds if seconds else None, crossings * 3600.0 / analysed_s)
 
     def draw(self, frequency: Frequency, draws: Resampling, block_s: Float64Array) -> Figures:
-        """Draw the figures with the sampling of the day only, because a constant error does not change a
-        speed.
-        """
+        """Draw the figures with the sampling of the day only: a constant error does not change a speed."""
         found: Figures = {}
         if frequency.mean_power_hz is not None:
             drawn = draws.sum(self.moments)
@@ -250,9 +248,7 @@ class SpeedTally:
         return Velocity(p10, p50, p90, p99, float(self.way_deg.sum()) / total_s)
 
     def draw(self, kind: str, velocity: Velocity, draws: Resampling) -> Figures:
-        """Draw the speeds of one kind with the sampling of the day; a constant error does not change a
-        speed.
-        """
+        """Draw the speeds of one kind with the sampling of the day only."""
         drawn_s = draws.sum(self.block_s)
         drawn, coarse = _find_speeds(drawn_s), _find_speeds(self.block_s.sum(axis=0)[np.newaxis])[0]
         values = (velocity.p10_dps, velocity.p50_dps, velocity.p90_dps, velocity.p99_dps)
@@ -367,9 +363,7 @@ def _fill_grid(vectors, first, rows_per_step, grid):  # type: ignore[no-untyped-
 
 @kernel_making_arrays
 def _find_valid_steps(valid, rows_per_step, steps):  # type: ignore[no-untyped-def]
-    """Return valid grid points: every row since the previous grid point, and the row after it, must be
-    valid.
-    """
+    """Return valid grid points: all rows since the previous point, and the row after it, must be valid."""
     valid_steps = np.ones(steps, np.bool_)
     for k in range(steps):
         first = int((k - 1) * rows_per_step) if k else 0

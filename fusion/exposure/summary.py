@@ -449,9 +449,7 @@ def widen_intervals(exposure: Exposure, others: Sequence[Exposure]) -> Exposure:
 
 
 def _widen(value: Any, others: Sequence[Any]) -> Any:
-    """Return a value whose intervals include those at the same place in others; missing places are
-    skipped.
-    """
+    """Return a value whose intervals include those at the same place in others, if present."""
     alike = [other for other in others if type(other) is type(value)]
     if isinstance(value, Interval):
         return join_intervals([value, *alike])

@@ -47,9 +47,7 @@ class Cue:
 
 
 class CueWatch:
-    """Tracks the angle and returns the cues of its rules; the result does not depend on how the rows are
-    chunked.
-    """
+    """Tracks the angle and returns the cues of its rules; the result does not depend on the chunks."""
 
     def __init__(self, rules: tuple[CueRule, ...]) -> None:
         self._watches = tuple(_RuleWatch(rule) for rule in rules)

@@ -385,8 +385,7 @@ def _parse_header(lines: Sequence[str]) -> _Columns:
 
 
 def _measure_rate_hz(rows: Sequence[Row]) -> float:
-    """Measure the rate by the timestamps, with a step back of about 2^32 us as a wrap; without them, by the
-    arrivals.
+    """Measure the rate by the timestamps (a step back of about 2^32 us is a wrap), or else by the arrivals.
 
     Rows arrive in bursts: those of the first burst were sent earlier.
 

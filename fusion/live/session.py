@@ -43,8 +43,7 @@ class LiveElevation:
         self._arm_axis: Float64Array | None = None if arm_axis is None else check_direction(arm_axis)
 
     def update(self, acc_g: ArrayLike, gyr_dps: ArrayLike) -> NDArray[np.float32]:
-        """Process the next samples, shapes (n, 3) or (3,), g and deg/s; return the elevation of each, (n,),
-        deg.
+        """Process the next samples, shapes (n, 3) or (3,), g and deg/s; return their elevation, (n,), deg.
 
         A chunk may be empty. A rejected chunk changes nothing. At the first still moment the acceleration
         must be about 1 g long, which detects other units.
@@ -407,9 +406,7 @@ class _Pose:
             self._gyr.append(run.gyr_dps[inside])
 
     def break_off(self, from_us: int) -> None:
-        """Record a gap from ``from_us`` on that is longer than a bridge: it breaks a window that has
-        started.
-        """
+        """Record a gap from ``from_us`` on, longer than a bridge: it breaks a window that has started."""
         self._is_broken |= self.is_open and self.start_us < from_us < self.end_us
 
     def judge(self) -> Float64Array | None:

@@ -68,9 +68,7 @@ def smooth_nodes(nodes: Nodes) -> SmoothedNodes:
 
 @fused
 def _disagree(past: Any, future: Any) -> Any:  # pragma: no cover
-    """Return the square of the angle (rad, as its sine; 1 beyond a right angle) times the smaller one's
-    share.
-    """
+    """Return the square of the angle (rad, as its sine; 1 beyond a right angle) times the smaller share."""
     first = past[0] * past[0] + past[1] * past[1] + past[2] * past[2]
     second = future[0] * future[0] + future[1] * future[1] + future[2] * future[2]
     both = past[0] * future[0] + past[1] * future[1] + past[2] * future[2]
@@ -83,9 +81,7 @@ def _disagree(past: Any, future: Any) -> Any:  # pragma: no cover
 
 @fused
 def _fade(real: Any, imaginary: Any, decay: complex, acc: Any) -> Any:  # pragma: no cover
-    """Advance one step: the complex state decays and rotates in its own plane, and the new sample is
-    added.
-    """
+    """Advance one step: the complex state decays and rotates in its own plane; add the new sample."""
     keep, mix = decay.real, decay.imag
     return (
         (

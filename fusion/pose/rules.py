@@ -16,8 +16,7 @@ from fusion.still_limits import POSE
 
 @dataclass(frozen=True, slots=True)
 class CalibrationRules:
-    """Limits of a still period (:data:`fusion.still_limits.POSE`), and of a window that is rejected for
-    motion.
+    """Limits of a still period (:data:`fusion.still_limits.POSE`), and of a window with too much motion.
 
     The acceleration must be within ``one_g_within`` of 1 g, before or after the accelerometer's correction.
     Of a longer still period only the first ``measured_s`` are measured. The last fields are the limits to
@@ -152,9 +151,7 @@ def compute_spread_deg(axes: Iterable[Float64Array]) -> float:
 
 
 def select_distinct_axes(axes: Sequence[Float64Array], most: int = MOST_READINGS) -> list[int]:
-    """Return the indices of representative axes: the first, then repeatedly the one farthest from those
-    chosen.
-    """
+    """Return the indices of representative axes: the first, then each time the farthest from those chosen."""
     chosen = [0] if axes else []
     while axes and len(chosen) < most:
         nearest_deg = [min(compute_angle_deg(axis, axes[place]) for place in chosen) for axis in axes]

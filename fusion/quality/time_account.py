@@ -90,8 +90,7 @@ WITHOUT_MINIMUM = ("angles", "mvn")
 
 
 def find_exclusions(recording: Recording, blocks: Blocks | None = None) -> tuple[Span, ...]:
-    """Return the excluded time: docked or asleep, segments under 1 s, clipped samples with 100 ms on each
-    side.
+    """Return the excluded time: docked or asleep, segments under 1 s, clipped samples with 100 ms margins.
 
     The spans are disjoint, in time order and within the recording; if reasons overlap, the first of this list
     is used. They start and end with rows of the angle, so that no partial row remains. A ready angle series
@@ -137,9 +136,7 @@ def check_minimum_duration(recording: Recording) -> None:
 
 
 def make_disjoint(spans: Iterable[Span], duration_us: int) -> tuple[Span, ...]:
-    """Cut spans so that none overlap, with later spans in the list taking precedence, and join equal
-    neighbours.
-    """
+    """Cut spans so that none overlap, later spans taking precedence, and join equal neighbours."""
     kept = [span for span in spans if span.start_us < duration_us and span.end_us > 0]
     bounds = [(max(span.start_us, 0), min(span.end_us, duration_us)) for span in kept]
     edges = np.unique(np.array(bounds, np.int64))

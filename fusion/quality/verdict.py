@@ -41,8 +41,7 @@ def assess_quality(
     exclusions: tuple[Span, ...],
     calibration_flags: tuple[QualityFlag, ...] = (),
 ) -> Quality:
-    """Collect every caveat and return the verdict with the codes that count towards it, the most serious
-    first.
+    """Collect every caveat and return the verdict with the codes that count, the most serious first.
 
     Poor: less than 2 h or half of the recording analysed; no pose held still; a pose in a stretch that is not
     trusted, more than 30 deg from walking or with an uncertainty over 10 deg; a sensor with another
@@ -195,8 +194,7 @@ def flag_accelerometer_drift(
 
 
 def flag_published(bias: GyroBias, static_dps: Float64Array) -> tuple[QualityFlag, ...]:
-    """Return the flag of `published`: its offset is constant (``static_dps``, (3,)) and it loses slow turns
-    (W-PUBLISHED).
+    """Return the flag of `published`: its offset is constant, ``static_dps`` (3,) (W-PUBLISHED).
 
     Fact ``dps``: the largest difference between the offset tracked by `smoothed` and that one.
     """
@@ -241,9 +239,7 @@ def flag_untrusted(
 
 
 def flag_untrusted_pose(calibration: Calibration, elevation: Elevation) -> tuple[QualityFlag, ...]:
-    """Return the flag of a calibration window with at most half of it trusted: all angles depend on it
-    (W-POSE-DOUBT).
-    """
+    """Return the flag of a calibration window that is at most half trusted (W-POSE-DOUBT)."""
     found = []
     for still in calibration.windows:
         valid = []
@@ -294,9 +290,7 @@ def _flag_state(calibration: Calibration, settings: AnalysisSettings) -> Iterato
 
 
 def _flag_moves(samples: CalibratedSamples) -> Iterator[QualityFlag]:
-    """Yield the flags of possible slips, of poses that disagree, and of time excluded around a stated
-    slip.
-    """
+    """Yield the flags of possible slips, conflicting poses, and time excluded around a stated slip."""
     questions = (*samples.calibration.questions, *samples.calibration.differ)
     codes = {"slip": Caveat.SLIP, "put_back": Caveat.PUT_BACK, "poses": Caveat.POSES_DIFFER}
     for kind, code in codes.items():

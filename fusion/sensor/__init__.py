@@ -1,3 +1,1 @@
-"""Estimate the sensor's own errors: gyroscope offset and scale, accelerometer errors; find still
-stretches.
-"""
+"""Estimate the sensor's errors: gyroscope offset and scale, accelerometer errors; find still stretches."""

@@ -185,9 +185,7 @@ def estimate_gyro_bias_track(nodes: Sequence[Nodes], stills: QuietTable) -> Gyro
 
 
 def reduce_about_start(runs: Sequence[SensorRun], stills: QuietTable) -> list[Nodes]:
-    """Return the nodes of all runs minus a constant: the median of the still moments, or an estimate from
-    motion.
-    """
+    """Return the nodes of all runs minus a constant: the median of still moments, or from motion."""
     if len(stills) >= BIAS.least_stills:
         bias = build_constant_bias(np.median(stills.gyro_dps, axis=0))
     else:
@@ -196,9 +194,7 @@ def reduce_about_start(runs: Sequence[SensorRun], stills: QuietTable) -> list[No
 
 
 def _grow_windows(nodes: Sequence[Nodes]) -> GyroBias:
-    """Estimate a constant bias from zero: first with windows so short that a large bias barely rotates
-    them.
-    """
+    """Estimate a constant bias from zero, with windows that start so short that it barely rotates them."""
     bias = build_constant_bias(np.zeros(3))
     total_s = sum(len(run.acc_g) * run.period_s for run in nodes)
     for length_s in (1.0, 1.0, 2.0, 4.0, 8.0, BIAS.window_s):
@@ -335,9 +331,7 @@ def estimate_gyro_scale(
 def _compare_in_run(
     nodes: Nodes, middle_s: Float64Array, up: Float64Array, bias: GyroBias
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Return slopes (w, 3, 9), misses (w, 3) and variances (w,) of the pairs of still moments inside a
-    run.
-    """
+    """Return slopes (w, 3, 9), misses (w, 3) and variances (w,) of the still-moment pairs in a run."""
     place = np.round((middle_s - nodes.start_s) / nodes.period_s).astype(np.int64)
     inside = np.flatnonzero((place >= 0) & (place < len(nodes.acc_g)))
     gap_s = np.diff(middle_s[inside])
@@ -356,9 +350,7 @@ def _compare_in_run(
 
 
 def _fit(slope: Float64Array, miss: Float64Array, variance: Float64Array) -> tuple[Float64Array, float]:
-    """Solve damped least squares with Cauchy weights; return the gain minus one, (3, 3), and its standard
-    error.
-    """
+    """Solve damped least squares, Cauchy weights; return the gain minus one, (3, 3), and standard error."""
     prior = np.eye(9) / SCALE.scale**2
     weight, solution, normal = 1.0 / variance, np.zeros(9), prior
     for _ in range(SCALE.rounds):

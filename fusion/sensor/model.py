@@ -1,6 +1,4 @@
-"""One unbroken run as input for the estimators: plain arrays, the sensor's errors as values, and its
-nodes.
-"""
+"""One unbroken run as input for the estimators: plain arrays, the sensor's errors, and its nodes."""
 
 from dataclasses import dataclass, replace
 from math import isfinite, pi, sqrt
@@ -24,9 +22,7 @@ RADIANS = pi / 180.0
 Scalars = tuple[float, float, float]
 S1, S2, S3, S4 = 1.0 / 6.0, 1.0 / 20.0, 1.0 / 42.0, 1.0 / 72.0
 C1, C2, C3, C4 = 1.0 / 24.0, 1.0 / 30.0, 1.0 / 56.0, 1.0 / 90.0
-"""Ratios of successive terms of both series; stored as factors, because a division takes five times as
-long.
-"""
+"""Ratios of successive terms of both series, as factors: a division takes five times as long."""
 
 
 @fused
@@ -41,9 +37,7 @@ def bend(before: Any, after: Any, period_s: float) -> Scalars:  # pragma: no cov
 
 @fused
 def turn_factors(turn: Any) -> tuple[float, float]:  # pragma: no cover
-    """Return ``sin(a)/a`` and ``(1 - cos(a))/a^2`` of a rotation vector of length a, by series (1e-7 at 1
-    rad).
-    """
+    """Return ``sin(a)/a`` and ``(1 - cos(a))/a^2`` of a rotation of length a, by series (1e-7 at 1 rad)."""
     square = turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]
     sine = 1.0 - square * S1 * (1.0 - square * S2 * (1.0 - square * S3 * (1.0 - square * S4)))
     cosine = 0.5 - square * C1 * (1.0 - square * C2 * (1.0 - square * C3 * (1.0 - square * C4)))
@@ -230,9 +224,7 @@ def build_constant_bias(bias_dps: Float64Array) -> GyroBias:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorRun:
-    """Evenly sampled acceleration (g) and angular rate (deg/s), (n, 3); ``start_s`` is its time in the
-    file.
-    """
+    """Evenly sampled acceleration (g) and angular rate (deg/s), (n, 3), from ``start_s`` in the file."""
 
     start_s: float
     rate_hz: float
@@ -328,9 +320,7 @@ class Nodes:
 
 
 def reduce_to_nodes(run: SensorRun, bias: GyroBias, node_rate_hz: float = NODE_RATE_HZ) -> Nodes:
-    """Reduce an odd number of rows to a node, about ``node_rate_hz``; a run of few samples keeps every
-    row.
-    """
+    """Reduce an odd number of rows to a node, about ``node_rate_hz``; a short run keeps every row."""
     rows = 2 * int((run.rate_hz / node_rate_hz - 1.0) / 2.0 + 0.25) + 1 if node_rate_hz < run.rate_hz else 1
     rows = rows if len(run) >= LEAST_NODES * rows else 1
     start_s, period_s, count = run.start_s + rows // 2 / run.rate_hz, rows / run.rate_hz, len(run) // rows
@@ -349,8 +339,7 @@ def correct_nodes(
     *,
     in_place: bool = False,
 ) -> Nodes:
-    """Return the nodes with another bias, gyroscope gain and accelerometer correction, without reading
-    samples.
+    """Return the nodes with another bias, gyroscope gain and accelerometer correction.
 
     A constant rate adds exactly to a rotation vector if the axis is fixed. Within a node, a twentieth of a
     second, it nearly is: the error is 1e-4 deg for a bias wrong by 1 deg/s. ``in_place``: overwrite the
@@ -371,8 +360,7 @@ def correct_nodes(
 
 @kernel
 def _correct(readings: Any, steps: Any, line: Any, taken: Any, out: Any) -> None:  # pragma: no cover
-    """Interpolate linearly between knots (constant outside) and compute ``gain @ (reading - share *
-    change)``.
+    """Interpolate linearly between knots; compute ``gain @ (reading - share * change)``.
 
     ``taken`` (n, 3): the values subtracted before; overwritten with the new ones; empty if none were. ``out``
     may be the readings themselves.
@@ -401,8 +389,7 @@ def _correct(readings: Any, steps: Any, line: Any, taken: Any, out: Any) -> None
 def propagate_vertical(
     gyr_dps: FloatArray, rate_hz: float, nodes: Nodes, up: Float64Array, out: FloatArray, first: int
 ) -> None:
-    """Propagate the vertical from each node to the rows around it, into ``out``, for the nodes from ``first``
-    on.
+    """Propagate the vertical from each node to the rows around it, for the nodes from ``first`` on.
 
     ``out`` begins with the first row of node ``first`` and ends with the last row of a node, or of the run:
     the last node also covers the remaining rows.

@@ -244,9 +244,7 @@ def _fit(cells: _Cells) -> tuple[Float64Array, Float64Array]:
 def _solve(
     cells: _Cells, by_offset: Float64Array, by_gain: Float64Array, aim: Float64Array, weight: Float64Array
 ) -> tuple[Float64Array, Float64Array]:
-    """Run one round: eliminate the knots' offsets (they form a band), then solve the six numbers of the
-    gain.
-    """
+    """Run one round: eliminate the knots' offsets (they form a band), then solve for the gain."""
     band = build_random_walk(cells.knots_s, SETTINGS.wander_g_per_root_min)
     band[0] += 1.0 / (SETTINGS.offset_g**2 * len(cells.knots_s))
     right = np.zeros((1 + len(PAIRS), band.shape[1]))
@@ -312,9 +310,7 @@ def _read_runs(runs: Sequence[Nodes], steps: int) -> MovingReadings:
 
 
 def _place_windows(runs: Sequence[Nodes], steps: int) -> tuple[NDArray[np.intp], Float64Array]:
-    """Return the first node of each window, counted through all runs, and its middle, s; none spans two
-    runs.
-    """
+    """Return the first node of each window, counted over all runs, and its middle, s; none spans two runs."""
     firsts, middles_s, before = [], [], 0
     for run in runs:
         own = np.arange(0, len(run.acc_g) - steps + 1, max(1, round(EVERY_S / run.period_s)))
@@ -329,9 +325,7 @@ def _place_windows(runs: Sequence[Nodes], steps: int) -> tuple[NDArray[np.intp],
 def _average(
     acc_g: Float64Array, turn_rad: Float64Array, first: NDArray[np.intp], steps: int
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Return mean acceleration (w, 3) and rotation (w, 3, 3) in each window's first frame, and mean square
-    (w,).
-    """
+    """Return acceleration (w, 3) and rotation (w, 3, 3) in the first frame, and mean square (w,): means."""
     weight = np.hanning(steps + 2)[1:-1]
     weight /= weight.sum()
     frame = np.repeat(np.eye(3)[None], len(first), axis=0)
@@ -442,9 +436,7 @@ def _find_limits(
 def _count_rest(
     samples: Any, axis: int, extreme: float, blocks: Any, rows_per_block: int
 ) -> int:  # pragma: no cover
-    """Return the longest rest of an axis at its extreme, rows; only reads the blocks that contain the
-    extreme.
-    """
+    """Return the longest rest of an axis at its extreme, rows; only reads blocks with the extreme."""
     longest, resting, last = 0, 0, -1
     for block in blocks:
         first = block * rows_per_block

@@ -60,9 +60,7 @@ class QuietTable:
 def reduce_to_blocks(
     samples: Any, rows_per_block: int, moments: Any, extremes: Any
 ) -> None:  # pragma: no cover
-    """Compute mean and mean square (m, 6), minimum and maximum (6, m) of each block of rows; the last may be
-    short.
-    """
+    """Compute mean and mean square (m, 6), minimum and maximum (6, m) of each block of rows."""
     for block in range(len(moments)):
         first, stop = block * rows_per_block, (block + 1) * rows_per_block
         stop = stop if stop < len(samples) else len(samples)
@@ -198,8 +196,7 @@ QUIETEST_S = 2.0
 
 
 def find_quietest_rate(run: SensorRun) -> Float64Array:
-    """Return the mean angular rate, shape (3,), of the moment with the least variation; zero if there is
-    none.
+    """Return the mean angular rate, (3,), of the moment with the least variation; zero if there is none.
 
     The variation is the gyroscope's in deg/s plus the accelerometer's in hundredths of a g.
     """

@@ -118,9 +118,7 @@ def _add_strokes(
 def _envelope(
     time_s: float, start_s: float, end_s: float, ramp_s: float
 ) -> tuple[float, float, float]:  # pragma: no cover - compiled
-    """Return an envelope that grows over ``ramp_s`` after the start and fades over ``ramp_s`` before the
-    end.
-    """
+    """Return an envelope that grows for ``ramp_s`` after the start and fades for ``ramp_s`` at the end."""
     if time_s - start_s < end_s - time_s:
         value, rate, acceleration = _ramp((time_s - start_s) / ramp_s)
         return value, rate / ramp_s, acceleration / (ramp_s * ramp_s)

@@ -220,9 +220,7 @@ def _rotation_about(angle_deg: float, axis: int) -> Float64Array:
 
 
 def _draw_evenly(deviation: float, chance: np.random.Generator) -> Float64Array:
-    """Draw three values of a given standard deviation within hard limits: makers reject the worst
-    specimens.
-    """
+    """Draw three values of a given standard deviation within hard limits (makers reject the worst)."""
     limit = deviation * float(np.sqrt(3.0))
     return chance.uniform(-limit, limit, 3)
 

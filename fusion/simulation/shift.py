@@ -147,9 +147,7 @@ def wear_sensor(
 
 
 def plan_day(duration_s: float, chance: np.random.Generator) -> tuple[tuple[PlannedActivity, ...], Motion]:
-    """Return the plan and motion of a person's day: a pose, then bouts of work, with breaks at fixed
-    times.
-    """
+    """Return plan and motion of a person's day: a pose, then bouts of work with breaks at fixed times."""
     body = Choreography(draw_person(chance))
     body.move(1e-6, HANGING, after_s=-1.0)
     hold_still(body, min(CALIBRATION_S, duration_s), chance)
