@@ -90,7 +90,7 @@ def recognise_layout(file: BinaryIO, file_name: str = "") -> str:
 
 
 def holds_samples(file: BinaryIO) -> bool:
-    """Return whether a table also has acceleration and angular rate, so that it is fused. Rewinds the file."""
+    """Return whether a table also has acceleration and angular rate, and is therefore fused; rewinds it."""
     source = open_source(file, is_hashed=False)
     file.seek(0)
     return tables.find_layout(source, SAMPLES) is not None

@@ -703,7 +703,7 @@ def _check_moving_gravity(recording: Recording, unit: str) -> Recording:
 
 
 def _find_acc_factor(rest: float, unit: str) -> float | None:
-    """Return the factor that makes a reading at rest 1 g; replaces a stated unit only for typical mistakes."""
+    """Return the factor that makes a rest reading 1 g; replaces a stated unit only for typical mistakes."""
     tolerance, candidates = REST_TOLERANCE, tuple(RANGES_G)
     if unit == "":
         candidates = (1 / STANDARD_GRAVITY, 1e-3, WIDE_RANGE_FACTOR, *RANGES_G)
@@ -737,7 +737,7 @@ def _refuse_short(recording: Recording) -> None:
 
 
 def _check_rest_length(recording: Recording, rests_g: Float64Array) -> Recording:
-    """Flag an accelerometer that reads too long or too short; reject it if the length differs by direction."""
+    """Flag an accelerometer that reads too long or too short; reject it if the length is uneven."""
     scale = measure_rest_scale(rests_g)
     if scale is not None and scale.is_even:
         is_off = scale.is_off
