@@ -1,10 +1,10 @@
-"""Write ``docs/exposure-check.md``: expected and actual figures, and simulated shifts with their truth.
+"""Write ``docs/reference/exposure-check.md``: figures beside their formulas, shifts beside their truth.
 
-    python -m benchmarks.exposure_check oracles         rewrite that part (CI checks that it is current)
-    python -m benchmarks.exposure_check truth gt9x 10   this many seeds of a device: minutes for each
-    python -m benchmarks.exposure_check cost            processor time and memory for 1 to 24 h
+python -m benchmarks.exposure_check oracles              write that part again (CI checks that it is current)
+python -m benchmarks.exposure_check truth gt9x 10        ten seeds of a device: minutes for each
+python -m benchmarks.exposure_check cost                 processor time and memory for 1 to 24 h
 
-Each part of the document is between two comments and is replaced separately.
+Each part is between two comments of the page; only that part is replaced.
 """
 
 import re
@@ -16,7 +16,7 @@ from benchmarks.exposure import SHIFTS, measure_apart
 from benchmarks.exposure_oracles import format_oracles, list_oracles
 from benchmarks.exposure_truth import DEVICES, SEEDS, format_device
 
-DOCUMENT = Path(__file__).parents[1] / "docs" / "exposure-check.md"
+DOCUMENT = Path(__file__).parents[1] / "docs" / "reference" / "exposure-check.md"
 
 
 def find_part(document: str, name: str) -> str:

@@ -123,7 +123,7 @@ def format_device(device: Device, seeds: int = SEEDS, hours: float = HOURS) -> I
             yield ""
             yield from format_shift(rows)
     yield ""
-    yield f"{device}, {seeds} shifts: number whose range includes the figure of the exact angle."
+    yield f"{device}, {seeds} shifts: how many ranges include the figure of the exact angle."
     yield ""
     yield from format_coverage(held, held_turned, seeds)
 
