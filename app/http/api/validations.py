@@ -1,4 +1,4 @@
-"""Comparisons with a reference: two files in one form, then a job like every other."""
+"""Comparisons with a reference: two files in one form become a job like any other."""
 
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
@@ -59,7 +59,7 @@ router = APIRouter(prefix="/api/v1", responses=PROBLEM_RESPONSES)
 
 
 class ValidationView(BaseModel):
-    """A comparison: where it is, why it failed if it did, and where its files are."""
+    """A comparison: its state, the reason if it failed, and the links of its files."""
 
     id: str
     state: Literal["queued", "running", "succeeded", "failed", "cancelled"]
@@ -93,7 +93,7 @@ FORM = {
 
 @router.post("/validations", status_code=202, response_model=ValidationView, openapi_extra=FORM)
 async def add_validation(request: Request, services: UsedServices, language: UsedLanguage) -> Response:
-    """Compare two files, sent as one form: ``recording`` and ``reference``; ``tasks`` where there are any."""
+    """Compare two files sent as one form: ``recording`` and ``reference``; ``tasks`` is optional."""
     async with open_form(request, services) as form:
         job = await queue_validation(form, services)
     body = view_validation(job, language).model_dump()
@@ -115,10 +115,10 @@ def get_validation_file(
     services: UsedServices,
     lang: Annotated[
         Language | None,
-        Query(description="en, fr or fr-CA, or the nearest made; else the one asked for first"),
+        Query(description="en, fr or fr-CA, or the nearest available; else the language of the request"),
     ] = None,
 ) -> Response:
-    """Every figure (JSON, CSV) or the sheet (HTML, PDF) of a comparison."""
+    """Return every figure (JSON, CSV) or the sheet (HTML, PDF) of a comparison."""
     job = find_validation(services, validation_id)
     stem, _, kind = name.partition(".")
     language = find_nearest(lang or choose_language(request), job.request.languages)
@@ -135,7 +135,7 @@ def find_validation(services: Services, validation_id: str) -> Job:
 
 
 def view_validation(job: Job, language: Language) -> ValidationView:
-    """Show a comparison."""
+    """Build the view of a comparison."""
     own = f"/api/v1/validations/{job.id}"
     links = {"self": own, "page": f"/validations/{job.id}"}
     if job.state is JobState.SUCCEEDED:
@@ -157,7 +157,7 @@ def view_validation(job: Job, language: Language) -> ValidationView:
 
 @asynccontextmanager
 async def open_form(request: Request, services: Services) -> AsyncIterator[FormData]:
-    """Take the form, its files on the disk; what can be refused before the first byte is.
+    """Read the form with its files on disk; refuse it before reading if possible.
 
     Raises FileTooLarge, DiskFull or BadParameter.
     """
@@ -173,7 +173,7 @@ async def open_form(request: Request, services: Services) -> AsyncIterator[FormD
 
 
 async def queue_validation(form: FormData, services: Services) -> Job:
-    """Queue the comparison that a form asks for.
+    """Queue the comparison that a form describes.
 
     Raises FileTooLarge, DiskFull, EmptyFile, BadParameter or UnusableTasks.
     """
@@ -256,7 +256,7 @@ def _store(
     given: Reference,
     study: str,
 ) -> Job:
-    """Keep both files, then the rows: the reference's first, so that the job always finds it."""
+    """Store both files, then their rows; the reference's row is first, so that the job always finds it."""
     recording, reference = files
     limit_bytes = services.settings.max_upload_bytes
     other, own = store_file(services.storage, reference, limit_bytes), None
@@ -267,6 +267,6 @@ def _store(
         return services.store.add(own, compared, study=study)
     except BaseException:
         for kept in filter(None, (other, own)):
-            if not services.store.may_hold(kept.id):  # the answer to a commit can be lost on its way
+            if not services.store.may_hold(kept.id):  # the row may be committed although the reply was lost
                 services.storage.drop_recording(kept.id)
         raise
