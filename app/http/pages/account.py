@@ -1,6 +1,6 @@
-"""Pages of accounts: one's own (password, second factor, sessions, tokens), and those of everybody.
+"""Account pages: your own account (password, second factor, sessions, tokens), and the list of people.
 
-The page of who manages people lets them in, gives roles and ends accounts; it shows no health data.
+Managers of people use the list to invite people, set roles and close accounts; it shows no health data.
 """
 
 from collections.abc import Mapping
@@ -34,7 +34,7 @@ TERMS_DAYS = (30, DAYS, 180, MOST_DAYS)
 
 @dataclass(frozen=True, slots=True)
 class LinkView:
-    """The link by which a password was set: its facts, and whether its person knows (``is_told``)."""
+    """The link that set a password; ``is_told``: the account owner has confirmed the notice."""
 
     facts: Mapping[str, str]
     is_told: bool
@@ -42,20 +42,20 @@ class LinkView:
 
 @router.get("/account")
 def show_account(page: UsedPage, person: UsedPerson, next: str = "/account") -> Response:  # noqa: A002
-    """Show one's own account; ``next``: where to go on to once something was read."""
+    """Show your own account; ``next`` is the page to go to after a notice is confirmed."""
     return _render_account(page, person, wanted=check_next(next))
 
 
 @router.post("/account/told")
 def note_told(page: UsedPage, form: UsedForm, person: UsedPerson) -> Response:
-    """Note that a person knows by which link the password was set, and lead on."""
+    """Record that the notice about the password link was read, and redirect."""
     page.logins.credentials.note_told(person.id)
     return page.go(check_next(first(form, "next")))
 
 
 @router.post("/account/password")
 def change_password(page: UsedPage, form: UsedForm, person: UsedPerson) -> Response:
-    """Set another password; every other session ends."""
+    """Change the password; every other session ends."""
     proof, password = take_secret(form, "proof"), take_secret(form, "password")
     try:
         cookie = page.logins.change_password(person, proof, password, find_caller(page.request))
@@ -68,13 +68,13 @@ def change_password(page: UsedPage, form: UsedForm, person: UsedPerson) -> Respo
 
 @router.post("/account/second-factor")
 def set_up_second_factor(page: UsedPage, person: UsedPerson) -> Response:
-    """Begin to set up an authenticator; the one before holds until a code of the new one was given."""
+    """Start to set up an authenticator; the old one stays valid until a code of the new one is entered."""
     return render_enrolment(page, page.logins.begin_enrolment(person.id), "/account")
 
 
 @router.post("/account/second-factor/drop")
 def drop_second_factor(page: UsedPage, person: UsedPerson) -> Response:
-    """Turn the second factor off, where it is not required."""
+    """Turn the second factor off, unless it is required."""
     if find_settings(page.request).second_factor == "required":
         raise NotPermitted(permission="own")
     page.logins.drop_second_factor(person.id)
@@ -83,7 +83,7 @@ def drop_second_factor(page: UsedPage, person: UsedPerson) -> Response:
 
 @router.post("/account/sessions/end")
 def end_sessions(page: UsedPage, form: UsedForm, person: UsedPerson) -> Response:
-    """End one session, or every one but this."""
+    """End one session, or every session except this one."""
     accounts, session = page.logins.accounts, first(form, "session")
     if session:
         accounts.end_session_of(person.id, session)
@@ -94,7 +94,7 @@ def end_sessions(page: UsedPage, form: UsedForm, person: UsedPerson) -> Response
 
 @router.post("/account/tokens")
 def add_token(page: UsedPage, form: UsedForm, person: UsedPerson) -> Response:
-    """Make a token, and show it once."""
+    """Create a token and show it once."""
     chosen = cast("list[Permission]", form.get("permission", []))
     name, days = first(form, "name"), first(form, "days")
     try:
@@ -122,7 +122,10 @@ def _render_account(
     bearer: str = "",
     wanted: str = "/account",
 ) -> Response:
-    """``done``: what was changed; ``bearer``: a token to be shown once; ``wanted``: where to go on to."""
+    """Render the account page.
+
+    ``done``: what was changed; ``bearer``: a token to show once; ``wanted``: the page to go to next.
+    """
     accounts, credentials = page.logins.accounts, page.logins.credentials
     person, use = accounts.get_person(subject.id), credentials.find_link_use(subject.id)
     set_by = None
@@ -170,7 +173,7 @@ def show_people(page: UsedPage, subject: UsedPerson) -> Response:
 
 @router.post("/people")
 def invite(page: UsedPage, form: UsedForm, subject: UsedPerson) -> Response:
-    """Add a person, and show the address that works once by which a password is chosen."""
+    """Invite a person, and show the one-time link for setting a password."""
     try:
         roles = _read_roles(form)
         person = page.logins.accounts.add_person(first(form, "login"), first(form, "name"), roles)
@@ -181,17 +184,17 @@ def invite(page: UsedPage, form: UsedForm, subject: UsedPerson) -> Response:
 
 @router.post("/people/{person_id}/roles")
 def set_roles(person_id: str, page: UsedPage, form: UsedForm, subject: UsedPerson) -> Response:
-    """Return a person other roles; nobody changes his own."""
+    """Set the roles of a person; you cannot change your own."""
     person = _get_other(page, subject, person_id)
     if person.issuer is not None:
-        raise NotPermitted(permission="provided")  # the provider says them at each login
+        raise NotPermitted(permission="provided")  # the provider sets the roles at each sign-in
     page.logins.accounts.set_roles(person.id, _read_roles(form))
     return page.go("/people")
 
 
 @router.post("/people/{person_id}/link")
 def make_link(person_id: str, page: UsedPage, subject: UsedPerson) -> Response:
-    """Show an address that works once for a person who forgot the password."""
+    """Show a one-time link for a person who forgot the password."""
     person = _get_other(page, subject, person_id)
     if person.issuer is not None or person.ended_at is not None:
         raise NotPermitted(permission="provided")
@@ -200,20 +203,20 @@ def make_link(person_id: str, page: UsedPage, subject: UsedPerson) -> Response:
 
 @router.post("/people/{person_id}/end")
 def end(person_id: str, page: UsedPage, subject: UsedPerson) -> Response:
-    """Let a person log in no more; what is open ends, too."""
+    """Close an account and end its sessions and tokens."""
     page.logins.accounts.end_person(_get_other(page, subject, person_id).id)
     return page.go("/people")
 
 
 @router.post("/people/{person_id}/resume")
 def resume(person_id: str, page: UsedPage, subject: UsedPerson) -> Response:
-    """Let a person log in again."""
+    """Reopen an account."""
     page.logins.accounts.resume_person(_get_other(page, subject, person_id).id)
     return page.go("/people")
 
 
 def _get_other(page: Page, subject: Subject, person_id: str) -> Person:
-    """Return a person who is not the one who asks."""
+    """Return a person other than the subject. Raises NotPermitted."""
     person = page.logins.accounts.get_person(person_id)
     if person.id == subject.id:
         raise NotPermitted(permission="themselves")
@@ -234,7 +237,10 @@ def _render_link(page: Page, subject: Subject, person: Person, term_s: float) ->
 
 
 def _render_people(page: Page, subject: Subject, refusal: AppError | None = None, **link: str) -> Response:
-    """``link``: to be handed on, whose it is (``link_of``), and how long it works (``link_hours``)."""
+    """Render the list of people.
+
+    ``link``: the one-time link to pass on, with its person (``link_of``) and lifetime (``link_hours``).
+    """
     people = page.logins.accounts.find_people()
     rows = [(person, _list_roles(person.roles, page.language), person.id == subject.id) for person in people]
     shown = {"link": "", "link_of": "", "link_hours": ""} | link

@@ -1,4 +1,4 @@
-"""The library: tables for download, acts on many recordings, the trash, and the studies."""
+"""The library: downloads, bulk actions, saved views, the trash, and studies."""
 
 import io
 from collections.abc import Generator, Mapping, Sequence
@@ -75,12 +75,12 @@ PROBLEM_COLUMNS = ("file", "subject", "code", "title", "detail", "fix")
 router = APIRouter(include_in_schema=False)
 
 
-# Tables, reports and original files of all that the list shows, or of what was chosen in it.
+# Downloads of tables, reports and original files, for all listed or all selected recordings.
 
 
 @router.get("/library/{name}.csv")
 def take_table(name: Literal["summary", "summary_fr", "problems"], page: UsedPage) -> Response:
-    """Return the main figures, or the problems, of every recording that the list shows."""
+    """Return the main figures, or the problems, of every listed recording."""
     entries = _find_shown(page)
     if name != "problems":
         return _send_table(page.services, entries, name)
@@ -98,7 +98,7 @@ def take_table(name: Literal["summary", "summary_fr", "problems"], page: UsedPag
 def take_chosen_table(
     name: Literal["summary", "summary_fr"], services: UsedServices, form: UsedForm
 ) -> Response:
-    """Return one table of the chosen recordings."""
+    """Return one table of the selected recordings."""
     return _send_table(services, _find_chosen(services, form), name)
 
 
@@ -107,7 +107,7 @@ def _find_shown(page: Page) -> Sequence[Entry]:
 
 
 def _find_chosen(services: Services, form: Form) -> Sequence[Entry]:
-    """Find the recordings that are chosen: by name, or all that a filter lets through."""
+    """Return the selected recordings: by id, or all that match a filter."""
     library, wanted = Library(services.store.reader), parse_filter(dict(parse_qsl(first(form, "query"))))
     if first(form, "every"):
         return library.find_page(wanted, MOST_ROWS)
@@ -115,7 +115,7 @@ def _find_chosen(services: Services, form: Form) -> Sequence[Entry]:
 
 
 def _send_table(services: Services, entries: Sequence[Entry], name: str) -> Response:
-    """Return a row for each report; what has none is left out."""
+    """Return a table with a row per report; recordings without a report are left out."""
     rows: list[Row] = []
     for job in (entry.job for entry in entries):
         try:
@@ -130,13 +130,13 @@ def _send_table(services: Services, entries: Sequence[Entry], name: str) -> Resp
 
 @router.get("/library/reports.zip")
 def take_reports(page: UsedPage) -> Response:
-    """Return the PDF of every report that the list shows; ``without-report.txt`` names what has none."""
+    """Return the PDF of every listed report; ``without-report.txt`` names recordings without one."""
     return _send_reports(page, _find_shown(page))
 
 
 @router.post("/library/acts/reports.zip")
 def take_chosen_reports(page: UsedPage, form: UsedForm) -> Response:
-    """Return the PDFs of the chosen recordings."""
+    """Return the PDFs of the selected recordings."""
     return _send_reports(page, _find_chosen(page.services, form))
 
 
@@ -147,7 +147,7 @@ def _send_reports(page: Page, entries: Sequence[Entry]) -> Response:
 
 @router.get("/library/recordings.zip")
 def take_recordings(page: UsedPage) -> Response:
-    """Download the original files of a study, or of any list; ``without-recording.txt`` names lost ones."""
+    """Download the original files of a list or study; ``without-recording.txt`` names lost files."""
     jobs = list({entry.job.recording_id: entry.job for entry in _find_shown(page)}.values())
     for job in jobs:
         touch(job.recording_id, job.id)
@@ -155,7 +155,7 @@ def take_recordings(page: UsedPage) -> Response:
 
 
 class _Outlet(io.RawIOBase):
-    """Holds what a ZIP writes until it is sent, so that no more than one report, or piece, is in memory."""
+    """Buffer for the output of a ZIP until it is sent, so that only one report or block is in memory."""
 
     def __init__(self) -> None:
         self.held = bytearray()
@@ -173,7 +173,9 @@ class _Outlet(io.RawIOBase):
 
 
 class PackedResponse(StreamingResponse):
-    """Sends a ZIP as it is written, and closes it: no borrowed file outlives a download that breaks off."""
+    """Sends a ZIP while it is written, and closes it: borrowed files are returned even if the download breaks
+    off.
+    """
 
     def __init__(self, packed: Generator[bytes, None, None], name: str) -> None:
         headers = {"Content-Disposition": f'attachment; filename="{name}"'}
@@ -189,7 +191,7 @@ class PackedResponse(StreamingResponse):
 
 
 def pack_reports(services: Services, jobs: list[Job], language: Language) -> Generator[bytes, None, None]:
-    """Write a ZIP piece by piece; a PDF is packed already, so it is stored as it is."""
+    """Yield a ZIP of reports in parts; PDFs are stored uncompressed because they are already compressed."""
     outlet, without, names = _Outlet(), [], set[str]()
     with ZipFile(outlet, "w", ZIP_STORED) as packed:
         for job in jobs:
@@ -209,9 +211,9 @@ def pack_reports(services: Services, jobs: list[Job], language: Language) -> Gen
 
 
 def pack_recordings(services: Services, jobs: list[Job], language: Language) -> Generator[bytes, None, None]:
-    """Write a ZIP of original files, a piece at a time; it breaks off if a file changes meanwhile.
+    """Yield a ZIP of original files in parts; it is aborted if a file changes meanwhile.
 
-    Nothing is compressed: most originals are packed already, and a study has gigabytes.
+    Nothing is compressed: most originals already are, and a study has gigabytes.
     """
     missing = "without-recording.txt"
     outlet, without, names = _Outlet(), [], {missing}
@@ -238,7 +240,7 @@ def pack_recordings(services: Services, jobs: list[Job], language: Language) -> 
 
 
 def _name_once(name: str, identity: str, names: set[str]) -> str:
-    """Return a name that differs from all before, in upper and lower case too: a second one has its id."""
+    """Return a unique name, ignoring case; a name that exists gets the id appended."""
     if name.casefold() in names:
         stem, _, ending = name.partition(".")
         name = f"{stem}_{identity}.{ending}" if ending else f"{stem}_{identity}"
@@ -246,7 +248,7 @@ def _name_once(name: str, identity: str, names: set[str]) -> str:
     return name
 
 
-# Saved views, and acts on many recordings.
+# Saved views, and bulk actions.
 
 
 @router.post("/library/views")
@@ -263,7 +265,7 @@ def save_view(page: UsedPage, form: UsedForm) -> Response:
 
 @router.post("/library/views/{view_id}/drop")
 def drop_view(view_id: str, page: UsedPage) -> Response:
-    """Forget a saved view."""
+    """Delete a saved view."""
     page.services.views.drop(view_id)
     return page.go("/")
 
@@ -273,7 +275,7 @@ Act = Literal["side", "subject", "held", "tag", "untag", "study", "again", "dele
 
 @dataclass(frozen=True, slots=True)
 class Done:
-    """What an act has done: to how many recordings, with facts for its sentence, and what undoes it."""
+    """The result of a bulk action: the number of recordings, facts for the message, and the ids for undo."""
 
     number: int
     facts: Mapping[str, str] = field(default_factory=dict)
@@ -282,7 +284,7 @@ class Done:
 
 @router.post("/library/acts/{act}")
 async def do(act: Act, page: UsedPage, form: UsedForm) -> Response:
-    """Do one thing to the chosen recordings, and say what was done."""
+    """Apply one action to the selected recordings, and show the result."""
     done = await run_to_end(_act, act, page, form)
     words = page.words()["acted"]
     told = fill(words[act], {"n": str(done.number), **done.facts}) if done.number else words["none"]
@@ -321,7 +323,7 @@ def _act(act: Act, page: Page, form: Form) -> Done:
 
 
 def _read_tags(text: str) -> tuple[str, ...]:
-    """Read tags with commas between. Raises BadParameter."""
+    """Parse tags separated by commas. Raises BadParameter."""
     tags = tuple(dict.fromkeys(tag.strip() for tag in text.split(",") if tag.strip()))
     are_fit = all(len(tag) <= LONGEST_TAG and tag.isprintable() for tag in tags)
     if not 0 < len(tags) <= MOST_TAGS or not are_fit:
@@ -337,7 +339,7 @@ def _read_code(name: str, text: str) -> str:
 
 
 def _read_change(act: Act, form: Form) -> dict[str, Any]:
-    """Read what is to be said of the recordings from now on; nothing if they are analysed as before.
+    """Parse the new description of the recordings; empty if they are analysed again unchanged.
 
     Raises BadParameter.
     """
@@ -354,9 +356,9 @@ def _read_change(act: Act, form: Form) -> dict[str, Any]:
 
 
 def _analyse_again(services: Services, entries: Sequence[Entry], change: Mapping[str, Any]) -> int:
-    """State something else of recordings, and analyse again where that is not what the report says.
+    """Change the description of recordings, and analyse again if the report does not match it.
 
-    What is under way, given by hand, or a comparison stays as it is. Raises Busy.
+    An analysis in progress, a calibration set by hand, or a comparison does not change. Raises Busy.
     """
     asked = []
     for entry in entries:
@@ -373,11 +375,11 @@ def _analyse_again(services: Services, entries: Sequence[Entry], change: Mapping
     return services.store.repeat_all(asked)
 
 
-# The trash: put in, take back, delete for good.
+# The trash: delete, restore, delete permanently.
 
 
 def _describe_trash(page: Page) -> dict[str, Any]:
-    """Return how long the trash keeps what is in it, and the title of the page of terms."""
+    """Return how long the trash keeps recordings, and the title of the retention page."""
     days = page.services.retention.find_trash_term_s(page.services.settings.trash_term_s) / DAY_S
     term = fill(page.words()["trash"]["term"], {"days": f"{days:.0f}"})
     return {"term": term, "terms": page.words("trail")["terms"]["title"]}
@@ -385,7 +387,7 @@ def _describe_trash(page: Page) -> dict[str, Any]:
 
 @router.get("/recordings/{recording_id}/delete")
 def ask_to_delete(recording_id: str, page: UsedPage) -> Response:
-    """Say what goes before anything goes; without a trash, that it goes for good."""
+    """Ask before a recording is deleted; if the trash is disabled, warn that this is permanent."""
     if not has_trash(page.services):
         return page.go(f"/recordings/{recording_id}/purge")
     return _ask(page, recording_id, for_good=False)
@@ -393,7 +395,7 @@ def ask_to_delete(recording_id: str, page: UsedPage) -> Response:
 
 @router.get("/recordings/{recording_id}/purge")
 def ask_to_purge(recording_id: str, page: UsedPage) -> Response:
-    """Ask once more before a recording is deleted for good."""
+    """Ask again before a recording is permanently deleted."""
     return _ask(page, recording_id, for_good=True)
 
 
@@ -420,9 +422,9 @@ def _ask(page: Page, recording_id: str, *, for_good: bool) -> Response:
 
 @router.post("/recordings/{recording_id}/delete")
 def throw_away(recording_id: str, page: UsedPage) -> Response:
-    """Put a recording and all that was made of it into the trash; one that is there stays as it is.
+    """Move a recording and its analyses to the trash; nothing changes if it is already there.
 
-    A trash that keeps nothing is emptied at the next look, so that erasing is what is asked for.
+    If the trash is disabled, housekeeping empties it at once, so the permission to erase is needed.
     """
     if not has_trash(page.services):
         check_may_erase(page.request)
@@ -432,7 +434,7 @@ def throw_away(recording_id: str, page: UsedPage) -> Response:
 
 @router.post("/recordings/{recording_id}/purge")
 def delete_for_good(recording_id: str, page: UsedPage) -> Response:
-    """Delete a recording, its analyses and every file of them."""
+    """Permanently delete a recording, its analyses and their files."""
     page.services.recordings.check_hold(recording_id)
     page.services.recordings.trash(recording_id)
     purge_recording(page.services, recording_id)
@@ -441,25 +443,25 @@ def delete_for_good(recording_id: str, page: UsedPage) -> Response:
 
 @router.post("/recordings/{recording_id}/restore")
 def take_back(recording_id: str, page: UsedPage) -> Response:
-    """Take a recording out of the trash."""
+    """Restore a recording from the trash."""
     page.services.recordings.restore(recording_id)
     return page.go("/")
 
 
 @router.get("/trash")
 def show_trash(page: UsedPage) -> Response:
-    """List what is in the trash."""
+    """List the recordings in the trash."""
     found = page.services.recordings.find_page(RecordingFilter(trashed=True), SHOWN)
     shown = [(row, format_size(row.size_bytes, page.language)) for row in found]
     return page.render("library/trash.html", **_describe_trash(page), rows=shown)
 
 
-# Studies: all of them, and each with its recordings. A script's batch is one, too.
+# Studies: the list, and each study with its recordings. A batch of a script is also a study.
 
 
 @router.get("/batches")
 def show_batches(page: UsedPage) -> Response:
-    """List the batches, the newest first."""
+    """List the batches, newest first."""
     rows = [_describe_batch(page, batch) for batch in page.services.batches.find_newest(MOST_BATCHES)]
     return page.render("library/batches.html", rows=rows)
 
@@ -483,7 +485,7 @@ def show_batch(batch_id: str, page: UsedPage) -> Response:
 
 @router.post("/batches/{batch_id}/retry")
 def retry_batch(batch_id: str, page: UsedPage) -> Response:
-    """Analyse again what failed (a plain form, so that it needs no script)."""
+    """Repeat the failed analyses of a batch (a plain form, so that it works without scripts)."""
     retry_failed(batch_id, page.services)
     return page.go(f"/batches/{batch_id}")
 
@@ -492,9 +494,10 @@ def retry_batch(batch_id: str, page: UsedPage) -> Response:
 def take_participants(
     batch_id: str, services: UsedServices, content: Annotated[bytes, Depends(read_body)]
 ) -> dict[str, Any]:
-    """Read a list of participants, and analyse again every recording of which it says something else.
+    """Read a list of participants, and analyse again every recording whose subject or side it changes.
 
-    Gives how many are analysed again (``changed``) and the files of the list that the study does not have.
+    Return how many are analysed again (``changed``), and the listed files that the study does not contain
+    (``unknown``).
     """
     every = services.batches.find_jobs(services.batches.get(batch_id).id)
     jobs = [job for job in every if job.request.reference is None]
@@ -511,7 +514,7 @@ def take_participants(
 
 @dataclass(frozen=True, slots=True)
 class Square:
-    """A recording at a glance: its state, or the verdict on its data, and that in words."""
+    """A recording at a glance: its state, or the verdict on its data, and a title that states it in words."""
 
     id: str
     state: str
@@ -531,7 +534,7 @@ def _draw_squares(page: Page, batch_id: str, jobs: Sequence[Job]) -> list[Square
 
 
 def _describe_batch(page: Page, batch: Batch) -> dict[str, str]:
-    """Return the id of a study, its name, when it was made, and how many analyses are in each state."""
+    """Return the id, name, creation time and counts by state of a study."""
     words = page.words()["batches"]
     counts = {state.value: str(number) for state, number in batch.counts.items() if number}
     told = fill(words["counts"], {"all": str(sum(batch.counts.values()))} | counts)

@@ -1,4 +1,4 @@
-"""The way in for a browser, and out: password and second factor, a provider, or the secret of the start."""
+"""Sign-in and sign-out: by password and second factor, by a provider, or by the secret of the start."""
 
 from typing import Any
 from urllib.parse import urlencode, urlsplit
@@ -48,29 +48,29 @@ PLACES: tuple[tuple[Permission, str], ...] = (
     ("aggregate", "/aggregate"),
     ("own", "/account"),
 )
-"""Where somebody is led who may not read recordings: the first that he may use."""
+"""The start page of a person without the permission to read recordings: the first permitted one."""
 
 
-# In, by a password and a second factor.
+# Sign-in by password and second factor.
 
 
 @router.get("/login")
 def ask_login(page: UsedPage, next: str = "/") -> Response:  # noqa: A002
-    """Ask who comes."""
+    """Show the sign-in form."""
     return _render_login(page, next)
 
 
 @router.get("/login/code")
 @router.get("/login/enrol")
 def begin_again(page: UsedPage) -> Response:
-    """Begin the login again where somebody turns the language of its second step."""
+    """Restart the sign-in if the language is changed during its second step."""
     query = page.request.url.query
     return page.go(f"/login?{query}" if query else "/login")
 
 
 @router.post("/login")
 def log_in(page: UsedPage, form: UsedForm) -> Response:
-    """Let in whoever has the secret; of people, ask for the second factor."""
+    """Sign in with the secret of the start, or check a password and continue with the second factor."""
     gate, wanted = find_gate(page.request), first(form, "next")
     if not gate.needs_accounts:
         if gate.secret is not None and gate.secret.matches(first(form, "secret"), ""):
@@ -90,7 +90,7 @@ def log_in(page: UsedPage, form: UsedForm) -> Response:
 
 @router.post("/login/code")
 def give_code(page: UsedPage, form: UsedForm) -> Response:
-    """Let in whoever gives the code of the authenticator, or a recovery code, too."""
+    """Sign in with the authenticator's code or a recovery code."""
     ticket = first(form, "ticket")
     try:
         entered = page.logins.give_code(ticket, first(form, "code"), find_caller(page.request))
@@ -103,7 +103,7 @@ def give_code(page: UsedPage, form: UsedForm) -> Response:
 
 @router.post("/login/enrol")
 def enrol(page: UsedPage, form: UsedForm) -> Response:
-    """Turn the authenticator on by its first code, and show the recovery codes once."""
+    """Activate the authenticator with its first code, and show the recovery codes once."""
     ticket, wanted = first(form, "ticket"), first(form, "next")
     try:
         person_id, codes = page.logins.enrol(ticket, first(form, "code"))
@@ -119,12 +119,12 @@ def enrol(page: UsedPage, form: UsedForm) -> Response:
     return response
 
 
-# In, by an address that works once.
+# Sign-in by a one-time link.
 
 
 @router.get("/login/once/{ticket}")
 def open_once(ticket: str, page: UsedPage) -> Response:
-    """Let the browser in that opens the address which the server showed; it works once."""
+    """Sign in by the one-time address that the server printed."""
     gate = find_gate(page.request)
     if gate.secret is None or gate.needs_accounts or not gate.secret.take_address(ticket):
         raise NotSignedIn
@@ -133,14 +133,14 @@ def open_once(ticket: str, page: UsedPage) -> Response:
 
 @router.get("/login/link/{ticket}")
 def open_link(ticket: str, page: UsedPage) -> Response:
-    """Ask for a password; the link is used up by setting one, not by looking."""
+    """Ask for a new password; only setting the password uses up the link."""
     page.logins.tickets.look("password", ticket)
     return render_with_problem(page, "access/new_password.html", None, ticket=ticket)
 
 
 @router.post("/login/link/{ticket}")
 def set_password(ticket: str, page: UsedPage, form: UsedForm) -> Response:
-    """Set a password; its person logs in by it then, with the second factor."""
+    """Set a password by link; the person then signs in with it and the second factor."""
     try:
         address = find_address(page.request)
         page.logins.set_password_by_link(ticket, take_secret(form, "password"), address)
@@ -149,24 +149,24 @@ def set_password(ticket: str, page: UsedPage, form: UsedForm) -> Response:
     return page.go("/login")
 
 
-# In, by a provider.
+# Sign-in by a provider.
 
 
 @router.get("/login/provider")
 def go_to_provider(page: UsedPage, next: str = "/") -> Response:  # noqa: A002
-    """Send the browser to the identity provider."""
+    """Redirect the browser to the identity provider."""
     return _send_to_provider(page, check_next(next))
 
 
 @router.get("/confirm/provider")
 def confirm_by_provider(page: UsedPage, subject: UsedSubject, next: str = "/") -> Response:  # noqa: A002
-    """Send the browser to the provider, which is to ask for the password again."""
+    """Redirect the browser to the provider to enter the password again."""
     return _send_to_provider(page, check_next(next), subject.session)
 
 
 @router.get("/login/provider/back")
 def come_back(page: UsedPage) -> Response:
-    """Let in whom the provider sent back, or confirm the session that asked, if it is the same person's."""
+    """Sign in the person that the provider returned, or confirm the session if it is the same person's."""
     request = page.request
     state = request.cookies.get(name_cookie(request, STATE_COOKIE), "")
     try:
@@ -184,18 +184,18 @@ def come_back(page: UsedPage) -> Response:
     return response
 
 
-# Who one is, once more; and out.
+# Confirmation of the password, and sign-out.
 
 
 @router.get("/confirm")
 def ask_again(page: UsedPage, subject: UsedSubject, next: str = "/") -> Response:  # noqa: A002
-    """Ask for the password again before what cannot be undone."""
+    """Ask for the password again before an action that cannot be undone."""
     return _render_confirmation(page, subject, next)
 
 
 @router.post("/confirm")
 def confirm(page: UsedPage, form: UsedForm, subject: UsedSubject) -> Response:
-    """Take the password or a code again, and lead on."""
+    """Check the password or code again, and redirect."""
     wanted = first(form, "next")
     try:
         cookie = page.logins.confirm(subject, take_secret(form, "proof"), find_caller(page.request))
@@ -206,7 +206,7 @@ def confirm(page: UsedPage, form: UsedForm, subject: UsedSubject) -> Response:
 
 @router.post("/logout")
 def log_out(page: UsedPage) -> Response:
-    """End the session, and have the browser forget what it keeps of us."""
+    """End the session, and delete its data in the browser."""
     request = page.request
     if find_gate(request).needs_accounts:
         page.logins.accounts.end_session(request.cookies.get(name_cookie(request, SESSION_COOKIE), ""))
@@ -217,12 +217,12 @@ def log_out(page: UsedPage) -> Response:
 
 
 def respond_with_login(request: Request) -> Response:
-    """Send a browser that nobody is known behind to the way in, and afterwards to where it wanted."""
+    """Redirect a browser without a session to the sign-in page, and back afterwards."""
     return _lead(request, "/login", _find_wanted(request))
 
 
 def respond_with_confirmation(request: Request) -> Response:
-    """Ask for the password again, and lead back afterwards: of a form, to the page that it stood on."""
+    """Ask for the password again, and redirect back afterwards; after a form, to its page."""
     wanted = _find_wanted(request)
     if request.method not in ("GET", "HEAD"):
         page = urlsplit(request.headers.get("referer", ""))
@@ -231,7 +231,7 @@ def respond_with_confirmation(request: Request) -> Response:
 
 
 def respond_with_place(request: Request) -> Response:
-    """Send somebody who may not read recordings to what he may use."""
+    """Redirect a person without the permission to read recordings to a permitted page."""
     subject: Subject = request.scope[SUBJECT]
     place = next(place for permission, place in PLACES if subject.may(permission))
     return RedirectResponse(find_base(request) + place, status_code=303)
@@ -255,7 +255,7 @@ def render_enrolment(page: Page, ticket: str, wanted: str, refusal: AppError | N
 
 
 def render_with_problem(page: Page, template: str, refusal: AppError | None, **values: Any) -> Response:
-    """Render a page of the accounts, with what was refused above its form."""
+    """Render an account page, with the problem above its form if there is one."""
     if refusal is None:
         return page.render(template, problem=None, **values)
     problem = describe_problem(refusal.code, refusal.facts, page.language)
@@ -268,7 +268,7 @@ def render_with_problem(page: Page, template: str, refusal: AppError | None, **v
 
 
 def check_next(wanted: str) -> str:
-    """Return a place of ours to go on to; the first page for any other."""
+    """Return the path to redirect to; "/" if it is not on this server."""
     is_ours = wanted.startswith("/") and not wanted.startswith(("//", "/\\"))
     return wanted if is_ours and wanted.isprintable() else "/"
 
@@ -296,14 +296,14 @@ def _render_confirmation(
 
 
 def _let_in(page: Page, entered: Entered, wanted: str) -> Response:
-    """Return a browser its new session; one that it had before ends."""
+    """Start a session in the browser; an earlier session of this browser ends."""
     response = page.go(_find_way_on(entered, wanted))
     _set_cookies(page, response, entered)
     return response
 
 
 def _find_way_on(entered: Entered, wanted: str) -> str:
-    """Return where a login leads: first to the account, if there is something that its person is to know."""
+    """Return the page after sign-in: first the account page if it has a notice."""
     on = check_next(wanted)
     return f"/account?{urlencode({'next': on})}" if entered.is_to_be_told else on
 

@@ -1,6 +1,6 @@
-"""Pages of several finished analyses: both arms of one shift, one day beside an earlier one, many days.
+"""Pages of several analyses: both arms of one shift, two days compared, many days.
 
-Many days are those of one person, of both arms or of a group, before and after a change.
+Many days can be of one person, of both arms or of a group, before and after a change.
 """
 
 from collections.abc import Mapping
@@ -34,19 +34,19 @@ SETTINGS = frozenset({"method", "pose", "metric filter"})
 
 router = APIRouter(include_in_schema=False)
 
-# Which analyses fit together: the other arm of the same day, other days of the same person.
+# Related analyses: the other arm on the same day, other days of the same person.
 
 
 @dataclass(frozen=True, slots=True)
 class Offer:
-    """A link to a page of two."""
+    """A link to a page of two analyses."""
 
     address: str
     words: str
 
 
 def find_offers(page: Page, job: Job, start: str) -> tuple[Offer, ...]:
-    """Offer a pair if arm and day fit, else a comparison, the earlier first."""
+    """Return links to related analyses: a pair if arm and day match, else a comparison, the earlier first."""
     words, offers = page.words("pair_pages"), []
     for other in Library(page.services.store.reader).find_others(job):
         other_start = _read_start(other)
@@ -70,7 +70,7 @@ def _format_start(start: str) -> str:
 
 
 class PairQuery(BaseModel):
-    """Offsets as people type them, the analysis of the trunk, and whether all are of one person."""
+    """Offsets as typed, the analysis of the trunk, and whether all are of one person."""
 
     offset_s: Annotated[str, Field(max_length=20)] = ""
     trunk: Annotated[str, Field(max_length=40)] = ""
@@ -81,7 +81,7 @@ class PairQuery(BaseModel):
 def find_asked(
     kind: PairKind, first: str, second: str, services: UsedServices, query: Annotated[PairQuery, Query()]
 ) -> AskedJobs[PairRequest]:
-    """Find the analyses that an address names; a comparison has neither trunk nor offset."""
+    """Return the analyses in an address; a comparison has neither trunk nor offset."""
     trunk = ""
     offsets_s: tuple[float | None, float | None] = (None, None)
     if kind == "pair":
@@ -96,9 +96,9 @@ AskedPair = Annotated[AskedJobs[PairRequest], Depends(find_asked)]
 
 @router.get("/beside/{kind}")
 def show_pair(asked: AskedPair, page: UsedPage) -> Response:
-    """Show two analyses side by side; for a pair, with the offset of the clocks to correct.
+    """Show two analyses side by side; for a pair, with a form to correct the clock offset.
 
-    Where a subject code is missing, only the question whether all are of one person is shown.
+    If a subject code is missing, only the question whether all are of one person is shown.
     """
     request, words = asked.request, page.words("pair_pages")
     offset, trunk_offset = (
@@ -137,7 +137,7 @@ def show_pair(asked: AskedPair, page: UsedPage) -> Response:
 def _lay_curves(
     page: Page, asked: AskedJobs[PairRequest], figures: Mapping[str, Any], days: tuple[str, str]
 ) -> tuple[Laid, ...]:
-    """Lay a pair, and its trunk, on one clock; two visits by the time of the day."""
+    """Place a pair and its trunk on one clock; place two visits by the time of day."""
     words = page.words("pair_pages")
     if asked.request.kind != "pair":
         before, after = (
@@ -154,7 +154,7 @@ def _lay_curves(
 
 @router.get("/beside/{kind}/report.{form}", response_class=Response)
 def get_report(form: Literal["html", "pdf"], asked: AskedPair, page: UsedPage) -> Response:
-    """Return the report of two, to read or to file."""
+    """Return the report of two analyses, as a page or a PDF."""
     return _respond_with_report(page, asked, _make(page.services, asked), form)
 
 
@@ -167,7 +167,7 @@ def _respond_with_report(page: Page, asked: AnyJobs, report: PairReport, form: s
 
 @router.post("/beside/compare/align")
 def analyse_alike(first: str, second: str, page: UsedPage) -> Response:
-    """Analyse the earlier recording by the settings of the later, so that only the work differs."""
+    """Analyse the earlier recording with the settings of the later, so that only the work differs."""
     store = page.services.store
     before, after = store.get(first), store.get(second)
     again = store.add_correction(before, align_request(before.request, after.request))
@@ -175,14 +175,16 @@ def analyse_alike(first: str, second: str, page: UsedPage) -> Response:
 
 
 def align_request(before: ReportRequest, after: ReportRequest) -> ReportRequest:
-    """Ask of the earlier recording what was asked of the later; windows that no longer fit are dropped."""
+    """Copy the later request's settings to the earlier recording; drop windows that no longer fit the
+    pose.
+    """
     asked = replace(before, method=after.method, pose=after.pose, arm_axis=after.arm_axis)
     is_other_pose = asked.pose != before.pose and "two-point" in {asked.pose, before.pose}
     return replace(asked, calibration_windows_s=()) if asked.arm_axis or is_other_pose else asked
 
 
 def parse_offset(text: str) -> float | None:
-    """Read seconds as people write them; None, where it is no number, leaves the offset to the clocks."""
+    """Parse seconds as typed; None if it is not a number, so that the clocks determine the offset."""
     try:
         offset_s = float(text.strip().replace(",", "."))
     except ValueError:
@@ -191,7 +193,9 @@ def parse_offset(text: str) -> float | None:
 
 
 def _make(services: Services, asked: AskedJobs[PairRequest]) -> PairReport:
-    """Make the report of two; where methods differ, too, for the page says so and offers to analyse alike."""
+    """Build the report of two analyses, even if methods differ: the page then offers to analyse with one
+    method.
+    """
     try:
         return services.pairs.make(asked)
     except RecordedProblem as problem:
@@ -203,9 +207,9 @@ def _make(services: Services, asked: AskedJobs[PairRequest]) -> PairReport:
 def _offer_trunks(
     services: Services, asked: AskedJobs[PairRequest], figures: Mapping[str, Any]
 ) -> tuple[Job, ...]:
-    """Offer the recordings that may be of the trunk: same person, same day, neither arm stated.
+    """Return recordings that may be of the trunk: same person, same day, no arm stated.
 
-    The chosen one is always among them.
+    The selected one is always included.
     """
     if asked.request.kind != "pair":
         return ()
@@ -224,13 +228,13 @@ def _offer_trunks(
 # Several days.
 
 MOST_OFFERED = 60
-"""Recordings of one person in the form."""
+"""Most recordings of one person in the form."""
 
 
 class DaysQuery(BaseModel):
-    """The analyses of the days, those after a change apart, and what a person says of them.
+    """The analyses of the days, those after a change separately, and the person's statements about them.
 
-    ``study`` stands for every report of a study; those from the day ``since`` on are after the change.
+    ``study`` selects every report of a study; from the day ``since`` on they count as after the change.
     """
 
     analysis: Annotated[list[str], Field(max_length=MOST_DAYS)] = []
@@ -242,7 +246,7 @@ class DaysQuery(BaseModel):
 
 
 def find_days(services: UsedServices, query: Annotated[DaysQuery, Query()]) -> AskedJobs[ProfileRequest]:
-    """Find the analyses that an address names; one that stands on both sides is after the change."""
+    """Return the analyses in an address; an analysis on both sides counts as after the change."""
     if query.study:
         first, after = _find_study(services, query)
     else:
@@ -263,7 +267,9 @@ def find_days(services: UsedServices, query: Annotated[DaysQuery, Query()]) -> A
 
 
 def _find_study(services: Services, query: DaysQuery) -> tuple[list[Job], list[Job]]:
-    """Find the reports of a study, and those after a change: what has no clock is on neither side."""
+    """Return the reports of a study before and after a change; a report without a clock is on neither
+    side.
+    """
     wanted = LibraryFilter(batch=services.batches.get(query.study).id)
     placed = [
         (entry.job, entry.headline.start or "")
@@ -295,7 +301,7 @@ class Choice:
 
 @router.get("/days")
 def show_days(asked: AskedDays, page: UsedPage) -> Response:
-    """Show several days laid over one another, with a form of the person's recordings to choose from."""
+    """Show several days overlaid, with a form to select from the person's recordings."""
     try:
         made = page.services.pairs.make(asked)
     except RecordedProblem as refused:
@@ -305,7 +311,7 @@ def show_days(asked: AskedDays, page: UsedPage) -> Response:
         shown: dict[str, Any] = {"problem": problem, "sentences": (), "drawings": (), "figures": {}}
     else:
         drawings = [
-            {**chart, "wide": Markup(chart["wide"]), "narrow": Markup(chart["narrow"])}  # noqa: S704  ours
+            {**chart, "wide": Markup(chart["wide"]), "narrow": Markup(chart["narrow"])}  # noqa: S704  our own SVG
             for chart in made.read_drawings(page.language)
         ]
         sentences, figures = made.read_sentences(page.language), made.read_figures()
@@ -316,21 +322,21 @@ def show_days(asked: AskedDays, page: UsedPage) -> Response:
 
 @router.get("/days/report.{form}", response_class=Response)
 def get_days_report(form: Literal["html", "pdf"], asked: AskedDays, page: UsedPage) -> Response:
-    """Get the report of several days, to read or to file."""
+    """Return the report of several days, as a page or a PDF."""
     return _respond_with_report(page, asked, page.services.pairs.make(asked), form)
 
 
 @router.get("/days/{name}.csv", response_class=Response)
 def get_days_table(name: Literal["profile", "overlay"], asked: AskedDays, services: UsedServices) -> Response:
-    """Get a row for each day, or for each quarter hour of the clock."""
+    """Return a row per day, or per quarter hour of the clock."""
     body = services.pairs.make(asked).read(f"{name}.csv")
     return respond_with_file(body, "text/csv", build_pair_download_name(asked, f"{name}.csv"))
 
 
 def find_days_address(services: Services, job: Job) -> str:
-    """Return the address of the days of a person: all recordings with a report; empty where there is one.
+    """Return the address of the days page with all of a person's reports; "" if there is only one.
 
-    What states no arm, as a sensor on the trunk, is left out beside what does.
+    If ``job`` states an arm, recordings without one (such as of the trunk) are left out.
     """
     others = Library(services.store.reader).find_others(job, MOST_OFFERED - 1)
     ids = [other.job.id for other in others if other.job.request.side or not job.request.side]
@@ -338,14 +344,14 @@ def find_days_address(services: Services, job: Job) -> str:
 
 
 def _list_choices(page: Page, asked: AskedJobs[ProfileRequest]) -> tuple[Choice, ...]:
-    """List the chosen recordings and the others of the same people.
+    """List the selected recordings and the others of the same people.
 
-    What has no subject code stands by itself.
+    A recording without a subject code has no others.
     """
     library, sides = Library(page.services.store.reader), load_wording(page.language)["side"]
     found: dict[str, Entry] = {}
     for job in {job.request.subject: job for job in asked.jobs}.values():
-        every = library.find_others(replace(job, recording_id=""), MOST_OFFERED)  # its own among them
+        every = library.find_others(replace(job, recording_id=""), MOST_OFFERED)  # including its own
         found |= {entry.job.recording_id: entry for entry in every}
     for job in asked.jobs:
         known = found.get(job.recording_id)

@@ -1,4 +1,4 @@
-"""Pages: who asks for one, what its form says, how it or a report is rendered, with scripts and styles."""
+"""Render pages and reports: the page object, templates, forms, scripts and styles."""
 
 import gzip
 import hashlib
@@ -31,8 +31,8 @@ from app.report.words.numbers import format_angle, format_duration, format_numbe
 from app.report.words.wording import Language, Part, Words, fill, is_french, load_wording
 from app.services import LANGUAGE_COOKIE, SUBJECT, Services, choose_language, find_services, prefer_language
 
-# Scripts, styles and drawings of the pages, under an address that changes with them, so that browsers keep
-# them for good. plotly's script comes from the installed package: no page loads anything from another host.
+# Scripts, styles and drawings have addresses that change with their content, so browsers cache them
+# permanently. plotly's script comes from the installed package: no page loads anything from another host.
 
 
 FOLDER = Path(__file__).resolve().parent / "static"
@@ -42,12 +42,12 @@ router = APIRouter(include_in_schema=False)
 
 
 class Assets(StaticFiles):
-    """The static files, which never change under their address."""
+    """The static files, whose content never changes under the same address."""
 
     def file_response(
         self, full_path: str | PathLike[str], stat_result: stat_result, scope: Scope, status_code: int = 200
     ) -> Response:
-        """Let the browser keep the file."""
+        """Return the file with a permanent cache header."""
         response = super().file_response(full_path, stat_result, scope, status_code)
         response.headers["Cache-Control"] = FOR_EVER
         return response
@@ -55,7 +55,7 @@ class Assets(StaticFiles):
 
 @cache
 def find_assets() -> str:
-    """Return the address of the static files, without the proxy's part: ``/static/<fingerprint>``."""
+    """Return the path of the static files without the proxy's prefix: ``/static/<fingerprint>``."""
     digest = hashlib.sha256()
     for path in sorted(FOLDER.rglob("*")):
         if path.is_file():
@@ -65,14 +65,16 @@ def find_assets() -> str:
 
 @cache
 def find_plotly() -> str:
-    """Return the address of plotly's script, without the proxy's part."""
+    """Return the path of plotly's script without the proxy's prefix."""
     return f"/vendor/plotly-{version('plotly')}.min.js"
 
 
 @cache
 def find_style_ids() -> tuple[str, ...]:
-    """Return the ids of the styles that plotly's script puts into a page unless an element of that name is
-    there: map controls, which we never draw, and which our policy would refuse.
+    """Return the ids of the style elements that plotly's script would add to a page.
+
+    A page that already contains elements with these ids prevents this. The styles are for map controls, which
+    are never used, and the content security policy would refuse them.
     """
     return tuple(re.findall(r'getElementById\("([0-9a-f]{32,})"\)', _read_script().decode()))
 
@@ -91,7 +93,7 @@ def plotly(name: str, request: Request) -> Response:
 
 @cache
 def _read_packed() -> bytes:
-    """Compress the script once: a third of the bytes to send and to hold."""
+    """Compress the script once, to a third of its size."""
     return gzip.compress(_read_script(), 6, mtime=0)
 
 
@@ -137,7 +139,7 @@ class _Wording:
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """A request for a page: its language, and the stores that answer it."""
+    """A request for a page: its language, and the services behind it."""
 
     request: Request
     services: Services
@@ -145,17 +147,17 @@ class Page:
 
     @property
     def base(self) -> str:
-        """The path under which a proxy serves us, "" at the root; every address of ours begins with it."""
+        """The path prefix set by the proxy, "" at the root; every link on a page starts with it."""
         return find_base(self.request)
 
     @property
     def subject(self) -> Subject | None:
-        """Who asks; None for a browser that nobody is known behind."""
+        """The subject of the request; None for a browser without a session."""
         return cast("Subject | None", self.request.scope.get(SUBJECT))
 
     @property
     def logins(self) -> Logins:
-        """What logs people in."""
+        """The sign-in service."""
         return find_logins(self.request)
 
     def words(self, part: Part = "page") -> Words:
@@ -163,11 +165,11 @@ class Page:
         return load_wording(self.language, part)
 
     def go(self, place: str) -> Response:
-        """Lead the browser on to a page of ours."""
+        """Redirect the browser to a page of this server."""
         return RedirectResponse(self.base + place, status_code=303)
 
     def render(self, template: str, status: int = 200, **values: Any) -> HTMLResponse:
-        """Render a template with its values, and remember a choice of language."""
+        """Render a template, and store the selected language in a cookie."""
         body = pages.get_template(template).render(
             values,
             words=self.words(),
@@ -189,14 +191,16 @@ class Page:
         return response
 
     def turn_language(self) -> str:
-        """Return the same page in the other language; French is that of the place that the browser names."""
+        """Return the query for the same page in the other language; for French, the browser's regional
+        variant.
+        """
         shown = parse_qsl(drop_secrets(self.request.url.query), keep_blank_values=True)
         kept = [(name, value) for name, value in shown if name != "lang"]
         other = "en" if is_french(self.language) else prefer_language(self.request, ("fr", "fr-CA"))
         return "?" + urlencode([*kept, ("lang", other)])
 
     def _list_links(self) -> tuple[tuple[str, str], ...]:
-        """List the pages of trust that somebody may open: address and title."""
+        """List the address and title of the trust pages that the subject may open."""
         words = self.words("trail")
         known: tuple[tuple[Permission, str, str], ...] = (
             ("aggregate", "/aggregate", words["group"]["title"]),
@@ -209,19 +213,19 @@ class Page:
 
 
 def find_base(request: Request) -> str:
-    """Return the path under which a proxy serves us, "" at the root."""
+    """Return the path prefix set by the proxy, "" at the root."""
     return str(request.scope.get("root_path", "")).rstrip("/")
 
 
 async def open_page(request: Request) -> Page:
-    """Return what a route of a page works with."""
+    """Return the page object of a request."""
     return Page(request, find_services(request), choose_language(request))
 
 
 UsedPage = Annotated[Page, Depends(open_page)]
 
 
-# A report as a page: above it the way back, the PDF and the other language; copies of the file hold none.
+# A report as a page: above it links back, to the PDF and to the other language; the stored file has none.
 
 WAY_STYLE = (
     ".way{display:flex;flex-wrap:wrap;gap:.4rem 1.4rem;max-width:60rem;margin:0 auto;padding:.6rem 1rem}"
@@ -230,7 +234,7 @@ WAY_STYLE = (
     "@media print{.way,.old a{display:none}}"
 )
 WAY_HASH = b64encode(hashlib.sha256(WAY_STYLE.encode()).digest()).decode()
-"""A report's own policy lets in styles by their hash alone."""
+"""A report's policy allows styles only by their hash."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,15 +247,16 @@ class OldVersion:
 
 
 def lay_way_of_query(page: Page, report: str, place: str) -> HTMLResponse:
-    """Lay the way back above a report whose page and PDF are asked for by the same query."""
+    """Add navigation above a report whose page and PDF have the same query."""
     query = f"?{page.request.url.query}" if page.request.url.query else ""
     return lay_way(page, report, f"{page.base}{place}{query}", f"{page.base}{place}/report.pdf{query}")
 
 
 def lay_way(page: Page, report: str, back: str, pdf: str, old: OldVersion | None = None) -> HTMLResponse:
-    """Lay the way back above a report, and the banner of an old version; its file is left as it is.
+    """Add navigation, and the notice of an old version, above a report; its stored file does not change.
 
-    ``back`` and ``pdf``: where its page and its PDF in this language are. Printing leaves the links out.
+    ``back`` and ``pdf`` are the addresses of its page and its PDF in this language. The links are not
+    printed.
     """
     words, labels = page.words(), page.words()["report_way"]
     links = (
@@ -267,12 +272,12 @@ def lay_way(page: Page, report: str, back: str, pdf: str, old: OldVersion | None
     head, end, body = report.partition("</head>")
     head = head.replace("style-src ", f"style-src 'sha256-{WAY_HASH}' ", 1) + f"<style>{WAY_STYLE}</style>"
     whole = head + end + body.replace('<div class="sheet">', f'{bar}<div class="sheet">', 1)
-    # its PDF may be downloaded, all else is as strict as for the file
+    # allow the PDF download; otherwise as strict as for the file
     policy = f"{REPORT_POLICY} allow-downloads"
     return HTMLResponse(whole, headers={"Content-Security-Policy": policy, "Cache-Control": "no-store"})
 
 
-# Forms of short text fields, as browsers send them (urlencoded).
+# Forms of short text fields (urlencoded).
 
 MOST_BYTES = 4 << 20
 MOST_FIELDS = 50_000
@@ -281,7 +286,9 @@ Form = Mapping[str, list[str]]
 
 
 async def read_form(request: Request) -> Form:
-    """Read ``application/x-www-form-urlencoded``; each name with its values in order. Raises BadParameter."""
+    """Parse ``application/x-www-form-urlencoded``; each name with its values in order. Raises
+    BadParameter.
+    """
     body = await read_body(request)
     try:
         pairs = parse_qsl(body.decode(), keep_blank_values=True, max_num_fields=MOST_FIELDS)
@@ -312,5 +319,5 @@ def first(form: Form, name: str) -> str:
 
 
 def take_secret(form: Form, name: str) -> str:
-    """Return the first value of a name as it was typed, with every space."""
+    """Return the first value of a name as typed, including spaces."""
     return form.get(name, [""])[0]

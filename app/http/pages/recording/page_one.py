@@ -1,4 +1,4 @@
-"""Page 1 of the report on the page of its recording, the moments to look at on the curve, several curves."""
+"""Page 1 of the report on its recording's page, highlights on the curve, and curves of several recordings."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -22,18 +22,20 @@ from fusion.conventions import MAIN_THRESHOLD_DEG
 
 HIGHEST = 10
 LEAST_S = 0.5
-"""As of every episode (fusion.exposure.stays): shorter ones are none, shorter gaps do not end one."""
+"""As for every episode (fusion.exposure.stays): shorter stays do not count, and shorter gaps do not end
+one.
+"""
 AROUND_S = 5.0
-"""Shown before and after an episode."""
+"""Time shown before and after an episode."""
 
 
 Minutes = tuple[tuple[tuple[float, ...], ...], ...]
-"""Unbroken runs of minutes: start and end, s; P10, median and P90, deg."""
+"""Uninterrupted runs of minutes: start and end, s; P10, median and P90, deg."""
 
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """A stretch to look at: its description, its mark on the curve, and the part that the curve shows."""
+    """A highlighted time range: its description, its mark on the curve, and the visible part of the curve."""
 
     words: str
     mark: str
@@ -44,7 +46,7 @@ class Look:
 
 @dataclass(frozen=True, slots=True)
 class PageOne:
-    """Page 1 of the report, and where to look: two stretches, then the highest episodes.
+    """Page 1 of the report, and highlights: two time ranges, then the highest episodes.
 
     ``minutes`` are those of the report's day, for the curve.
     """
@@ -58,7 +60,7 @@ class PageOne:
 def read_page_one(services: Services, job: Job, day: DayFile | None, language: Language) -> PageOne | None:
     """Build page 1 of a finished analysis; None if its results cannot be read. Raises ResultDamaged.
 
-    Without a day there is nothing to look at.
+    Without a day there are no highlights.
     """
     try:
         kept = decode_results(services.results.read(job, "results.json"))
@@ -85,7 +87,9 @@ def list_minutes(findings: Findings, language: Language) -> Minutes:
 
 
 def _list_looks(findings: Findings, day: DayFile, language: Language) -> tuple[list[Look], list[Look]]:
-    """List the 15 minutes with the most time above 60 deg and the longest stay; then the highest episodes."""
+    """Return the 15 minutes with the most time above 60 deg and the longest stay; then the highest
+    episodes.
+    """
     clock, told = DayClock.of(day.facts), Clock(findings.recording.start, language)
     words = load_wording(language, "page")["page_one"]
 
@@ -117,14 +121,14 @@ def _list_looks(findings: Findings, day: DayFile, language: Language) -> tuple[l
     return looks, highest
 
 
-# Curves of several recordings above one another, moved together: both arms, two visits.
+# Curves of several recordings in one view that pan and zoom together: both arms, two visits.
 
 
 @dataclass(frozen=True, slots=True)
 class CurveView:
-    """One curve: its name, where its samples are, and by how many seconds it begins after the first.
+    """One curve: its name, the address of its samples, and its start in seconds after the earliest curve.
 
-    ``beside``: where the samples of another curve in the same drawing are; empty for none.
+    ``beside``: the address of another curve in the same drawing; "" for none.
     """
 
     name: str
@@ -136,7 +140,7 @@ class CurveView:
 
 
 Laid = tuple[Job, str, float | None]
-"""An analysis, its name, and when it began, s; None: by its clock's time of the day."""
+"""An analysis, its name, and its start, s; None: by the time of day of its clock."""
 
 
 def build_curves(page: Page, laid: Sequence[Laid]) -> tuple[CurveView, ...]:
@@ -155,7 +159,7 @@ def build_curves(page: Page, laid: Sequence[Laid]) -> tuple[CurveView, ...]:
     curves = []
     for (job, name, _), clock, start_s in zip(laid, clocks, starts_s, strict=True):
         minutes: Minutes = ()
-        with suppress(NoSuchFile, ValueError):  # results that cannot be read
+        with suppress(NoSuchFile, ValueError):  # unreadable results
             results = decode_results(page.services.results.read(job, "results.json"))
             minutes = list_minutes(results.findings, "en")
         address = f"{page.base}/analyses/{job.id}/curve"
