@@ -145,5 +145,5 @@ def test_two_runs_never_mix_one_report(shift_gt3x: Path, tmp_path: Path) -> None
         other = do_task(task, lambda *_: True)
         kept = (staging / "results.json").exists()
 
-    assert (other.code, other.facts["why"]) == ("E-FILE", "another run makes the same report just now")
+    assert (other.code, other.facts["why"]) == ("E-FILE", "another run is making the same report")
     assert kept
