@@ -1,4 +1,4 @@
-// The conclusion on the page of a recording: its text is kept until it is sent.
+// The conclusion form on a recording's page; its text is kept until it is sent.
 
 import { $ } from "./say.js";
 import { send } from "./send.js";

@@ -1,4 +1,4 @@
-// The first page: files in, and what has become of them.
+// The first page: uploads and recordings.
 
 import { $, fill, say } from "./say.js";
 import { refresh, showTitle } from "./rows.js";
@@ -16,7 +16,7 @@ function showQueue() {
   showInterrupted();
 }
 
-// Uploads that a reload or a closed browser has cut: the same files, chosen again, go on where they stopped.
+// Show uploads that a reload or closed browser interrupted; selecting the same files again resumes them.
 function showInterrupted() {
   const names = listInterrupted().map(([, { name }]) => name);
   $("interrupted").hidden = !names.length;
@@ -28,13 +28,13 @@ function listInterrupted() {
   return Object.entries(recall()).filter(([, { name }]) => !going.has(name));
 }
 
-// What the server has whole, and analyses, needs nobody any more.
+// Forget uploads that are complete and whose analysis has started.
 async function forgetArrived() {
   await Promise.all(listInterrupted().map(async ([print, { address }]) => (await queue.isBegun(address)) && forgetPrint(print)));
   showInterrupted();
 }
 
-// The person wants them no more: neither the browser nor the server keeps anything of them.
+// Discard the interrupted uploads in the browser and on the server.
 function leaveInterrupted() {
   const left = Object.fromEntries(listInterrupted());
   write(Object.fromEntries(Object.entries(recall()).filter(([print]) => !left[print])));
@@ -42,7 +42,7 @@ function leaveInterrupted() {
   showInterrupted();
 }
 
-// A folder is a study by its name, unless another name was typed.
+// The name of a folder is the study name, unless another name was typed.
 function take({ files, ignored, folder }) {
   const chosen = new FormData(form);
   const study = chosen.get("study").trim() || (folder || "").slice(0, 100);

@@ -1,5 +1,5 @@
-// The page of a study: its squares follow the analyses; a list of participants is sent, and what became of it
-// is told.
+// The page of a study: its squares follow the analyses; a list of participants is uploaded, and the result is
+// shown.
 
 import { $, fill } from "./say.js";
 
@@ -23,14 +23,14 @@ async function send(file) {
   location.reload();
 }
 
-// A refusal comes as a page of its own: what it says is shown here.
+// The server responds to a refusal with a page; show its problem here.
 function refuse(page) {
   const said = new DOMParser().parseFromString(page, "text/html").querySelector("[data-problem]");
   told.hidden = false;
   told.replaceChildren(...(said ? [...document.importNode(said, true).children] : [form.dataset.lost]));
 }
 
-// Whoever has the focus keeps it: only what has changed is replaced.
+// Replace only changed parts, so that the focus does not move.
 async function look() {
   if (!document.querySelector(".squares .is-queued, .squares .is-running")) return;
   const answer = await fetch(location.href, { headers: { Accept: "text/html", "X-Unattended": "1" } }).catch(() => null);

@@ -1,4 +1,4 @@
-// The stretches that a person can move: calibration windows and periods. The form's fields are the one truth.
+// The bands that a person can move: calibration windows and periods. Their state is in the form's fields.
 
 import { $, fill } from "../say.js";
 
@@ -10,7 +10,7 @@ export class Bands {
     this.last = this.snapshot();
   }
 
-  // Every band that has a start and an end: {row, kind, name, startS, endS}.
+  // Return every band with a start and an end: {row, kind, name, startS, endS}.
   list() {
     return [...this.windows(), ...this.periods()].filter((band) => band.endS > band.startS);
   }
@@ -29,7 +29,7 @@ export class Bands {
     });
   }
 
-  // What the form asks of each pose; without one, the axis.
+  // Show the fields of the selected pose, or the axis if there is no pose.
   kinds() {
     const pose = this.form.elements.pose.value;
     if (pose === "axis") return ["axis"];
@@ -55,7 +55,7 @@ export class Bands {
     end.value = this.clock.tell(endS);
   }
 
-  // The pose held again, in a row of its own.
+  // Add a row for a repeated pose.
   repeat(start, end) {
     const row = $("repeat").content.firstElementChild.cloneNode(true);
     [row.querySelectorAll("input")[0].value, row.querySelectorAll("input")[1].value] = [start, end];
@@ -70,7 +70,7 @@ export class Bands {
     return row;
   }
 
-  // Buttons are named after what they act on, so that a list of buttons makes sense.
+  // Name each button after its row, so that a list of buttons is clear to a screen reader.
   name() {
     for (const { row, name } of [...this.windows(), ...this.periods()]) {
       for (const button of row.querySelectorAll("[data-do]")) {
@@ -92,7 +92,7 @@ export class Bands {
     return JSON.stringify({ ...Object.fromEntries(others), windows, rows });
   }
 
-  // Remember how it was before the change that has just been made.
+  // Store the state before the last change for undo.
   remember() {
     const now = this.snapshot();
     if (now !== this.last) this.past.push(this.last);

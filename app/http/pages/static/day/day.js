@@ -1,4 +1,4 @@
-// The day of an analysis: puts clock, bands, view, curve and handles together, and listens.
+// The day of an analysis: connects clock, bands, view, curve and handles, and handles events.
 
 import { $, fill, say } from "../say.js";
 import { Bands } from "./bands.js";
@@ -40,7 +40,7 @@ export class Day {
     this.changed(true);
   }
 
-  // The view has moved: draw at once what is here, fetch what is not as soon as it rests.
+  // After a move, draw available data at once, and fetch the rest when the view stops moving.
   moved() {
     const began = performance.now();
     requestAnimationFrame(() => {
@@ -68,7 +68,7 @@ export class Day {
     $("view").textContent = fill($("view").dataset.text, { start: this.clock.tell(fromS, digits), end: this.clock.tell(toS, digits) });
   }
 
-  // A band has changed, by hand, by key or by typing.
+  // Handle a changed band: by mouse, key or typing.
   changed(isDone) {
     this.draw();
     clearTimeout(this.scoring);
@@ -79,7 +79,7 @@ export class Day {
     this.unsent.keep();
   }
 
-  // The fields were set to an earlier state.
+  // Handle fields that undo has restored.
   restored() {
     this.bands.chosen = null;
     this.bands.name();
@@ -87,14 +87,14 @@ export class Day {
     this.unsent.keep();
   }
 
-  // How still each window is, and what each task adds up to: while a band is moved, too.
+  // Update the stillness of each window and the time of each task, also during a drag.
   measure() {
     for (const band of this.bands.windows()) this.score(band);
     this.tasks.draw();
     this.block();
   }
 
-  // Nothing is sent that the server would refuse.
+  // Prevent sending a form that the server would refuse.
   block() {
     const windows = this.bands.windows().map(({ row }) => row);
     const isBad = windows.some((row) => row.dataset.why) || Boolean(this.bands.form.querySelector(".moment[aria-invalid=true]"));
@@ -108,12 +108,12 @@ export class Day {
     let told = "", why = isTyped && !(endS > startS) ? "short" : "";
     if (endS > startS) {
       const query = new URLSearchParams({ start_s: startS, end_s: endS });
-      const answer = await fetch(`${this.box.dataset.stillness}?${query}`).catch(() => null); // no network: nothing is said of stillness
+      const answer = await fetch(`${this.box.dataset.stillness}?${query}`).catch(() => null); // offline: show no stillness
       const { score, why: refused } = answer?.ok ? await answer.json() : {};
       if (answer?.ok) told = this.tellStillness(score, refused);
       why = isTyped ? refused || "" : "";
     }
-    if (ticket !== row.ticket) return; // a later answer is on its way
+    if (ticket !== row.ticket) return; // a newer request is in progress
     place.textContent = told;
     row.dataset.why = why;
     this.block();

@@ -1,4 +1,4 @@
-// The form beside the curve: rows come and go, proposals are accepted, a diary is imported, all can be undone.
+// The correction form: add and remove rows, accept proposals, import a diary, undo.
 
 import { $, fill, say } from "../say.js";
 import { refuse, send } from "../send.js";
@@ -11,7 +11,7 @@ export function listenToForm(day) {
   const { bands } = day;
   const form = bands.form;
   const empty = [...$("periods").rows].find((row) => !row.querySelector("[name=start]").value);
-  if (empty) empty.remove(); // it serves those without a script
+  if (empty) empty.remove(); // only needed without scripts
   for (const row of form.querySelectorAll("#repeats .window")) if (!row.querySelector("input").value) row.remove();
   bands.last = bands.snapshot();
   form.addEventListener("change", ({ target }) => {
@@ -36,7 +36,7 @@ export function listenToForm(day) {
   }
 }
 
-// Of a window whose one end is typed the other is sent as it is shown.
+// If only one end of a window is typed, fill in the other as shown.
 function complete(form) {
   for (const row of form.querySelectorAll(".window")) {
     const ends = [...row.querySelectorAll("input")];
@@ -73,7 +73,7 @@ function add(day) {
   row.querySelector("[name=label]").focus();
 }
 
-// The pose held again, in the middle of what is in view.
+// Add a repeated pose in the middle of the view.
 function holdAgain(day) {
   const middle = Math.round((day.view.fromS + day.view.toS) / 2);
   const [startS, endS] = [middle - POSE_S / 2, middle + POSE_S / 2];
@@ -121,7 +121,7 @@ function undo(day) {
   say(day.words.undone);
 }
 
-// An answer makes a new version, to which unsent changes would not belong: they are sent or discarded first.
+// An answer makes a new version, so unsent changes must be sent or discarded first.
 function holdBack(day, event) {
   if (!day.unsent.isChanged) return;
   event.preventDefault();
@@ -148,7 +148,7 @@ async function importDiary(day) {
 }
 
 function sendForm(day, event) {
-  if (event.submitter && "plain" in event.submitter.dataset) return; // a download, as the browser does it
+  if (event.submitter && "plain" in event.submitter.dataset) return; // a download, left to the browser
   event.preventDefault();
   complete(day.bands.form);
   send(day.bands.form, $("again"), { busy: day.words.busy, lost: $("day-lost"), refused: $("refused") });

@@ -1,4 +1,5 @@
-// The two ends of the chosen band, as sliders: dragged, or moved by the arrows (1 s; with Shift 1 min).
+// The two ends of the selected band as sliders: dragged, or moved with the arrow keys (1 s; with Shift 1
+// min).
 
 import { $, fill } from "../say.js";
 

@@ -1,4 +1,4 @@
-// The live page: start a session, show it, stop it. The server holds the session; this page only shows it.
+// The live page: start, show and stop a session. The session runs on the server.
 
 import { $, fill, rest, say } from "../say.js";
 import { Cues } from "./cues.js";
@@ -69,7 +69,7 @@ function draw() {
   if (type === "update") measure(cameS);
 }
 
-// From the frames' arrival at the server to the picture that follows this one.
+// Measure the time from the arrival of frames at the server to the next drawn picture.
 function measure(cameS) {
   requestAnimationFrame(() => {
     state.latencies.push(link.since(cameS));
@@ -126,7 +126,7 @@ function describeEnd(message) {
   return message.analysis ? texts.kept : texts.played;
 }
 
-// One line on how live and report differ, once the report is made.
+// Show the difference between live angles and report, once the report exists.
 async function tellDifference(session) {
   for (let tries = 0; tries < MOST_TRIES && !$("end").hidden; tries++) {
     const answer = await fetch(`${base}/api/v1/live/${session}/difference?lang=${language}`).catch(() => null);
@@ -179,13 +179,13 @@ async function listRecordings() {
       $("recordings").append(new Option(name, item.id, item.id === wanted, item.id === wanted));
     }
   } catch {
-    // the demonstration can be played without them
+    // the demonstration works without recordings
   }
   $("recordings").hidden = !$("recordings").children.length;
   showAsked();
 }
 
-// What is asked of a sensor is not asked of a replay.
+// Show only the fields that apply to the kind of source.
 function readKind() {
   const option = $("source").selectedOptions[0];
   return option.dataset.kind ?? (option.value === "demo" ? "demo" : "recording");
@@ -214,7 +214,7 @@ function readSource() {
 const KIND = "acromion-live-kind";
 let sensor = null;
 
-// A sensor is opened by the click that starts, for browsers ask the person first.
+// Open the sensor in the click handler of the start button, because browsers ask for permission there.
 async function openSensor(kind) {
   sensor = await SENSORS[kind].open((bytes) => link.push(bytes), failSensor);
   sessionStorage.setItem(KIND, kind);
@@ -278,7 +278,7 @@ document.addEventListener("keydown", (event) => {
   const button = { p: "redo", s: "stop", f: "wide", c: "quiet" }[event.key.toLowerCase()];
   if (button && !$(button).hidden) $(button).click();
 });
-// An angle that is no longer fed is shown as old.
+// Mark the angle as outdated if no new one arrives.
 setInterval(() => {
   if (!$("session").hidden && performance.now() - state.shownAt > OLD_MS) $("angle").parentElement.classList.add("is-old");
 }, OLD_MS / 2);

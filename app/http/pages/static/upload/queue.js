@@ -1,5 +1,5 @@
-// All chosen files: three on their way at a time, the others wait. The analysis of each is declared when its
-// upload begins, and starts with the last byte, whether or not this page is still open.
+// All selected files: three upload at a time, the others wait. The analysis of each file is declared when its
+// upload starts, and begins with the last byte even if this page is closed.
 
 import { $, fill, rest, say } from "../say.js";
 import { forget, recall, fingerprint } from "./memory.js";
@@ -21,7 +21,7 @@ export class Queue {
   add(files, wishes) {
     for (const file of files) {
       const entry = { file };
-      const kept = recall()[fingerprint(file)] || {}; // said before a reload
+      const kept = recall()[fingerprint(file)] || {}; // stated before a reload
       const said = { subject: wishes.subject || kept.subject || "", side: wishes.side || kept.side || "" };
       entry.study = wishes.study || kept.study || "";
       entry.held = wishes.held || kept.held || ""; // "start": the pose was held at the start of wear
@@ -36,8 +36,8 @@ export class Queue {
     return this.going.size + this.waiting.length > 0;
   }
 
-  // Of each file that is not refused nor here already: its name, and the key of its row in the list, "" before
-  // that is known (the analysis may begin before the page hears of the recording).
+  // For each file that is neither refused nor complete: its name and the key of its row in the list. The key
+  // is "" until it is known; the analysis may start before the page receives the recording's id.
   get open() {
     return [...this.all].filter(({ row }) => !row.isOver).map((entry) => ({ key: entry.key || "", name: entry.file.name }));
   }
@@ -71,14 +71,14 @@ export class Queue {
     this.next();
   }
 
-  // What is said while the file comes is told to the server at once, for its analysis begins by itself.
+  // Send description changes during the upload at once, because the analysis starts by itself.
   tell({ file, row, upload }) {
     const { subject, side } = row.wishes();
     const body = JSON.stringify({ file_name: file.name, subject, side: side || null });
     if (upload.address) fetch(upload.address + "/words", { method: "PUT", headers: { "Content-Type": "application/json" }, body }).catch(() => null);
   }
 
-  // A network that is lost when all bytes are safe loses nothing: the server is asked until it answers.
+  // Repeat the request until the server responds, so that a lost network after the last byte loses nothing.
   async persist(entry, act) {
     for (let tries = 1; ; tries += 1) {
       try {
@@ -97,7 +97,7 @@ export class Queue {
     row.refuse({ title: tooBig, detail: fill(tooBigDetail, facts), fix: tooBigFix, code: "E-BIG", retryable: false });
   }
 
-  // Ask what the first bytes show, until they show it.
+  // Poll the inspection of the first bytes until it has a result.
   async look(entry) {
     if (entry.looked) return;
     entry.looked = true;
@@ -110,7 +110,8 @@ export class Queue {
     }
   }
 
-  // No recording by its first bytes: said at once, so that nobody waits for the rest; the analysis will say more.
+  // Warn at once if the first bytes are not a recording, before the whole upload; the analysis will explain
+  // more.
   async warn({ row }, answer) {
     const { title, fix } = await answer.json().catch(() => ({}));
     if (answer.status === 422 && title) row.note(`${title}. ${fix}`);
@@ -124,8 +125,8 @@ export class Queue {
     return [device, rate, [start, zone].filter(Boolean).join(" ")].filter(Boolean).join(" · ");
   }
 
-  // The bytes are safe, and the analysis has begun, unless other bytes alike have one or no more may wait: then
-  // it is asked for here. Until it is known to be there, the file is remembered.
+  // Complete an upload. The analysis has usually started; if it has not (an identical one exists, or the
+  // queue was full), request it here. The file is remembered until the analysis exists.
   async hand(entry, recordingId) {
     entry.key = `of-${recordingId}`;
     const recording = await this.get(`/recordings/${recordingId}`);
@@ -135,7 +136,7 @@ export class Queue {
     const { subject, side } = entry.row.wishes();
     const isAsSaid = subject === recording.subject && side === (recording.side || "");
     if (begun && isAsSaid) return this.added(entry);
-    if (begun) await this.send("POST", `/analyses/${begun.id}/cancel`); // what was said last came too late
+    if (begun) await this.send("POST", `/analyses/${begun.id}/cancel`); // the last changes were too late for it
     if (recording.duplicate_of) {
       const earlier = await this.get(`/analyses?recording_id=${recording.duplicate_of}&limit=1`);
       if (earlier.items.some(({ state }) => !["failed", "cancelled"].includes(state))) {
@@ -153,7 +154,7 @@ export class Queue {
     this.added(entry);
   }
 
-  // The same file was sent before: its recording is never taken away here.
+  // Handle a file that was sent before: its recording is never deleted here.
   async handRepeated(entry, recordingId, begun, upload) {
     if (begun && begun.created_at >= upload.created_at) return this.added(entry);
     if (begun && !["failed", "cancelled"].includes(begun.state)) {
@@ -171,14 +172,14 @@ export class Queue {
     forget(entry.file);
   }
 
-  // For good; into the trash where somebody may not do that, or logged in too long ago.
+  // Delete permanently; use the trash if permission is missing or the password was entered too long ago.
   async erase(recordingId) {
     const address = `${this.api}/recordings/${recordingId}`;
     const answer = await fetch(`${address}?purge=true`, { method: "DELETE" });
     if (answer.status === 403) await fetch(address, { method: "DELETE" });
   }
 
-  // Whether an upload is whole and its analysis has begun.
+  // Return whether an upload is complete and its analysis has started.
   async isBegun(address) {
     if (!address) return false;
     const answer = await fetch(address, { method: "HEAD", headers: TUS }).catch(() => null);
@@ -187,7 +188,7 @@ export class Queue {
     return Boolean(found?.items.length);
   }
 
-  // Of an upload that nobody wants any more nothing is kept, nor the recording it became, unless that is analysed.
+  // Delete an unwanted upload, and its recording unless that is being analysed.
   async leave(address) {
     const answer = await fetch(address, { method: "HEAD", headers: TUS }).catch(() => null);
     const recordingId = answer?.headers.get("Acromion-Recording");
@@ -205,7 +206,7 @@ export class Queue {
 
   async repeat(entry, recordingId) {
     const { row } = entry;
-    const said = Object.entries(row.wishes()).filter(([, value]) => value); // the rest is as it was
+    const said = Object.entries(row.wishes()).filter(([, value]) => value); // the rest has not changed
     const settings = { ...this.settings(entry), ...Object.fromEntries(said) };
     try {
       await this.send("POST", "/analyses", { recording_ids: [recordingId], settings, again: true, study: entry.study });

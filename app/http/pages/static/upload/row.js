@@ -1,4 +1,4 @@
-// One chosen file in the list, from waiting to handed over. Every text of a person is set as text.
+// One selected file in the list, from waiting to completed. User input is only set as text, never as HTML.
 
 import { $, fill, say } from "../say.js";
 import { remember } from "./memory.js";
@@ -27,7 +27,7 @@ export class Row {
     return this.item.querySelector(selector);
   }
 
-  // What was said of this file just now: it may be changed until the upload is done.
+  // Return the current description of this file; it can change until the upload is complete.
   wishes() {
     return { subject: this.part("[name=subject]").value.trim(), side: this.part("[name=side]").value };
   }
@@ -48,7 +48,7 @@ export class Row {
     return this.state === "refused" || this.state === "duplicate";
   }
 
-  // Drawn a few times a second: the browser tells far more often, and drawing would slow the upload.
+  // Redraw only a few times a second, because drawing at every progress event would slow the upload.
   progress(bytes) {
     const isDue = bytes >= this.file.size || performance.now() - (this.drawnMs ?? -DRAW_MS) >= DRAW_MS;
     if (!isDue) return;
@@ -57,7 +57,7 @@ export class Row {
     this.part(".bar-word").textContent = `${tellSize(bytes, this.units)} / ${tellSize(this.file.size, this.units)}`;
   }
 
-  // What the first bytes and the last have shown: device, rate, start, end.
+  // Show the facts from the first and last bytes: device, rate, start, end.
   understand(told) {
     this.part(".understood").textContent = told;
     this.part(".understood").hidden = !told;

@@ -1,4 +1,4 @@
-// Sizes as people read them, in the language of the page.
+// File sizes for display, in the language of the page.
 
 export function tellSize(bytes, units) {
   const power = Math.min(3, bytes ? Math.floor(Math.log10(bytes) / 3) : 0);
