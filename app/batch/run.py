@@ -279,7 +279,7 @@ class ShardRecord:
         self._plan_sha256 = hashlib.sha256(self._content).hexdigest()
 
     def begin(self) -> None:
-        """Write the plan, and delete the reports of earlier runs with another number of slices."""
+        """Write the plan; clear the failures of this slice, and of runs with another number of slices."""
         self._folder.mkdir(parents=True, exist_ok=True)
         plan = self._folder / _PLAN
         if not plan.exists() or plan.read_bytes() != self._content:

@@ -77,7 +77,7 @@ def release_report(analysis_id: str, services: UsedServices, subject: UsedSubjec
 
 @router.delete("/analyses/{analysis_id}/release", tags=["analyses"])
 def take_release_back(analysis_id: str, services: UsedServices, subject: UsedSubject) -> ReleaseView:
-    """Withdraw a release; the audit log and the release history keep it."""
+    """Withdraw a release; the history keeps it."""
     job = services.store.get(analysis_id)
     return view_release(job.id, services.releases.take_back(job, subject.id))
 

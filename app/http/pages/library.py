@@ -424,7 +424,7 @@ def _ask(page: Page, recording_id: str, *, for_good: bool) -> Response:
 def throw_away(recording_id: str, page: UsedPage) -> Response:
     """Move a recording and its analyses to the trash; nothing changes if it is already there.
 
-    If the trash is disabled, housekeeping empties it at once, so the permission to erase is needed.
+    If the trash is disabled, housekeeping soon empties it, so this needs the permission to erase.
     """
     if not has_trash(page.services):
         check_may_erase(page.request)

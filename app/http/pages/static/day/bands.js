@@ -29,7 +29,7 @@ export class Bands {
     });
   }
 
-  // Show the fields of the selected pose, or the axis if there is no pose.
+  // Return the kinds of fields for the selected pose; without a pose, the axis.
   kinds() {
     const pose = this.form.elements.pose.value;
     if (pose === "axis") return ["axis"];

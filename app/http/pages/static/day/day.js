@@ -94,7 +94,7 @@ export class Day {
     this.block();
   }
 
-  // Prevent sending a form that the server would refuse.
+  // Disable the button while the server would refuse the form.
   block() {
     const windows = this.bands.windows().map(({ row }) => row);
     const isBad = windows.some((row) => row.dataset.why) || Boolean(this.bands.form.querySelector(".moment[aria-invalid=true]"));

@@ -32,7 +32,7 @@ export class View {
     this.set(0, this.durationS);
   }
 
-  // Show a band, with a margin as long as the band on each side.
+  // Show a band, with a margin of twice its length on each side.
   show(startS, endS) {
     if (startS >= this.fromS && endS <= this.toS && endS - startS > this.spanS / 20) return;
     const around = Math.max(endS - startS, 2);

@@ -14,8 +14,7 @@ export class Link {
     return sessionStorage.getItem(KEPT);
   }
 
-  // Send bytes of a sensor, or keep them while the connection is lost. At most a minute is kept; the rest is
-  // lost.
+  // Send bytes of a sensor, or keep the last minute of them while the connection is lost.
   push(bytes) {
     if (this.isOpen && this.isKnown && this.socket.bufferedAmount < MOST_BUFFERED) {
       this.socket.send(bytes);

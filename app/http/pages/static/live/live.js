@@ -185,12 +185,13 @@ async function listRecordings() {
   showAsked();
 }
 
-// Show only the fields that apply to the kind of source.
+// Return the kind of the selected source: demo, recording or a kind of sensor.
 function readKind() {
   const option = $("source").selectedOptions[0];
   return option.dataset.kind ?? (option.value === "demo" ? "demo" : "recording");
 }
 
+// Show only the fields that apply to the kind of source.
 function showAsked() {
   const isSensor = !["demo", "recording"].includes(readKind());
   for (const part of form.querySelectorAll("[data-for]")) part.hidden = (part.dataset.for === "sensor") !== isSensor;
