@@ -70,7 +70,7 @@ OWN_FOLDERS = (PROFILES, SHARDS)
 _RESERVED = re.compile(r'[<>:"/\\|?*\x00-\x1f]|[. ]+$')
 
 
-def place_folders(logs: Sequence[Path], out: Path) -> list[Path]:
+def assign_folders(logs: Sequence[Path], out: Path) -> list[Path]:
     """Assign each recording a folder: its own from an earlier run, or a free one.
 
     The plan does not depend on how much of a study is already done. The results are read once, so folders
@@ -180,7 +180,7 @@ def plan_tasks(
     known = list(logs)
     return [
         Task(log, replace(request, file_name=clean_file_name(log.name)), folder, force, format_log(log))
-        for log, folder in zip(known, place_folders(known, out), strict=True)
+        for log, folder in zip(known, assign_folders(known, out), strict=True)
     ]
 
 
@@ -200,7 +200,7 @@ class Found:
 
     def format_place(self, log: Path) -> str:
         """Return the path of a recording relative to ``base``."""
-        way = _lay_out(log)
+        way = _get_absolute_path(log)
         below = way.relative_to(self.base) if way.is_relative_to(self.base) else way
         return Path(format_path(below)).as_posix()
 
@@ -214,7 +214,7 @@ def find_recordings(paths: Iterable[Path], out: Path, without: Collection[Path] 
     others = 0
     bases: list[Path] = []
     for path in _expand(paths):
-        bases.append(_lay_out(path) if path.is_dir() else _lay_out(path).parent)
+        bases.append(_get_absolute_path(path) if path.is_dir() else _get_absolute_path(path).parent)
         inside = _find_in_folder(path, out, {p.resolve() for p in without}) if path.is_dir() else [path]
         found = [p for p in inside if p is path or p.name.lower().endswith(ENDINGS)]
         logs.update(dict.fromkeys(found))
@@ -226,7 +226,7 @@ def find_recordings(paths: Iterable[Path], out: Path, without: Collection[Path] 
     return Found(tuple(logs), others, base)
 
 
-def _lay_out(path: Path) -> Path:
+def _get_absolute_path(path: Path) -> Path:
     """Return the absolute path without following links."""
     return Path(os.path.normpath(path.absolute()))
 
@@ -301,19 +301,19 @@ class Marker:
     """Hash of the recording's path (:func:`identify_place`)."""
 
 
-def make_marker(task: Task, digest: str = "") -> Marker:
+def build_marker(task: Task, digest: str = "") -> Marker:
     """Build the marker of a task: the same input, settings and software give the same figures.
 
     ``digest``: SHA-256 of its single recording, if known.
     """
     digest = digest or " ".join(hash_file(path) for path in (task.log, *map(Path, task.request.joined)))
-    settings, fingerprint = _write_settings(task.request), take_fingerprint(digest, task.request)
+    settings, fingerprint = _write_settings(task.request), compute_fingerprint(digest, task.request)
     language, paper = task.request.languages[0], task.request.paper
     place = identify_place(task.log)
     return Marker(fingerprint, digest, settings, language=language, papers={language: paper}, place=place)
 
 
-def take_fingerprint(digest: str, request: ReportRequest) -> str:
+def compute_fingerprint(digest: str, request: ReportRequest) -> str:
     """Hash everything that determines the figures: digest of the bytes, settings and software."""
     parts = [digest, request.file_name, _write_settings(request), identify_engine()]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
@@ -336,7 +336,7 @@ def is_up_to_date(task: Task) -> bool:
     before = read_marker(task.folder)
     if before is None or before.settings != _write_settings(task.request):  # without reading the recording
         return False
-    return before.fingerprint == make_marker(task).fingerprint
+    return before.fingerprint == build_marker(task).fingerprint
 
 
 def _write_settings(request: ReportRequest) -> str:
@@ -362,7 +362,7 @@ def find_changes(before: Marker, after: Marker) -> tuple[str, ...]:
     return (*other_input, *compare_settings(old, new)) or ("engine",)
 
 
-def refuse_foreign_folder(folder: Path) -> None:
+def check_own_folder(folder: Path) -> None:
     """Refuse to replace a folder that acromion did not make. Raises FileExistsError."""
     if folder.exists() and not (folder / MARKER).exists() and any(folder.iterdir()):
         raise FileExistsError(errno.EEXIST, "a folder of this name exists and was not made by acromion")
@@ -398,7 +398,7 @@ def switch_language(folder: Path, marker: Marker, language: Language) -> None:
 
 def replace_folder(folder: Path, staging: Path, figures: str = "results.json") -> None:
     """Replace the folder with new products; the old ones move to ``v<version>`` inside."""
-    earlier = find_earlier(folder)
+    earlier = get_earlier_path(folder)
     if folder.exists():
         folder.rename(earlier)
     staging.rename(folder)
@@ -407,7 +407,7 @@ def replace_folder(folder: Path, staging: Path, figures: str = "results.json") -
 
 def restore_earlier(folder: Path, figures: str = "results.json") -> None:
     """Move the earlier contents back if a run was interrupted, else into the new folder as a version."""
-    earlier = find_earlier(folder)
+    earlier = get_earlier_path(folder)
     if not earlier.exists():
         return
     if not folder.exists():
@@ -422,7 +422,7 @@ def restore_earlier(folder: Path, figures: str = "results.json") -> None:
         earlier.rename(folder / f"v{before.version}")
 
 
-def find_last_version(folder: Path) -> int:
+def get_last_version(folder: Path) -> int:
     """Return the number of the last earlier version; 0 if there is none."""
     return max((int(path.name[1:]) for path in _find_versions(folder)), default=0)
 
@@ -471,12 +471,12 @@ def _hold_alone(staging: Path) -> Iterator[None]:
 def write_version(folder: Path, figures: str, language: Language, make: Callable[[Path], None]) -> Marker:
     """Write a report of several analyses to its folder, as a new version if its figures changed."""
     restore_earlier(folder, figures)
-    refuse_foreign_folder(folder)
+    check_own_folder(folder)
     with open_staging(folder) as staging:
         make(staging)
         use_plain_names(staging, language)
         fingerprint, before = hash_file(staging / figures), read_marker(folder, figures)
-        version = find_last_version(folder) + 1
+        version = get_last_version(folder) + 1
         if before is not None:
             version = before.version + (before.fingerprint != fingerprint)
         marker = Marker(fingerprint, version=version, language=language)
@@ -485,6 +485,6 @@ def write_version(folder: Path, figures: str, language: Language, make: Callable
     return marker
 
 
-def find_earlier(folder: Path) -> Path:
+def get_earlier_path(folder: Path) -> Path:
     """Return the temporary path of a folder's earlier contents."""
     return folder.with_name(f".{folder.name}.earlier")

@@ -72,7 +72,7 @@ def assign_participants(
     for row in people:
         fitting = _find_fitting(named, row.file)
         if len(fitting) > 1:
-            first, second = (_name_among(fitting, place) for place in fitting[:2])
+            first, second = (_format_unique_end(fitting, place) for place in fitting[:2])
             refusals.append(_refuse(row, "several recordings", first=first, second=second, cure="path"))
             continue
         owner = owners.setdefault(fitting[0] if fitting else _split_path(row.file), row)
@@ -112,7 +112,7 @@ def _find_fitting(named: Mapping[_Parts, Sequence[_Parts]], file: str) -> list[_
     return whole or exact or ends
 
 
-def _name_among(places: Sequence[_Parts], place: _Parts) -> str:
+def _format_unique_end(places: Sequence[_Parts], place: _Parts) -> str:
     """Return the shortest end of a path that is unique among the paths."""
     lengths = range(1, len(place))
     alone = (n for n in lengths if sum(other[-n:] == place[-n:] for other in places) == 1)

@@ -27,18 +27,18 @@ from app.batch.folder import (
     SHARDS,
     Marker,
     Task,
+    build_marker,
+    check_own_folder,
+    compute_fingerprint,
     find_changes,
-    find_last_version,
+    get_last_version,
     has_report,
     is_up_to_date,
-    make_marker,
     open_staging,
     read_marker,
-    refuse_foreign_folder,
     replace_folder,
     restore_earlier,
     switch_language,
-    take_fingerprint,
     use_plain_names,
     write_marker,
 )
@@ -109,7 +109,7 @@ def run_tasks(tasks: Sequence[Task], workers: int, on_progress: OnProgress) -> I
             on_progress(task, stage, fraction)
             return not stopping.is_set()
 
-        return do_task(task, go_on)
+        return run_task(task, go_on)
 
     with ThreadPoolExecutor(workers) as pool:
         begun = sorted(tasks, key=lambda task: not (task.folder / MARKER).exists())
@@ -122,37 +122,35 @@ def run_tasks(tasks: Sequence[Task], workers: int, on_progress: OnProgress) -> I
             pool.shutdown(cancel_futures=True)
 
 
-def do_task(task: Task, go_on: GoOn) -> Outcome:
+def run_task(task: Task, go_on: GoOn) -> Outcome:
     """Analyse one recording into its folder; every error becomes an outcome."""
     try:
         restore_earlier(task.folder)
         before = read_marker(task.folder)
-        asked = make_marker(task) if before else None
+        asked = build_marker(task) if before else None
         if before is None or asked is None or before.fingerprint != asked.fingerprint or task.force:
             return _do(task, before, asked, go_on)
         if not has_report(task.folder, before, task.request):
             return _rewrite(task, before, go_on)
-        return _take_done(task, before)
+        return _reuse(task, before)
     except OSError as error:
         return Outcome(task, code=UNREADABLE_PATH, facts={"why": error.strerror or str(error)})
 
 
-def find_done(task: Task) -> Outcome | None:
-    """Return the result of an earlier run with the same bytes and settings; None if it is missing or
-    incomplete.
-    """
+def find_finished(task: Task) -> Outcome | None:
+    """Return the result of an earlier run with the same bytes and settings; None if there is none."""
     try:
         if task.force or not is_up_to_date(task):
             return None
         before = read_marker(task.folder)
         if before is None or not has_report(task.folder, before, task.request):
             return None
-        return _take_done(task, before)
+        return _reuse(task, before)
     except OSError:
         return None
 
 
-def _take_done(task: Task, before: Marker) -> Outcome:
+def _reuse(task: Task, before: Marker) -> Outcome:
     switch_language(task.folder, before, task.request.languages[0])
     return Outcome(task, _read_answer(task), repeated=True, version=before.version)
 
@@ -162,8 +160,8 @@ def _do(task: Task, before: Marker | None, asked: Marker | None, go_on: GoOn) ->
 
     ``asked`` is None if there is no earlier report; the recording is then hashed while it is read.
     """
-    refuse_foreign_folder(task.folder)
-    version, changes = find_last_version(task.folder) + 1, tuple[str, ...]()
+    check_own_folder(task.folder)
+    version, changes = get_last_version(task.folder) + 1, tuple[str, ...]()
     if before is not None and asked is not None:
         version, changes = before.version, before.changes
         if before.fingerprint != asked.fingerprint:
@@ -177,7 +175,7 @@ def _do(task: Task, before: Marker | None, asked: Marker | None, go_on: GoOn) ->
         marker = asked
         if marker is None:  # the reader has computed the SHA-256
             results = json.loads((staging / "results.json").read_bytes())
-            marker = make_marker(task, "" if task.request.joined else results["recording"]["sha256"])
+            marker = build_marker(task, "" if task.request.joined else results["recording"]["sha256"])
         use_plain_names(staging, marker.language)
         write_marker(staging, replace(marker, version=version, changes=changes))
         replace_folder(task.folder, staging)
@@ -350,7 +348,7 @@ def _find_outcome(out: Path, told: Mapping[str, Any], problem: Mapping[str, Any]
     if problem is not None:
         return Outcome(task, code=problem["code"], facts=problem["facts"])
     marker = read_marker(task.folder)
-    is_current = marker is not None and marker.fingerprint == take_fingerprint(marker.input, request)
+    is_current = marker is not None and marker.fingerprint == compute_fingerprint(marker.input, request)
     if marker is None or not is_current or not has_report(task.folder, marker, request):
         return Outcome(task, code=Interrupted.code)
     return Outcome(task, version=marker.version)

@@ -161,8 +161,8 @@ def backup(
 
     if keep and not any(letter.isdigit() for letter in file.name):
         raise typer.BadParameter("FILE needs a date: acromion-2026-03-02.zip", param_hint="--keep")
-    settings = find_settings(data)
-    with _refusals_printed(lang, settings):
+    settings = load_settings(data)
+    with _printing_refusals(lang, settings):
         check_used(settings)
         record_command(settings, "store.backed_up")
         copied = back_up(settings, file, recipient or ())
@@ -184,7 +184,7 @@ def drill(
     """Restore a backup into a temporary folder, check every file, and print how long it took."""
     from app.ops.backup import drill as try_out  # noqa: PLC0415  loads the database
 
-    with _refusals_printed(lang, find_settings(None)):
+    with _printing_refusals(lang, load_settings(None)):
         done = try_out(file, identity)
     _print_faults(lang, done.faults)
     minutes = math.ceil(done.minutes * 10) / 10  # round up, so that a short drill does not show 0.0
@@ -209,8 +209,8 @@ def restore(
     from app.ops.backup import restore as put_back  # noqa: PLC0415
     from app.store.folder import LEDGER_FILE  # noqa: PLC0415  loads the database
 
-    settings = find_settings(data)
-    with _refusals_printed(lang, settings):
+    settings = load_settings(data)
+    with _printing_refusals(lang, settings):
         copied = put_back(settings, file, identity)
     _print_accounts(lang, copied.accounts)
     if copied.erased:
@@ -239,8 +239,8 @@ def verify(
     from app.ops.place import check_used, record_command  # noqa: PLC0415
     from app.ops.verify import find_faults, find_kept  # noqa: PLC0415
 
-    with _refusals_printed(lang, find_settings(data)):
-        settings = find_settings(data)
+    with _printing_refusals(lang, load_settings(data)):
+        settings = load_settings(data)
         if file is None:
             check_used(settings)
             check_whole(settings.database_url)
@@ -262,8 +262,8 @@ def recover(data: DataOption = None, lang: LanguageOption = "en") -> None:
     from app.ops.place import check_recoverable  # noqa: PLC0415  loads the database
     from app.ops.recover import recover as bring_back  # noqa: PLC0415
 
-    settings = find_settings(data)
-    with _refusals_printed(lang, settings):
+    settings = load_settings(data)
+    with _printing_refusals(lang, settings):
         check_recoverable(settings)
         done = bring_back(settings)
     for trouble in done.troubles:
@@ -284,7 +284,7 @@ def doctor(data: DataOption = None, lang: LanguageOption = "en") -> None:
     from app.ops.doctor import examine  # noqa: PLC0415  loads the database
 
     words, healthy = load_wording(lang, "operations"), True
-    for found in examine(find_settings(data)):
+    for found in examine(load_settings(data)):
         entry = words["check"][found.name]
         what, cure = fill(entry["what"], found.facts), fill(entry["cure"], found.facts)
         print_sentence(lang, "doctor", "good" if found.healthy else "bad", what=what, cure=cure)
@@ -317,7 +317,7 @@ def _print_faults(language: Language, faults: "Sequence[Fault]") -> None:
         print_sentence(language, "verify", fault.finding, name=fault.name)
 
 
-def find_settings(data: Path | None) -> "Settings":
+def load_settings(data: Path | None) -> "Settings":
     """Return the settings of a data folder, or those of the environment."""
     from app.settings import Settings  # noqa: PLC0415
 
@@ -331,7 +331,7 @@ def print_sentence(language: Language, command: str, sentence: str, /, **facts: 
 
 
 @contextmanager
-def _refusals_printed(language: Language, settings: "Settings") -> Iterator[None]:
+def _printing_refusals(language: Language, settings: "Settings") -> Iterator[None]:
     """Print a refusal and exit with its code."""
     from sqlalchemy.exc import SQLAlchemyError  # noqa: PLC0415  slow import
 
@@ -549,8 +549,8 @@ def _opened(language: Language, data: Path | None) -> "Iterator[tuple[Settings, 
     from app.library.jobs import JobStore  # noqa: PLC0415
     from app.ops.place import check_used  # noqa: PLC0415
 
-    settings = find_settings(data)
-    with _refusals_printed(language, settings), acting(AT_MACHINE):
+    settings = load_settings(data)
+    with _printing_refusals(language, settings), acting(AT_MACHINE):
         check_used(settings)
         file = find_database_file(settings.database_url)
         if file and not Path(file).exists():
@@ -572,13 +572,13 @@ RolesOption = Annotated[list[str], typer.Option("--role", metavar="|".join(ROLES
 
 
 @dataclass(frozen=True, slots=True)
-class _Desk:
+class _AccountCommand:
     """The accounts of an installation, and the language of messages."""
 
     logins: "Logins"
     language: Language
 
-    def say(self, sentence: str, **facts: str) -> None:
+    def print(self, sentence: str, **facts: str) -> None:
         shown = {name: escape_controls(fact) for name, fact in facts.items()}
         typer.echo(fill(load_wording(self.language, "access")["command"][sentence], shown))
 
@@ -588,10 +588,10 @@ class _Desk:
             raise NotHere(id=login)
         return person
 
-    def give_link(self, person: "Person", term_s: float) -> None:
+    def print_link(self, person: "Person", term_s: float) -> None:
         link = f"/login/link/{self.logins.make_link(person.id, term_s)}"
-        self.say("link", hours=str(int(term_s // 3600)), link=link)
-        self.say("link_path")
+        self.print("link", hours=str(int(term_s // 3600)), link=link)
+        self.print("link_path")
 
     def ask_password(self, person: "Person") -> None:
         """Read a password from the terminal, typed twice, or from a line of standard input."""
@@ -602,7 +602,7 @@ class _Desk:
             password = sys.stdin.readline().rstrip("\r\n")
         self.logins.check_password(person, password)
         self.logins.set_password(person, password)
-        self.say("password", login=person.login)
+        self.print("password", login=person.login)
 
 
 @account.command()
@@ -617,27 +617,27 @@ def add(
     """Add a person and print a one-time link for setting a password."""
     from app.accounts.logins import INVITED_S  # noqa: PLC0415  loads the database
 
-    with _open(data, lang, may_begin=True) as desk:
+    with _open(data, lang, may_begin=True) as command:
         roles = frozenset(_read_known("--role", role, ROLES))
-        person = desk.logins.accounts.add_person(login, name or login, roles)
-        desk.say("added", login=person.login, roles=", ".join(sorted(roles)))
+        person = command.logins.accounts.add_person(login, name or login, roles)
+        command.print("added", login=person.login, roles=", ".join(sorted(roles)))
         if password:
-            desk.ask_password(person)
+            command.ask_password(person)
         else:
-            desk.give_link(person, INVITED_S)
+            command.print_link(person, INVITED_S)
 
 
 @account.command("list")
 def list_people(data: DataOption = None, lang: LanguageOption = "en") -> None:
     """List the people."""
-    with _open(data, lang) as desk:
-        desk.logins.accounts.note_reading()
+    with _open(data, lang) as command:
+        command.logins.accounts.note_reading()
         words = load_wording(lang, "access")
-        for person in desk.logins.accounts.find_people():
+        for person in command.logins.accounts.find_people():
             state = words["ended"] if person.ended_at else words["command"]["open"]
             about = {"id": person.id, "login": person.login, "name": person.name, "state": state}
             roles = ", ".join(sorted(person.roles))
-            desk.say("person", roles=roles, **about)
+            command.print("person", roles=roles, **about)
 
 
 @account.command()
@@ -645,10 +645,10 @@ def roles(
     login: LoginArgument, role: RolesOption, data: DataOption = None, lang: LanguageOption = "en"
 ) -> None:
     """Set the roles of a person, replacing the earlier ones."""
-    with _open(data, lang) as desk:
+    with _open(data, lang) as command:
         given = frozenset(_read_known("--role", role, ROLES))
-        desk.logins.accounts.set_roles(desk.find(login).id, given)
-        desk.say("roles", login=login, roles=", ".join(sorted(given)))
+        command.logins.accounts.set_roles(command.find(login).id, given)
+        command.print("roles", login=login, roles=", ".join(sorted(given)))
 
 
 @account.command()
@@ -664,23 +664,23 @@ def reset(
     """Print a one-time link, valid for an hour, for setting a new password."""
     from app.accounts.logins import FORGOTTEN_S  # noqa: PLC0415  loads the database
 
-    with _open(data, lang) as desk:
-        person = desk.find(login)
+    with _open(data, lang) as command:
+        person = command.find(login)
         if second_factor:
-            desk.logins.drop_second_factor(person.id)
-            desk.say("second", login=person.login)
+            command.logins.drop_second_factor(person.id)
+            command.print("second", login=person.login)
         if password:
-            desk.ask_password(person)
+            command.ask_password(person)
         else:
-            desk.give_link(person, FORGOTTEN_S)
+            command.print_link(person, FORGOTTEN_S)
 
 
 @account.command()
 def end(login: LoginArgument, data: DataOption = None, lang: LanguageOption = "en") -> None:
     """Close an account; its sessions and tokens end at once."""
-    with _open(data, lang) as desk:
-        desk.logins.accounts.end_person(desk.find(login).id)
-        desk.say("ended", login=login)
+    with _open(data, lang) as command:
+        command.logins.accounts.end_person(command.find(login).id)
+        command.print("ended", login=login)
 
 
 @account.command()
@@ -697,13 +697,13 @@ def token(
     """Create a token for a person's scripts; it is printed once."""
     from app.accounts.accounts import format_end, make_token  # noqa: PLC0415  loads the database
 
-    with _open(data, lang) as desk:
-        person, chosen = desk.find(login), _read_known("--may", permission, PERMISSIONS)
+    with _open(data, lang) as command:
+        person, chosen = command.find(login), _read_known("--may", permission, PERMISSIONS)
         may = collect_permissions(person.roles)
         subject = Subject("person", person.id, person.name, may)
-        made, bearer = make_token(desk.logins.accounts, subject, name, chosen, days)
+        made, bearer = make_token(command.logins.accounts, subject, name, chosen, days)
         typer.echo(bearer)
-        desk.say("token_once", end=format_end(made))
+        command.print("token_once", end=format_end(made))
 
 
 def _read_known(option: str, given: list[str], known: Collection[T]) -> list[T]:
@@ -714,7 +714,7 @@ def _read_known(option: str, given: list[str], known: Collection[T]) -> list[T]:
 
 
 @contextmanager
-def _open(data: DataOption, lang: Language, *, may_begin: bool = False) -> Iterator[_Desk]:
+def _open(data: DataOption, lang: Language, *, may_begin: bool = False) -> Iterator[_AccountCommand]:
     """Open the accounts; with ``may_begin``, the data folder may be new."""
     from app.accounts.accounts import AccountStore  # noqa: PLC0415  loads the database
     from app.accounts.logins import Logins  # noqa: PLC0415
@@ -722,14 +722,14 @@ def _open(data: DataOption, lang: Language, *, may_begin: bool = False) -> Itera
     from app.ops.place import check_used  # noqa: PLC0415
     from app.store.permissions import make_folder  # noqa: PLC0415
 
-    settings = find_settings(data)
-    with _refusals_printed(lang, settings):
+    settings = load_settings(data)
+    with _printing_refusals(lang, settings):
         if not may_begin:
             check_used(settings)
         make_folder(settings.data_dir)
         accounts = AccountStore(settings)
         try:
             with acting(AT_MACHINE):
-                yield _Desk(Logins(accounts, settings), lang)
+                yield _AccountCommand(Logins(accounts, settings), lang)
         finally:
             accounts.database.close()

@@ -24,7 +24,7 @@ from app.cli.options import (
     parse_windows,
     read_tasks_file,
 )
-from app.cli.output import Exit, choose_exit, print_problem, refusals_printed, report_progress
+from app.cli.output import Exit, choose_exit, print_problem, printing_refusals, report_progress
 from app.errors import UNREADABLE_PATH, AppError, CannotCompare, CannotPair, CannotProfile
 from app.request import PairRequest, ProfileRequest, Reference, ReportRequest
 from fusion.conventions import MethodName, Pose, Side
@@ -63,10 +63,10 @@ def pair(
     kinds, code = parse_kinds(report), parse_subject(subject)
     asked = ReportRequest("", code, languages=(lang,), paper=paper, pose_held=pose_held)
     if not same_subject:
-        _refuse_nobody(CannotPair(why="person"), (left, right, trunk), asked)
-    first = _finish_first(left, out / "left", replace(asked, side="left"))
-    second = _finish_first(right, out / "right", replace(asked, side="right"))
-    body = (_finish_first(trunk, out / "trunk", asked),) if trunk else ()
+        _check_subject_codes(CannotPair(why="person"), (left, right, trunk), asked)
+    first = _get_finished_folder(left, out / "left", replace(asked, side="left"))
+    second = _get_finished_folder(right, out / "right", replace(asked, side="right"))
+    body = (_get_finished_folder(trunk, out / "trunk", asked),) if trunk else ()
     offsets_s, asked_of = (offset_s, trunk_offset_s), (same_subject, mixed_methods)
     request = PairRequest("pair", *offsets_s, (lang,), kinds, paper, *asked_of)
     _write_pair(out / "both-arms", (first, second, *body), request)
@@ -90,21 +90,21 @@ def compare(
     code = parse_subject(subject)
     asked = ReportRequest("", code, side, languages=(lang,), paper=paper, pose_held=pose_held)
     if not same_subject:
-        _refuse_nobody(CannotCompare(why="person"), (before, after), asked)
-    first = _finish_first(before, out / "before", asked)
-    second = _finish_first(after, out / "after", asked)
+        _check_subject_codes(CannotCompare(why="person"), (before, after), asked)
+    first = _get_finished_folder(before, out / "before", asked)
+    second = _get_finished_folder(after, out / "after", asked)
     request = PairRequest("compare", None, None, (lang,), kinds, paper, same_subject, mixed_methods)
     _write_pair(out / "before-after", (first, second), request)
 
 
-def _refuse_nobody(refusal: AppError, paths: Iterable[Path | None], asked: ReportRequest) -> None:
+def _check_subject_codes(refusal: AppError, paths: Iterable[Path | None], asked: ReportRequest) -> None:
     """Refuse recordings without a subject code before any analysis."""
     if not asked.subject and any(path and path.is_file() for path in paths):
         print_problem("--subject", refusal.code, refusal.facts, asked.languages[0])
         raise typer.Exit(Exit.NOTHING_DONE)
 
 
-def _finish_first(path: Path, out: Path, request: ReportRequest) -> Path:
+def _get_finished_folder(path: Path, out: Path, request: ReportRequest) -> Path:
     """Return the folder of a finished analysis; a recording is analysed first."""
     if path.is_dir():
         return path
@@ -119,7 +119,7 @@ def _write_pair(folder: Path, sources: tuple[Path, ...], request: PairRequest) -
     from app.analysis.pair import make_report_of_two  # noqa: PLC0415  slow import
 
     make = partial(make_report_of_two, sources, request)
-    with refusals_printed(str(folder), request.languages[0]):
+    with printing_refusals(str(folder), request.languages[0]):
         marker = write_version(folder, request.figures_name, request.languages[0], make)
     _print_answer(folder.name, folder, marker.version)
 
@@ -178,7 +178,7 @@ def validate(
         pose_held=pose_held,
     )
     if path.is_dir():  # a whole study: print failures and set the exit code
-        with refusals_printed(str(path), lang):
+        with printing_refusals(str(path), lang):
             out.mkdir(parents=True, exist_ok=True)
             problems = make_study(path, request, out, typer.echo)
             use_plain_names(out, lang)
@@ -191,7 +191,7 @@ def validate(
     check_windows([request])
     given = Reference(str(reference.resolve()), reference.name, offset_s, drift_ppm, reference_rate_hz)
     given = replace(given, tasks=read_tasks_file(tasks, lang))
-    with refusals_printed(path.name, lang):
+    with printing_refusals(path.name, lang):
         out.mkdir(parents=True, exist_ok=True)
         make_validation(path, replace(request, reference=given), out)
         use_plain_names(out, lang)

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from app.batch.folder import plan_tasks
-from app.cli.options import LanguageOption, ProfileOption, SensorOption, name_sensor, read_profile_file
-from app.cli.output import Exit, choose_exit, finish, print_problem, refusals_printed, report_progress
+from app.cli.options import LanguageOption, ProfileOption, SensorOption, add_sensor, read_profile_file
+from app.cli.output import Exit, choose_exit, finish, print_problem, printing_refusals, report_progress
 from app.errors import NO_RESULTS
 from app.report.figures import load_results
 from app.report.words.wording import fill, load_wording
@@ -77,9 +77,9 @@ def inspect(
     from app.analysis.inspect import inspect_file  # noqa: PLC0415
     from app.report.inspection import describe_inspection  # noqa: PLC0415
 
-    with refusals_printed(path.name, lang):
+    with printing_refusals(path.name, lang):
         try:
-            facts = inspect_file(path, rate_hz, name_sensor(read_profile_file(profile, lang), sensor))
+            facts = inspect_file(path, rate_hz, add_sensor(read_profile_file(profile, lang), sensor))
         except FusionError as refusal:
             if as_json:
                 told = {"file": path.name, "code": refusal.code, "facts": dict(refusal.facts)}

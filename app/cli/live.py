@@ -12,7 +12,7 @@ import typer
 
 from app.batch.folder import plan_tasks
 from app.cli.options import LanguageOption, SideOption, SubjectOption, parse_axis, parse_subject
-from app.cli.output import finish, handling_signals, print_problem, refusals_printed, report_progress
+from app.cli.output import finish, handling_signals, print_problem, printing_refusals, report_progress
 from app.errors import UNREADABLE_PATH, AppError
 from app.logs import escape_controls
 from app.report.words.numbers import format_angle, format_duration, format_elapsed, format_number
@@ -61,14 +61,14 @@ def live(
 ) -> None:
     """Show the angle in real time, save every sample, and write the report when stopped (Ctrl-C)."""
     from app.live.cue_log import CUE_HINT, parse_rule  # noqa: PLC0415  loads numpy
-    from app.live.ports import EARLY, names_port  # noqa: PLC0415
-    from app.live.raw_file import PREFIX, Wearer, describe_asked  # noqa: PLC0415
+    from app.live.ports import EARLY, is_port  # noqa: PLC0415
+    from app.live.raw_file import PREFIX, Wearer, build_session_options  # noqa: PLC0415
     from app.live.recorder import Recorder, describe_difference, measure_difference  # noqa: PLC0415
     from app.live.sources import open_lines, open_replay  # noqa: PLC0415
 
     arm_axis = parse_axis(axis)
     request = ReportRequest("", parse_subject(subject), side, languages=(lang,), arm_axis=arm_axis)
-    _print_cut_sessions(out, lang)
+    _print_interrupted_sessions(out, lang)
     try:
         rules = tuple(parse_rule(text) for text in cue or ())
     except ValueError:
@@ -76,14 +76,14 @@ def live(
     path = out / f"{PREFIX}{datetime.now().astimezone():%Y%m%d-%H%M%S}.csv"
     wearer = Wearer(request.subject, side, arm_axis)
     opened: Source
-    with refusals_printed(source, lang):
-        if names_port(source):
+    with printing_refusals(source, lang):
+        if is_port(source):
             out.mkdir(parents=True, exist_ok=True)
-            about = describe_asked(source, wearer, rules)
+            about = build_session_options(source, wearer, rules)
             opened = open_lines(source, baud, path.with_suffix(EARLY), about)
         else:
             opened = open_replay(Path(source), speed)
-    with refusals_printed(str(path), lang), ExitStack() as on_failure:
+    with printing_refusals(str(path), lang), ExitStack() as on_failure:
         on_failure.callback(opened.close)
         out.mkdir(parents=True, exist_ok=True)
         recorder = Recorder(path, opened.facts, wearer, rules)
@@ -120,7 +120,7 @@ def _run(source: "Source", recorder: "Recorder", countdown_s: float, language: L
             while early and not recorder.settle(early) and (frames := source.read()) is not None:
                 recorder.take(frames)
         source.close()
-    with refusals_printed(str(recorder.path), language):
+    with printing_refusals(str(recorder.path), language):
         recorder.stop()
         if recorder.cues:
             write_log(recorder.path, recorder.cues)
@@ -218,12 +218,12 @@ class _Screen:
         return fill(self._words["line"], facts)
 
 
-def _print_cut_sessions(out: Path, language: Language) -> None:
+def _print_interrupted_sessions(out: Path, language: Language) -> None:
     """Print the interrupted sessions of this folder, and how much of each was saved."""
-    from app.live.raw_file import find_cut, take_early  # noqa: PLC0415
+    from app.live.raw_file import find_interrupted_sessions, recover_early_files  # noqa: PLC0415
 
-    take_early(out)
+    recover_early_files(out)
     words = load_wording(language, "live")["terminal"]
-    for cut in find_cut(out):
+    for cut in find_interrupted_sessions(out):
         facts = {"name": cut.path.name, "elapsed": format_elapsed(cut.elapsed_s)}
         typer.echo(escape_controls(fill(words["cut"], facts)), err=True)

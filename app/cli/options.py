@@ -58,7 +58,8 @@ SensorOption = Annotated[
 PoseHeldOption = Annotated[
     PoseHeld | None,
     typer.Option(
-        "--pose-held", help="The pose was held at the start of wear; no: not held, even if the file states it."
+        "--pose-held",
+        help="The pose was held at the start of wear; no: not held, even if the file states it.",
     ),
 ]
 PaperOption = Annotated[Paper, typer.Option(help="Paper of the PDF.")]
@@ -72,7 +73,7 @@ def read_diary_file(path: Path | None, language: Language) -> tuple[DiaryEntry, 
     return _read_option_file(path, language, (), lambda file: read_diary(file.read_bytes()))
 
 
-def find_profile(path: Path | None, out: Path) -> Path | None:
+def resolve_profile(path: Path | None, out: Path) -> Path | None:
     """Return the path of a column profile: a file, or a name in ``profiles/`` of the results."""
     if path is None or path.exists():
         return path
@@ -92,12 +93,12 @@ def read_profile_file(path: Path | None, language: Language) -> str:
     return _read_option_file(path, language, "", parse)
 
 
-def name_sensor(profile: str, sensor: str) -> str:
+def add_sensor(profile: str, sensor: str) -> str:
     """Add the sensor on the arm to a request's column profile; "" adds none."""
     return write_profile(json.loads(profile or "{}") | {"sensor": sensor}) if sensor else profile
 
 
-def keep_profile(path: Path | None, out: Path) -> None:
+def save_profile(path: Path | None, out: Path) -> None:
     """Copy a used profile to ``profiles/`` of the results, so that later runs can use its name."""
     if path is not None:
         kept = out / PROFILES / f"{path.stem}.json"

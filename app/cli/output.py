@@ -21,7 +21,7 @@ import typer
 
 from app.analysis.fork_server import warm_up
 from app.batch.folder import Task, format_path
-from app.batch.run import Outcome, ShardRecord, find_done, run_tasks
+from app.batch.run import Outcome, ShardRecord, find_finished, run_tasks
 from app.errors import UNREADABLE_PATH, AppError, Interrupted
 from app.logs import escape_controls
 from app.report.figures import load_results
@@ -115,7 +115,7 @@ def report_progress(
         done: dict[str, Outcome | None] = {}
         with suppress(KeyboardInterrupt):  # a second Ctrl-C stops the search for earlier results
             for task in rest:
-                done[task.name] = find_done(task)
+                done[task.name] = find_finished(task)
         outcomes += [done.get(task.name) or Outcome(task, code=Interrupted.code) for task in rest]
     return sorted(outcomes, key=lambda outcome: tasks.index(outcome.task))
 
@@ -200,7 +200,7 @@ def print_problem(name: str, code: str, facts: Any, language: Language) -> None:
 
 
 @contextmanager
-def refusals_printed(name: str, language: Language) -> Iterator[None]:
+def printing_refusals(name: str, language: Language) -> Iterator[None]:
     """Print a refusal or an unusable path, and exit with its code."""
     try:
         yield

@@ -18,11 +18,9 @@ from app.cli.options import (
     SensorOption,
     SideOption,
     SubjectOption,
+    add_sensor,
     apply_participants_file,
     check_windows,
-    find_profile,
-    keep_profile,
-    name_sensor,
     parse_axis,
     parse_kinds,
     parse_shard_option,
@@ -33,6 +31,8 @@ from app.cli.options import (
     read_list_file,
     read_profile_file,
     read_settings_file,
+    resolve_profile,
+    save_profile,
 )
 from app.cli.output import (
     Exit,
@@ -154,12 +154,12 @@ def run(
     settings |= {name: value for name, value in given.items() if value}
     language = lang or settings.get("languages", ("en",))[0]
     request = replace(ReportRequest(""), **{**settings, "languages": (language,)})
-    profile = find_profile(profile, out)
+    profile = resolve_profile(profile, out)
     request = replace(
         request,
         subject=parse_subject(subject),
         diary=read_diary_file(diary, language) or request.diary,
-        profile=name_sensor(read_profile_file(profile, language) or request.profile, sensor),
+        profile=add_sensor(read_profile_file(profile, language) or request.profile, sensor),
     )
     inputs = [path for path in (list_, participants, config, diary, profile) if path]
     tasks = _plan(
@@ -179,7 +179,7 @@ def run(
             typer.echo(f"{verb}: {format_path(task.log)} -> {format_path(task.folder)}")
         raise typer.Exit
     on_outcome = print_json if json_log else print_failure if quiet else print_outcome
-    keep_profile(profile, out)
+    save_profile(profile, out)
     count = workers or 1
     if not workers and len(tasks) != 1:
         capacity = measure_capacity()

@@ -165,7 +165,7 @@ class RunningSession:
                 if len(frames):
                     rows = self.recorder.take(frames)
                     self._publish(rows)
-                    self._give_cues(self.recorder.take_cues(rows), library)
+                    self._send_cues(self.recorder.take_cues(rows), library)
                     if self._early is not None and self.recorder.settle(self._early):
                         self._early = None
             state = "stopped"
@@ -209,7 +209,7 @@ class RunningSession:
             self._sequence += 1
             self._send(self._describe_update(points, "update"))
 
-    def _give_cues(self, cues: list[Cue], library: Library) -> None:
+    def _send_cues(self, cues: list[Cue], library: Library) -> None:
         """Notify viewers and webhooks; a failing webhook does not end the session."""
         for cue in cues:
             with self._lock:

@@ -188,7 +188,7 @@ class PushedPort:
         self._is_open = False
 
 
-def names_port(source: str) -> bool:
+def is_port(source: str) -> bool:
     """Return whether a source is a port and not a file."""
     is_named = source.startswith(("udp://", "tcp://")) or SERIAL_PORT.match(source) is not None
     return is_named or Path(source).is_char_device()
@@ -360,7 +360,7 @@ class EarlyPort:
             self._pieces.put((piece, time.monotonic()))
 
 
-def read_about(content: bytes) -> dict[str, Any]:
+def read_session_options(content: bytes) -> dict[str, Any]:
     """Read the session options from the content of a file. Raises ValueError if they are incomplete."""
     if len(content) < _ABOUT.size:
         raise ValueError
@@ -406,13 +406,13 @@ class SessionFiles:
         self.raw.unlink(missing_ok=True)
 
 
-def begin_files(folder: Path, *, keeps: bool) -> SessionFiles:
+def create_session_files(folder: Path, *, keeps: bool) -> SessionFiles:
     """Create the folder, and choose the id of a session."""
     make_folder(folder)
     return SessionFiles(folder, secrets.token_urlsafe(12), keeps)
 
 
-def find_left(folder: Path) -> tuple[SessionFiles, ...]:
+def find_interrupted_files(folder: Path) -> tuple[SessionFiles, ...]:
     """Return the files of interrupted sessions that are to be kept."""
     names = {path.stem for ending in (RAW, EARLY) for path in folder.glob(f"{KEPT}*{ending}")}
     return tuple(SessionFiles(folder, name.removeprefix(KEPT), is_kept=True) for name in sorted(names))

@@ -16,7 +16,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from app.live.cue_log import find_limit, format_rule, parse_rule
-from app.live.ports import EARLY, read_about, read_pieces
+from app.live.ports import EARLY, read_pieces, read_session_options
 from app.live.sources import SourceFacts
 from app.request import clean_file_name
 from app.store.permissions import create_file
@@ -131,14 +131,14 @@ def was_stopped(path: Path) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class CutSession:
+class InterruptedSession:
     """The raw file of an interrupted session, and its duration."""
 
     path: Path
     elapsed_s: float
 
 
-def find_cut(folder: Path) -> Iterator[CutSession]:
+def find_interrupted_sessions(folder: Path) -> Iterator[InterruptedSession]:
     """Find interrupted sessions in a folder, oldest first; a session that another program is running also
     counts.
     """
@@ -150,7 +150,7 @@ def find_cut(folder: Path) -> Iterator[CutSession]:
             lines = file.read().split(b"\n")[:-1]
         # the last complete row; the first row is at about 0
         stamp = lines[-1].partition(b",")[0] if lines else b""
-        yield CutSession(path, int(stamp) / MICROSECONDS if stamp.isdigit() else 0.0)
+        yield InterruptedSession(path, int(stamp) / MICROSECONDS if stamp.isdigit() else 0.0)
 
 
 # Raw files from early bytes: for a session that was killed before its angles were computed.
@@ -173,7 +173,7 @@ def write_early_rows(early: Path, raw: Path) -> bool:
     read = [(frames, came_s) for frames, came_s in found if frames is not None]
     rows = [frames for frames, _ in read if len(frames)]
     if rows:
-        asked, facts, (first, came_s) = read_about(content), reader.facts, read[0]
+        asked, facts, (first, came_s) = read_session_options(content), reader.facts, read[0]
         assert facts is not None
         ago_s = float(first.time_us[-1] - first.time_us[0]) / MICROSECONDS
         source = SourceFacts(
@@ -184,7 +184,7 @@ def write_early_rows(early: Path, raw: Path) -> bool:
             acc_range_g=facts.acc_range_g,
             gyr_range_dps=facts.gyr_range_dps,
         )
-        cues = " ".join(format_rule(make_rule(rule)) for rule in asked["cues"])
+        cues = " ".join(format_rule(build_rule(rule)) for rule in asked["cues"])
         with RawFile(raw, source, Wearer(asked["subject"], asked["side"], asked["axis"]), cues) as opened:
             for frames in rows:
                 opened.write(frames)
@@ -192,7 +192,7 @@ def write_early_rows(early: Path, raw: Path) -> bool:
     return bool(rows)
 
 
-def take_early(folder: Path) -> None:
+def recover_early_files(folder: Path) -> None:
     """Write raw files from the early bytes of interrupted terminal sessions; a file that fails stays.
 
     The raw files get separate names, because another program may be writing the same session.
@@ -202,7 +202,7 @@ def take_early(folder: Path) -> None:
             write_early_rows(early, early.with_name(f"{early.stem}-early.csv"))
 
 
-def describe_asked(name: str, wearer: Wearer, rules: tuple[CueRule, ...]) -> dict[str, Any]:
+def build_session_options(name: str, wearer: Wearer, rules: tuple[CueRule, ...]) -> dict[str, Any]:
     """Return the session options that the file of early bytes stores for the raw file."""
     cues = [{"kind": rule.kind, "angle_deg": rule.angle_deg, "limit": find_limit(rule)} for rule in rules]
     return {
@@ -214,6 +214,6 @@ def describe_asked(name: str, wearer: Wearer, rules: tuple[CueRule, ...]) -> dic
     }
 
 
-def make_rule(asked: dict[str, Any]) -> CueRule:
+def build_rule(asked: dict[str, Any]) -> CueRule:
     """Build a cue rule from its kind, angle and limit. Raises ValueError."""
     return parse_rule(f"{asked['kind']}:{asked['angle_deg']}:{asked['limit']}")

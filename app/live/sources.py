@@ -87,7 +87,7 @@ class LineSource:
         self.early = port if isinstance(port, EarlyPort) else None
         self._silence_s, self._heard_s = silence_s, now_s()
         try:
-            learned = self._learn(name)
+            learned = self._read_header(name)
         except BaseException:
             port.close()
             raise
@@ -110,7 +110,7 @@ class LineSource:
         frames, self._first = self._first, None
         if frames is not None:
             return frames
-        piece, arrived_us = self._hear()
+        piece, arrived_us = self._read_port()
         if not piece and self._now_s() - self._heard_s > self._silence_s:
             return None
         return self._reader.feed(piece, arrived_us)
@@ -119,17 +119,17 @@ class LineSource:
         """Close the port."""
         self.port.close()
 
-    def _learn(self, name: str) -> Frames:
+    def _read_header(self, name: str) -> Frames:
         began_s, heard = self._now_s(), False
         while self._now_s() - began_s < LEARN_LIMIT_S:
-            piece, arrived_us = self._hear()
+            piece, arrived_us = self._read_port()
             heard = heard or bool(piece)
             frames = self._reader.feed(piece, arrived_us)
             if frames is not None:
                 return frames
         raise LiveSourceFailed(name=name, why="no header" if heard else "silent")
 
-    def _hear(self) -> tuple[bytes, int]:
+    def _read_port(self) -> tuple[bytes, int]:
         piece = self.port.read()
         self._heard_s = self._now_s() if piece else self._heard_s
         return piece, round(self._now_s() * MICROSECONDS)
@@ -227,7 +227,7 @@ def find_axis(recording: Recording) -> Float64Array | None:
 
 
 @cache
-def make_demo() -> Recording:
+def build_demo() -> Recording:
     """Simulate 15 minutes of work, once per server process.
 
     It imitates a GT9X Link at 100 Hz with the pose at the start, for trying the live page without a sensor.

@@ -40,7 +40,7 @@ INCOMING_S = 24 * 3600.0
 logger = logging.getLogger(__name__)
 
 
-async def keep_house(services: Services) -> None:
+async def run_housekeeping(services: Services) -> None:
     """Run the background work until the server ends; of several servers, only the leader does it."""
     leader, sender = Leader(services.store.engine), WebhookSender(services)
     await _note(services, "server.started")

@@ -35,8 +35,8 @@ from app.live.ports import (
     Port,
     PushedPort,
     SessionFiles,
-    begin_files,
-    find_left,
+    create_session_files,
+    find_interrupted_files,
     find_serial_ports,
     open_port,
 )
@@ -74,7 +74,7 @@ class LiveLibrary:
     def keep(self, ended: "Ended") -> str:
         """Store the file, queue its analysis and return the id of the analysis."""
         wearer = ended.request.wearer
-        analysis = _take_in(self._services, ended.files, wearer.subject, wearer.side)
+        analysis = _store_session(self._services, ended.files, wearer.subject, wearer.side)
         if ended.request.rules:  # the recording's note lists the cues, up to its length limit
             from app.live.cue_log import format_rule  # noqa: PLC0415  loads numpy
 
@@ -100,15 +100,15 @@ def import_interrupted_sessions(services: Services) -> int:
     for path in folder.glob(f"{PLAYED}*{RAW}"):
         path.unlink()  # a played recording is already stored
     count = 0
-    for files in find_left(folder):
+    for files in find_interrupted_files(folder):
         try:
-            count += _take_in_left(services, files)
+            count += _store_interrupted_session(services, files)
         except (AppError, OSError):
             logger.exception("an interrupted live session stays in its folder: %s", files.session_id)
     return count
 
 
-def _take_in_left(services: Services, files: SessionFiles) -> bool:
+def _store_interrupted_session(services: Services, files: SessionFiles) -> bool:
     """Store the interrupted session as a recording; return False if it contains no row."""
     from app.live.raw_file import write_early_rows  # noqa: PLC0415  loads numpy
 
@@ -119,14 +119,14 @@ def _take_in_left(services: Services, files: SessionFiles) -> bool:
             head = file.read(HEAD_BYTES).decode("utf-8", "replace")
         told = dict(re.findall(r"^# (subject|side|cues): (.*)$", head, re.MULTILINE))
         side = next((one for one in get_args(Side) if one == told.get("side")), None)
-        analysis = _take_in(services, files, told.get("subject", "")[:LONGEST_SUBJECT], side)
+        analysis = _store_session(services, files, told.get("subject", "")[:LONGEST_SUBJECT], side)
         if "cues" in told:
             services.recordings.tag([analysis.recording_id], [CUED])
     files.remove()
     return has_rows
 
 
-def _take_in(services: Services, files: SessionFiles, subject: str, side: Side | None) -> Job:
+def _store_session(services: Services, files: SessionFiles, subject: str, side: Side | None) -> Job:
     """Store the raw file of a session as a recording, and queue its analysis."""
     request = ReportRequest(f"live-{files.session_id}.csv", subject, side, paper=services.settings.paper)
     analysis = Intake(services.store, services.storage, services.settings).add(files.raw, request, "web")
@@ -235,12 +235,12 @@ async def live(socket: WebSocket) -> None:
         async with _receiving(socket) as inbox:
             services, port = find_services(socket), PushedPort()
             if isinstance(first, Resume):
-                session = (await run_in_threadpool(find_hub, services)).get(first.session)
+                session = (await run_in_threadpool(get_hub, services)).get(first.session)
             else:
                 inbox.push = port.push
                 session = await to_thread.run_sync(_start, services, first, port, limiter=_find_limiter())
             inbox.push = session.push
-            await _converse(socket, session, inbox)
+            await _handle_messages(socket, session, inbox)
     except WebSocketDisconnect:
         return
     except (AppError, FusionError, ValidationError, OSError, KeyError) as error:
@@ -277,7 +277,7 @@ def _start(services: Services, asked: Start, pushed: PushedPort) -> "RunningSess
         if asked.port not in find_serial_ports():  # a page can open only serial ports
             raise LiveSourceFailed(name=clean_text(asked.port)[:60], why="port")
         port = open_port(asked.port)
-    files = begin_files(services.settings.data_dir / LIVE_FOLDER, keeps=asked.keeps)
+    files = create_session_files(services.settings.data_dir / LIVE_FOLDER, keeps=asked.keeps)
     try:
         if port is not None and files.is_kept:
             whose = {"name": _name_source(asked), "subject": subject, "side": asked.side, "axis": asked.axis}
@@ -303,12 +303,12 @@ def _start_with(
     services: Services, asked: Start, subject: str, port: Port | None, files: SessionFiles
 ) -> "RunningSession":
     from app.live.hub import SessionRequest  # noqa: PLC0415
-    from app.live.raw_file import Wearer, make_rule  # noqa: PLC0415
-    from app.live.sources import LineSource, ReplaySource, make_demo, open_replay  # noqa: PLC0415
+    from app.live.raw_file import Wearer, build_rule  # noqa: PLC0415
+    from app.live.sources import LineSource, ReplaySource, build_demo, open_replay  # noqa: PLC0415
 
     request = SessionRequest(
         Wearer(subject, asked.side, asked.axis),
-        rules=tuple(make_rule(rule.model_dump()) for rule in asked.cues),
+        rules=tuple(build_rule(rule.model_dump()) for rule in asked.cues),
         countdown_s=asked.countdown_s,
     )
     source: Source
@@ -317,12 +317,12 @@ def _start_with(
         now_s = port.now_s if isinstance(port, EarlyPort) else time.monotonic
         source = LineSource(port, _name_source(asked), silence_s=silence_s, now_s=now_s)
     elif asked.source == "demo":
-        source = ReplaySource(make_demo(), "demo", asked.speed)
+        source = ReplaySource(build_demo(), "demo", asked.speed)
     else:
         row = services.recordings.get(asked.recording)
         with borrow_recording(services.storage, row.id, row.sha256) as path:
             source = open_replay(path, asked.speed, row.about.file_name)
-    return find_hub(services).start(source, request, files)
+    return get_hub(services).start(source, request, files)
 
 
 class DifferenceView(BaseModel):
@@ -345,7 +345,7 @@ def get_difference(session_id: str, services: UsedServices, language: UsedLangua
     """Compare a session with its report; available for an hour after the session ends."""
     from app.live.recorder import describe_difference, measure_difference  # noqa: PLC0415  loads numpy
 
-    session = find_hub(services).get(session_id)
+    session = get_hub(services).get(session_id)
     job = services.store.get(session.analysis_id)
     with services.results.borrow(job, "elevation.parquet") as parquet:
         found = measure_difference(session.recorder.shown, parquet)
@@ -362,7 +362,7 @@ def get_difference(session_id: str, services: UsedServices, language: UsedLangua
     )
 
 
-async def _converse(socket: WebSocket, session: "RunningSession", inbox: "Inbox") -> None:
+async def _handle_messages(socket: WebSocket, session: "RunningSession", inbox: "Inbox") -> None:
     outbox = Outbox(asyncio.get_running_loop())
 
     async def send_on() -> None:
@@ -458,7 +458,7 @@ class Outbox:
         return self._waiting.popleft()
 
 
-def find_hub(services: Services) -> "LiveHub":
+def get_hub(services: Services) -> "LiveHub":
     """Return the sessions of this server; the first call loads numpy."""
     from app.live.hub import LiveHub  # noqa: PLC0415
 

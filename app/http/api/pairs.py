@@ -268,7 +268,9 @@ class ProfileView(_Exact):
     source: str
 
 
-def find_jobs(services: Services, ids: Iterable[str], request: R, paper: Paper | None = None) -> AskedJobs[R]:
+def get_asked_jobs(
+    services: Services, ids: Iterable[str], request: R, paper: Paper | None = None
+) -> AskedJobs[R]:
     """Return the analyses of a request; the paper defaults to that of the first analysis.
 
     Raises NotHere.
@@ -289,7 +291,7 @@ class ChangeQuery(_Exact):
     def find(self, services: Services) -> AskedJobs[PairRequest]:
         """Return the analyses. Raises NotHere."""
         request = PairRequest("compare", same_subject=self.same_subject, mixed_methods=self.mixed_methods)
-        return find_jobs(services, self.analysis, request, self.paper)
+        return get_asked_jobs(services, self.analysis, request, self.paper)
 
 
 class PairQuery(_Exact):
@@ -326,7 +328,7 @@ class PairQuery(_Exact):
             mixed_methods=self.mixed_methods,
         )
         ids = (self.left, self.right, *filter(None, [self.trunk]))
-        return find_jobs(services, ids, request, self.paper)
+        return get_asked_jobs(services, ids, request, self.paper)
 
 
 class ProfileQuery(_Exact):
@@ -347,7 +349,7 @@ class ProfileQuery(_Exact):
             mixed_methods=self.mixed_methods,
             has_drawings=True,
         )
-        return find_jobs(services, (*self.analysis, *self.after), request, self.paper)
+        return get_asked_jobs(services, (*self.analysis, *self.after), request, self.paper)
 
 
 PairChoice = Annotated[PairQuery, Query()]

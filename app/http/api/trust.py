@@ -15,7 +15,7 @@ from app.accounts.subjects import Granted, Permission, Subject
 from app.errors import NotPermitted
 from app.http.api.library.files import MEDIA_TYPES, respond_with_file
 from app.http.middleware.access import UsedSubject
-from app.http.middleware.guard import find_logins
+from app.http.middleware.guard import get_logins
 from app.http.middleware.problems import PROBLEM_RESPONSES
 from app.library.audit_log import (
     AT_MACHINE,
@@ -243,7 +243,7 @@ token_router = APIRouter(prefix="/api/v1/tokens", responses=PROBLEM_RESPONSES, t
 LONGEST_NAME = 100
 
 
-def find_person(subject: UsedSubject) -> Subject:
+def get_person_subject(subject: UsedSubject) -> Subject:
     """Return the person who asks; a token is refused, so that no token can extend itself. Raises
     NotPermitted.
     """
@@ -252,7 +252,7 @@ def find_person(subject: UsedSubject) -> Subject:
     return subject
 
 
-UsedPerson = Annotated[Subject, Depends(find_person)]
+UsedPerson = Annotated[Subject, Depends(get_person_subject)]
 
 
 class TokenWish(BaseModel):
@@ -286,7 +286,7 @@ class TokenList(BaseModel):
 @token_router.post("", status_code=201)
 def create_token(body: TokenWish, connection: HTTPConnection, person: UsedPerson) -> TokenView:
     """Create a token with at most your own permissions."""
-    accounts = find_logins(connection).accounts
+    accounts = get_logins(connection).accounts
     token, bearer = make_token(accounts, person, body.name, body.permissions, body.days)
     view = _view(token)
     view.token = bearer
@@ -296,15 +296,13 @@ def create_token(body: TokenWish, connection: HTTPConnection, person: UsedPerson
 @token_router.get("", response_model_exclude_none=True)
 def list_tokens(connection: HTTPConnection, person: UsedPerson) -> TokenList:
     """Return the valid tokens."""
-    return TokenList(
-        items=[_view(token) for token in find_logins(connection).accounts.find_tokens(person.id)]
-    )
+    return TokenList(items=[_view(token) for token in get_logins(connection).accounts.find_tokens(person.id)])
 
 
 @token_router.delete("/{token_id}", status_code=204)
 def delete_token(token_id: str, connection: HTTPConnection, person: UsedPerson) -> Response:
     """Revoke a token; it stops working at once."""
-    find_logins(connection).accounts.end_token(person.id, token_id)
+    get_logins(connection).accounts.end_token(person.id, token_id)
     return Response(status_code=204)
 
 
@@ -322,15 +320,15 @@ def _view(token: Token) -> TokenView:
 # Names of people in the audit log.
 
 
-def find_names(connection: HTTPConnection, ids: Iterable[str], language: Language) -> Mapping[str, str]:
+def get_names(connection: HTTPConnection, ids: Iterable[str], language: Language) -> Mapping[str, str]:
     """Return a name for each id; a deleted account keeps its id."""
-    accounts = find_logins(connection).accounts
+    accounts = get_logins(connection).accounts
     words = load_wording(language, "trail")["who"]
     known = {AT_MACHINE: words["machine"], SYSTEM: words["system"], NOBODY: words["nobody"], "": ""}
     return {one: known[one] if one in known else accounts.find_name(one) or one for one in set(ids)}
 
 
-def find_person_name(connection: HTTPConnection, who: str) -> str:
+def get_person_name(connection: HTTPConnection, who: str) -> str:
     """Return the name of the person who acts, also through a token; "" for the command line."""
-    accounts = find_logins(connection).accounts
+    accounts = get_logins(connection).accounts
     return "" if who == AT_MACHINE else accounts.find_person_name(who)

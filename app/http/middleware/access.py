@@ -27,8 +27,8 @@ from app.accounts.logins import find_network
 from app.accounts.routes import ROUTE_TABLE, Route
 from app.accounts.subjects import Permission, Subject
 from app.errors import AppError, NotConfirmed, NotPermitted, NotSignedIn, TokenInAddress
-from app.http.middleware.guard import SESSION_COOKIE, find_address, name_cookie
-from app.http.middleware.problems import holds_token
+from app.http.middleware.guard import SESSION_COOKIE, get_client_address, name_cookie
+from app.http.middleware.problems import contains_token
 from app.library.audit_log import (
     NOBODY,
     Act,
@@ -66,7 +66,7 @@ _FILE_NAME = re.compile(r"[\w.]{1,60}", re.ASCII)
 
 
 @dataclass(slots=True)
-class KnownReadings:
+class RecentReads:
     """Reads of the last 15 minutes that have an entry, by subject and object; kept per server
     process.
     """
@@ -118,10 +118,10 @@ class RefusedLines:
         return "more" if number == most else "none"
 
 
-class Recorder:
+class AuditRecorder:
     """Send the messages of one response; write its audit log entry before the first message."""
 
-    def __init__(self, scope: Scope, send: Send, known: KnownReadings, refused: RefusedLines) -> None:
+    def __init__(self, scope: Scope, send: Send, known: RecentReads, refused: RefusedLines) -> None:
         self._scope, self._send, self._known, self._refused = scope, send, known, refused
         self._touched = begin_touching()
         self.refusal: Exception | None = None
@@ -171,23 +171,23 @@ class Recorder:
         if act == "file.exported":
             last = str(self._scope["path"]).rpartition("/")[2]
             other["name"] = last if _FILE_NAME.fullmatch(last) else path.rpartition("/")[2]
-        who = self._find_who()
+        who = self._get_subject_id()
         key = (who, act, *map(str, other.values()), *(one for pair in read for one in pair))
         if (is_whole and act in EXPORTS) or self._known.is_new(key):
-            await run_sync(record_readings, self._find_engine(), act, read, other)
+            await run_sync(record_readings, self._get_engine(), act, read, other)
             self._known.begin(key)
 
     async def _write_refusal(self, told: Mapping[str, str | int]) -> None:
-        who, connection = self._find_who(), HTTPConnection(self._scope)
+        who, connection = self._get_subject_id(), HTTPConnection(self._scope)
         is_stranger = who == NOBODY
-        asker = find_network(find_address(connection)) if is_stranger else who
+        asker = find_network(get_client_address(connection)) if is_stranger else who
         # Log the ids in the address, even unknown ones; "" if there are none.
         address = f"{self._scope['path']}?{self._scope.get('query_string', b'').decode('latin-1')}"
         for one in list(dict.fromkeys(_ANY_ID.findall(address)))[:MOST_NAMED] or [""]:
             key = (who, "refused", *map(str, told.values()), one)
             if not self._known.is_new(key):
                 continue
-            share, engine = self._refused.take(asker, is_stranger=is_stranger), self._find_engine()
+            share, engine = self._refused.take(asker, is_stranger=is_stranger), self._get_engine()
             if share == "line":
                 await run_sync(record_refusal, engine, one, told)
                 self._known.begin(key)
@@ -195,10 +195,10 @@ class Recorder:
                 most = {"most": MOST_LINES, "most_of_strangers": MOST_OF_STRANGERS}
                 await run_sync(record_alone, engine, "refused.more", most | {"minutes": int(WINDOW_S / 60)})
 
-    def _find_engine(self) -> Engine:
+    def _get_engine(self) -> Engine:
         return find_services(HTTPConnection(self._scope)).store.engine
 
-    def _find_who(self) -> str:
+    def _get_subject_id(self) -> str:
         subject: Subject | None = self._scope.get(SUBJECT)
         return subject.id if subject else NOBODY
 
@@ -231,7 +231,7 @@ class Access:
 
     def __init__(self, app: ASGIApp, gate: Gate, respond: Respond) -> None:
         self._app, self._gate, self._respond = app, gate, respond
-        self._known, self._refused = KnownReadings(), RefusedLines()
+        self._known, self._refused = RecentReads(), RefusedLines()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Find the subject and pass the request on; refuse an address that contains a token."""
@@ -240,7 +240,7 @@ class Access:
             await self._app(scope, receive, send)
             return
         try:
-            if holds_token(f"{path}?{scope['query_string'].decode('latin-1')}"):
+            if contains_token(f"{path}?{scope['query_string'].decode('latin-1')}"):
                 raise TokenInAddress
             subject = await run_sync(self._gate.find_subject, _read_credentials(HTTPConnection(scope)))
             if subject is not None:
@@ -249,7 +249,7 @@ class Access:
             await self._refuse(scope, receive, send, refusal)
             return
         set_actor(subject.id if subject else NOBODY)
-        recorder = Recorder(scope, send, self._known, self._refused)
+        recorder = AuditRecorder(scope, send, self._known, self._refused)
         try:
             await self._run(subject, scope, receive, recorder.send)
         except Exception:
@@ -258,11 +258,11 @@ class Access:
             await self._refuse(scope, receive, send, recorder.refusal)
 
     async def _run(self, subject: Subject | None, scope: Scope, receive: Receive, send: Send) -> None:
-        if subject is None or not _lasts(scope):
+        if subject is None or not _is_long_running(scope):
             await self._app(scope, receive, send)
             return
         async with anyio.create_task_group() as tasks:
-            tasks.start_soon(self._end_with_login, subject, tasks.cancel_scope)
+            tasks.start_soon(self._end_with_session, subject, tasks.cancel_scope)
             await self._app(scope, receive, send)
             tasks.cancel_scope.cancel()
 
@@ -272,13 +272,13 @@ class Access:
             return
         await self._respond(Request(scope), refusal)(scope, receive, send)
 
-    async def _end_with_login(self, subject: Subject, lasting: anyio.CancelScope) -> None:
+    async def _end_with_session(self, subject: Subject, lasting: anyio.CancelScope) -> None:
         while await run_sync(self._gate.is_alive, subject):
             await anyio.sleep(LOOK_S)
         lasting.cancel()
 
 
-def _lasts(scope: Scope) -> bool:
+def _is_long_running(scope: Scope) -> bool:
     return scope["type"] == "websocket" or str(scope["path"]).endswith("/events")
 
 
@@ -287,7 +287,7 @@ def _read_credentials(connection: HTTPConnection) -> Credentials:
     cookie = connection.cookies.get(name_cookie(connection, SESSION_COOKIE), "")
     scheme, _, value = connection.headers.get("authorization", "").partition(" ")
     bearer = value.strip() if scheme.lower() == "bearer" else ""
-    is_attended = "x-unattended" not in connection.headers and not _lasts(connection.scope)
+    is_attended = "x-unattended" not in connection.headers and not _is_long_running(connection.scope)
     return Credentials(bearer, cookie, is_attended)
 
 
@@ -299,7 +299,7 @@ async def check_permission(connection: HTTPConnection) -> None:
     method, path = connection.scope.get("method", "WS"), connection.scope["route"].path
     route = ROUTE_TABLE.get((method, path))
     try:
-        if route is None or (route.needed != "public" and not find_subject(connection).may(route.needed)):
+        if route is None or (route.needed != "public" and not get_subject(connection).may(route.needed)):
             raise NotPermitted(permission=str(route and route.needed))
     except AppError as refusal:
         if method != "WS":
@@ -311,11 +311,11 @@ async def check_permission(connection: HTTPConnection) -> None:
 
 def check_confirmed(connection: HTTPConnection) -> None:
     """Check that the person entered the password a short time ago. Raises NotConfirmed."""
-    if not find_gate(connection).is_confirmed(find_subject(connection)):
+    if not get_gate(connection).is_confirmed(get_subject(connection)):
         raise NotConfirmed
 
 
-def find_gate(connection: HTTPConnection) -> Gate:
+def get_gate(connection: HTTPConnection) -> Gate:
     """Return the gate of the application."""
     return cast("Gate", connection.app.state.gate)
 
@@ -323,7 +323,7 @@ def find_gate(connection: HTTPConnection) -> Gate:
 CHECKED = [Depends(check_permission)]
 
 
-def find_subject(connection: HTTPConnection) -> Subject:
+def get_subject(connection: HTTPConnection) -> Subject:
     """Return the subject of the request. Raises NotSignedIn."""
     subject: Subject | None = connection.scope.get(SUBJECT)
     if subject is None:
@@ -331,7 +331,7 @@ def find_subject(connection: HTTPConnection) -> Subject:
     return subject
 
 
-UsedSubject = Annotated[Subject, Depends(find_subject)]
+UsedSubject = Annotated[Subject, Depends(get_subject)]
 
 
 def may(connection: HTTPConnection, permission: Permission) -> bool:

@@ -31,35 +31,35 @@ _HOST_PREFIX = "__Host-"
 LONGEST_COOKIE = 200
 
 
-def find_settings(connection: HTTPConnection) -> Settings:
+def get_settings(connection: HTTPConnection) -> Settings:
     """Return the settings of the server."""
     return cast("Settings", connection.app.state.services.settings)
 
 
-def find_logins(connection: HTTPConnection) -> Logins:
+def get_logins(connection: HTTPConnection) -> Logins:
     """Return the sign-in service."""
     return cast("Logins", connection.app.state.logins)
 
 
-def find_address(connection: HTTPConnection) -> str:
+def get_client_address(connection: HTTPConnection) -> str:
     """Return the address of the peer or, behind the configured proxy, its last ``X-Forwarded-For`` entry."""
-    peer, proxy = connection.client.host if connection.client else "unix", find_settings(connection).proxy
+    peer, proxy = connection.client.host if connection.client else "unix", get_settings(connection).proxy
     told = connection.headers.get("x-forwarded-for", "").rpartition(",")[2].strip()
     return told if told and proxy and (peer or "unix") == proxy else peer or "unix"
 
 
-def find_caller(connection: HTTPConnection) -> Caller:
+def get_caller(connection: HTTPConnection) -> Caller:
     """Return the address and browser of a sign-in attempt."""
     browser = connection.cookies.get(name_cookie(connection, BROWSER_COOKIE), "")
-    return Caller(find_address(connection), browser[:LONGEST_COOKIE])
+    return Caller(get_client_address(connection), browser[:LONGEST_COOKIE])
 
 
 def is_secure(connection: HTTPConnection) -> bool:
     """Return whether the browser uses HTTPS, with this server or with the proxy before it."""
-    return connection.url.scheme in ("https", "wss") or bool(find_settings(connection).proxy)
+    return connection.url.scheme in ("https", "wss") or bool(get_settings(connection).proxy)
 
 
-def find_origin(connection: HTTPConnection) -> str:
+def get_host_url(connection: HTTPConnection) -> str:
     """Return the scheme and host that the browser used."""
     scheme = "https" if is_secure(connection) else "http"
     return f"{scheme}://{connection.headers.get('host', '')}"
@@ -67,7 +67,7 @@ def find_origin(connection: HTTPConnection) -> str:
 
 def name_cookie(connection: HTTPConnection, name: str) -> str:
     """Return the name of a cookie in the browser, with the ``__Host-`` prefix if it can have one."""
-    is_bound = is_secure(connection) and find_path(connection) == "/"
+    is_bound = is_secure(connection) and get_cookie_path(connection) == "/"
     return f"{_HOST_PREFIX}{name}" if is_bound else name
 
 
@@ -80,7 +80,7 @@ def set_cookie(connection: HTTPConnection, response: Response, name: str, value:
         httponly=True,
         secure=is_secure(connection),
         samesite="lax",
-        path=find_path(connection),
+        path=get_cookie_path(connection),
     )
 
 
@@ -89,7 +89,7 @@ def drop_cookie(connection: HTTPConnection, response: Response, name: str) -> No
     set_cookie(connection, response, name, "", 0)
 
 
-def find_path(connection: HTTPConnection) -> str:
+def get_cookie_path(connection: HTTPConnection) -> str:
     """Return the path of the server's cookies."""
     return str(connection.scope.get("root_path", "")).rstrip("/") or "/"
 
@@ -135,7 +135,7 @@ class HeaderTimeoutProtocol(H11Protocol):
             self.transport.close()
 
 
-def make_timeout_protocol(header_timeout_s: float) -> type[H11Protocol]:
+def build_timeout_protocol(header_timeout_s: float) -> type[H11Protocol]:
     """Build a protocol class with the given time limit."""
     return type("HeaderTimeoutProtocol", (HeaderTimeoutProtocol,), {"header_timeout_s": header_timeout_s})
 
@@ -216,7 +216,7 @@ class Guard:
         except AppError as refusal:
             await self._respond(request, refusal)(scope, receive, sealed)
             return
-        most_bytes = math.inf if takes_file(scope) else MOST_TEXT_BYTES
+        most_bytes = math.inf if accepts_file(scope) else MOST_TEXT_BYTES
         watch = _BodyWatch(receive, self._min_rate_bytes_per_s, self._body_timeout_s, most_bytes)
         sealed = _drain_refused(sealed, watch, request)
         if scope["method"] == "HEAD":  # HEAD works for every GET route (RFC 9110, 9.3.2)
@@ -224,7 +224,7 @@ class Guard:
         await self._app(scope, watch.receive, sealed)
 
 
-def takes_file(scope: Scope) -> bool:
+def accepts_file(scope: Scope) -> bool:
     """Return whether a path, without the proxy's prefix, accepts files of any size."""
     path: str = scope["path"]
     return path.removeprefix(scope.get("root_path", "")).startswith(FILE_PATHS)
@@ -246,7 +246,7 @@ def check_caller(
     if method in SAFE_METHODS:
         return
     origin = headers.get("origin")
-    if origin is not None and _read_origin(origin) != _read_origin(find_origin(connection)):
+    if origin is not None and _read_origin(origin) != _read_origin(get_host_url(connection)):
         raise ForeignOrigin
     if headers.get("sec-fetch-site", "none") not in ("none", "same-origin"):
         raise ForeignOrigin
@@ -400,7 +400,7 @@ def check_json(body: bytes) -> None:
 async def _read_json(scope: Scope, receive: Receive) -> list[Message]:
     """Return the messages of a body that may be JSON; none of any other body."""
     kind = dict(scope["headers"]).get(b"content-type", b"").lower()
-    is_file = takes_file(scope) and b"json" not in kind
+    is_file = accepts_file(scope) and b"json" not in kind
     if scope["method"] in SAFE_METHODS or is_file or kind.startswith(b"multipart/"):
         return []
     messages = [await receive()]

@@ -242,7 +242,7 @@ _SECRET = re.compile(r"passw|pwd|secret|token|(code|key|proof|ticket)s?(?![a-z])
 _TOKEN = re.compile(rf"{TOKEN_PREFIX}[\w-]{{43}}")
 
 
-def holds_token(text: str) -> bool:
+def contains_token(text: str) -> bool:
     """Return whether a part of an address contains a token, also percent-encoded."""
     return _TOKEN.search(unquote(text)) is not None
 
@@ -272,7 +272,7 @@ def hide_tokens(text: str) -> str:
 def drop_secrets(query: str) -> str:
     """Return a query without the fields that may contain a secret."""
     pairs = parse_qsl(query, keep_blank_values=True)
-    kept = [pair for pair in pairs if not is_secret(pair[0]) and not any(map(holds_token, pair))]
+    kept = [pair for pair in pairs if not is_secret(pair[0]) and not any(map(contains_token, pair))]
     return query if len(kept) == len(pairs) else urlencode(kept)
 
 
@@ -280,7 +280,7 @@ def hide_address(request: Request) -> Request:
     """Return a request without tokens in its address; the same request if there are none."""
     scope = request.scope
     path, query = str(scope["path"]), scope["query_string"].decode("latin-1")
-    if not holds_token(f"{path}?{query}"):
+    if not contains_token(f"{path}?{query}"):
         return request
     hidden = hide_tokens(unquote(path))
     return Request({**scope, "path": hidden, "query_string": drop_secrets(query).encode("latin-1")})

@@ -22,10 +22,10 @@ from app.errors import (
     TooManyTries,
     WeakPassword,
 )
-from app.http.api.trust import UsedPerson, find_names
-from app.http.middleware.guard import SESSION_COOKIE, find_caller, find_origin, find_settings, set_cookie
-from app.http.pages.login import check_next, render_enrolment, render_with_problem
-from app.http.pages.rendering import Form, Page, UsedForm, UsedPage, first, take_secret
+from app.http.api.trust import UsedPerson, get_names
+from app.http.middleware.guard import SESSION_COOKIE, get_caller, get_host_url, get_settings, set_cookie
+from app.http.pages.login import render_enrolment, render_with_problem, sanitize_next
+from app.http.pages.rendering import Form, Page, UsedForm, UsedPage, first, get_secret
 from app.report.words.wording import Language, load_wording
 
 router = APIRouter(include_in_schema=False)
@@ -43,22 +43,22 @@ class LinkView:
 @router.get("/account")
 def show_account(page: UsedPage, person: UsedPerson, next: str = "/account") -> Response:  # noqa: A002
     """Show your own account; ``next`` is the page to go to after a notice is confirmed."""
-    return _render_account(page, person, wanted=check_next(next))
+    return _render_account(page, person, wanted=sanitize_next(next))
 
 
 @router.post("/account/told")
 def note_told(page: UsedPage, form: UsedForm, person: UsedPerson) -> Response:
     """Record that the notice about the password link was read, and redirect."""
     page.logins.credentials.note_told(person.id)
-    return page.go(check_next(first(form, "next")))
+    return page.go(sanitize_next(first(form, "next")))
 
 
 @router.post("/account/password")
 def change_password(page: UsedPage, form: UsedForm, person: UsedPerson) -> Response:
     """Change the password; every other session ends."""
-    proof, password = take_secret(form, "proof"), take_secret(form, "password")
+    proof, password = get_secret(form, "proof"), get_secret(form, "password")
     try:
-        cookie = page.logins.change_password(person, proof, password, find_caller(page.request))
+        cookie = page.logins.change_password(person, proof, password, get_caller(page.request))
     except (LoginRefused, SecondFactorLost, TooManyTries, WeakPassword) as refusal:
         return _render_account(page, person, refusal)
     response = _render_account(page, replace(person, session=hash_secret(cookie)), done="password")
@@ -75,7 +75,7 @@ def set_up_second_factor(page: UsedPage, person: UsedPerson) -> Response:
 @router.post("/account/second-factor/drop")
 def drop_second_factor(page: UsedPage, person: UsedPerson) -> Response:
     """Turn the second factor off, unless it is required."""
-    if find_settings(page.request).second_factor == "required":
+    if get_settings(page.request).second_factor == "required":
         raise NotPermitted(permission="own")
     page.logins.drop_second_factor(person.id)
     return page.go("/account")
@@ -130,7 +130,7 @@ def _render_account(
     person, use = accounts.get_person(subject.id), credentials.find_link_use(subject.id)
     set_by = None
     if use is not None:
-        name = find_names(page.request, [use.made_by], page.language)[use.made_by]
+        name = get_names(page.request, [use.made_by], page.language)[use.made_by]
         facts = {"name": name, "when": f"{use.used_at[:16].replace('T', ' ')} UTC", "address": use.address}
         set_by = LinkView(facts, use.is_told)
     return render_with_problem(
@@ -141,7 +141,7 @@ def _render_account(
         roles=_list_roles(person.roles, page.language),
         set_by=set_by,
         codes_left=credentials.count_recovery_codes(person.id),
-        is_required=find_settings(page.request).second_factor == "required",
+        is_required=get_settings(page.request).second_factor == "required",
         sessions=[
             (_format_moment(held.began_s), _format_moment(held.used_s), held.id, held.id == subject.session)
             for held in accounts.find_sessions(person.id)
@@ -232,7 +232,7 @@ def _read_roles(form: Form) -> frozenset[Role]:
 
 def _render_link(page: Page, subject: Subject, person: Person, term_s: float) -> Response:
     ticket = page.logins.make_link(person.id, term_s)
-    link = f"{find_origin(page.request)}{page.base}/login/link/{ticket}"
+    link = f"{get_host_url(page.request)}{page.base}/login/link/{ticket}"
     return _render_people(page, subject, link=link, link_of=person.name, link_hours=str(int(term_s // 3600)))
 
 

@@ -24,7 +24,7 @@ from markupsafe import Markup, escape
 from app.errors import NotHere, find_outcome_of_code, list_refusals
 from app.http.api.library.files import respond_with_file
 from app.http.pages.recording.page_one import PageOne
-from app.http.pages.rendering import UsedPage, lay_way_of_query
+from app.http.pages.rendering import UsedPage, add_navigation_of_query
 from app.http.pages.views import build_answer
 from app.intake import Intake
 from app.report.charts.day import Day, DayLabels, Mark, MinuteBand, build_day_labels, draw_day
@@ -117,7 +117,7 @@ def _find_codes() -> list[str]:
 
 
 @router.post("/sample")
-def take_sample(page: UsedPage) -> Response:
+def analyse_sample(page: UsedPage) -> Response:
     """Simulate an hour recorded by a GT9X Link, and analyse it like any other recording."""
     services = page.services
     with tempfile.TemporaryDirectory() as folder:
@@ -161,7 +161,7 @@ def show_example(page: UsedPage) -> Response:
 @router.get("/example/report.html")
 def show_example_report(page: UsedPage) -> Response:
     """Show the report of the example."""
-    return lay_way_of_query(page, render_html(_build_example(page.language)).decode(), "/example")
+    return add_navigation_of_query(page, render_html(_build_example(page.language)).decode(), "/example")
 
 
 @router.get("/example/report.pdf")
@@ -191,24 +191,24 @@ def draw_example(language: Language) -> Mapping[str, str]:
         key="example",
         words=(told["tile_title"], told["tile"]),
         end=END,
-        end_label=_tell((END,), language),
+        end_label=_format_percents((END,), language),
         measured=SHARE,
         interval=SHARE_RANGE,
         pose=SHARE_POSE,
         published=(PUBLISHED,),
-        published_label=_tell((PUBLISHED,), language),
+        published_label=_format_percents((PUBLISHED,), language),
     )
     entry = words["profile"]["sure"]
-    most = fill(entry["up_to"], {"high": _tell(SHARE_POSE[1:], language)})
+    most = fill(entry["up_to"], {"high": _format_percents(SHARE_POSE[1:], language)})
     sureness = Sureness(
         words=(told["sure_title"], told["sure"]),
         measured=SHARE,
         end=END,
-        end_label=_tell((END,), language),
+        end_label=_format_percents((END,), language),
         doubts=(
-            Doubt(entry["sensor"], _tell(SHARE_RANGE, language), SHARE_RANGE),
+            Doubt(entry["sensor"], _format_percents(SHARE_RANGE, language), SHARE_RANGE),
             Doubt(entry["pose"], most, (SHARE, SHARE_POSE[1]), is_pose=True),
-            Doubt(entry["days"], _tell(SHARE_DAYS, language), SHARE_DAYS),
+            Doubt(entry["days"], _format_percents(SHARE_DAYS, language), SHARE_DAYS),
         ),
     )
     day = _build_day(words, told, language)
@@ -241,7 +241,7 @@ def _build_day(words: Words, told: Words, language: Language) -> tuple[Day, DayL
     return day, replace(labels, worst=worst, longest=longest)
 
 
-def _tell(shares: Sequence[float], language: Language) -> str:
+def _format_percents(shares: Sequence[float], language: Language) -> str:
     """Format one percentage, or a range of two, as whole numbers."""
     return "–".join(format_number(share, 0, language) for share in shares) + percent_sign(language)
 
@@ -264,7 +264,7 @@ class Operation:
 
 
 @router.get("/api/v1/openapi.json")
-def give_openapi(request: Request) -> JSONResponse:
+def get_openapi_document(request: Request) -> JSONResponse:
     """Return the OpenAPI document."""
     return JSONResponse(cast("FastAPI", request.app).openapi())
 

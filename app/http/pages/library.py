@@ -20,9 +20,9 @@ from app.http.api.library.analyses import check_queue, run_to_end
 from app.http.api.library.batches import retry_failed
 from app.http.api.library.files import MEDIA_TYPES, build_download_name, respond_with_file
 from app.http.api.library.recordings import check_may_erase, has_trash, purge_recording
-from app.http.api.trust import find_names
+from app.http.api.trust import get_names
 from app.http.pages.recording.analysis import find_results
-from app.http.pages.recording.day import say_whose
+from app.http.pages.recording.day import update_description
 from app.http.pages.rendering import Form, Page, UsedForm, UsedPage, first, read_body
 from app.http.pages.validations import list_compared
 from app.http.pages.views import (
@@ -79,7 +79,7 @@ router = APIRouter(include_in_schema=False)
 
 
 @router.get("/library/{name}.csv")
-def take_table(name: Literal["summary", "summary_fr", "problems"], page: UsedPage) -> Response:
+def download_table(name: Literal["summary", "summary_fr", "problems"], page: UsedPage) -> Response:
     """Return the main figures, or the problems, of every listed recording."""
     entries = _find_shown(page)
     if name != "problems":
@@ -95,18 +95,18 @@ def take_table(name: Literal["summary", "summary_fr", "problems"], page: UsedPag
 
 
 @router.post("/library/acts/{name}.csv")
-def take_chosen_table(
+def download_selected_table(
     name: Literal["summary", "summary_fr"], services: UsedServices, form: UsedForm
 ) -> Response:
     """Return one table of the selected recordings."""
-    return _send_table(services, _find_chosen(services, form), name)
+    return _send_table(services, _find_selected(services, form), name)
 
 
 def _find_shown(page: Page) -> Sequence[Entry]:
     return Library(page.services.store.reader).find_page(read_filter(page.request), MOST_ROWS)
 
 
-def _find_chosen(services: Services, form: Form) -> Sequence[Entry]:
+def _find_selected(services: Services, form: Form) -> Sequence[Entry]:
     """Return the selected recordings: by id, or all that match a filter."""
     library, wanted = Library(services.store.reader), parse_filter(dict(parse_qsl(first(form, "query"))))
     if first(form, "every"):
@@ -129,15 +129,15 @@ def _send_table(services: Services, entries: Sequence[Entry], name: str) -> Resp
 
 
 @router.get("/library/reports.zip")
-def take_reports(page: UsedPage) -> Response:
+def download_reports(page: UsedPage) -> Response:
     """Return the PDF of every listed report; ``without-report.txt`` names recordings without one."""
     return _send_reports(page, _find_shown(page))
 
 
 @router.post("/library/acts/reports.zip")
-def take_chosen_reports(page: UsedPage, form: UsedForm) -> Response:
+def download_selected_reports(page: UsedPage, form: UsedForm) -> Response:
     """Return the PDFs of the selected recordings."""
-    return _send_reports(page, _find_chosen(page.services, form))
+    return _send_reports(page, _find_selected(page.services, form))
 
 
 def _send_reports(page: Page, entries: Sequence[Entry]) -> Response:
@@ -146,7 +146,7 @@ def _send_reports(page: Page, entries: Sequence[Entry]) -> Response:
 
 
 @router.get("/library/recordings.zip")
-def take_recordings(page: UsedPage) -> Response:
+def download_recordings(page: UsedPage) -> Response:
     """Download the original files of a list or study; ``without-recording.txt`` names lost files."""
     jobs = list({entry.job.recording_id: entry.job for entry in _find_shown(page)}.values())
     for job in jobs:
@@ -154,7 +154,7 @@ def take_recordings(page: UsedPage) -> Response:
     return PackedResponse(pack_recordings(page.services, jobs, page.language), "recordings.zip")
 
 
-class _Outlet(io.RawIOBase):
+class _ZipBuffer(io.RawIOBase):
     """Buffer for the output of a ZIP until it is sent, so that only one report or block is in memory."""
 
     def __init__(self) -> None:
@@ -192,7 +192,7 @@ class PackedResponse(StreamingResponse):
 
 def pack_reports(services: Services, jobs: list[Job], language: Language) -> Generator[bytes, None, None]:
     """Yield a ZIP of reports in parts; PDFs are stored uncompressed because they are already compressed."""
-    outlet, without, names = _Outlet(), [], set[str]()
+    outlet, without, names = _ZipBuffer(), [], set[str]()
     with ZipFile(outlet, "w", ZIP_STORED) as packed:
         for job in jobs:
             made = f"report.{find_nearest(language, job.request.languages)}.pdf"
@@ -203,7 +203,7 @@ def pack_reports(services: Services, jobs: list[Job], language: Language) -> Gen
                 without.append(f"{job.file_name}: {why}")
                 continue
             name = build_download_name(services, job, made)
-            packed.writestr(_name_once(name, job.id, names), body)
+            packed.writestr(_make_unique_name(name, job.id, names), body)
             yield outlet.take()
         if without:
             packed.writestr("without-report.txt", "\n".join(without) + "\n")
@@ -216,7 +216,7 @@ def pack_recordings(services: Services, jobs: list[Job], language: Language) -> 
     Nothing is compressed: most originals already are, and a study has gigabytes.
     """
     missing = "without-recording.txt"
-    outlet, without, names = _Outlet(), [], {missing}
+    outlet, without, names = _ZipBuffer(), [], {missing}
     with ZipFile(outlet, "w", ZIP_STORED) as packed:
         for job in jobs:
             with ExitStack() as lent:
@@ -228,7 +228,7 @@ def pack_recordings(services: Services, jobs: list[Job], language: Language) -> 
                     why = describe_problem(refusal.code, refusal.facts, language).title
                     without.append(f"{job.file_name} ({job.recording_id}): {why}")
                     continue
-                name = _name_once(make_safe_name(job.file_name), job.recording_id, names)
+                name = _make_unique_name(make_safe_name(job.file_name), job.recording_id, names)
                 is_large = job.size_bytes >= ZIP64_FROM_BYTES
                 with path.open("rb") as file, packed.open(name, "w", force_zip64=is_large) as entry:
                     while piece := file.read(COPY_BYTES):
@@ -239,7 +239,7 @@ def pack_recordings(services: Services, jobs: list[Job], language: Language) -> 
     yield outlet.take()
 
 
-def _name_once(name: str, identity: str, names: set[str]) -> str:
+def _make_unique_name(name: str, identity: str, names: set[str]) -> str:
     """Return a unique name, ignoring case; a name that exists gets the id appended."""
     if name.casefold() in names:
         stem, _, ending = name.partition(".")
@@ -274,7 +274,7 @@ Act = Literal["side", "subject", "held", "tag", "untag", "study", "again", "dele
 
 
 @dataclass(frozen=True, slots=True)
-class Done:
+class ActionResult:
     """The result of a bulk action: the number of recordings, facts for the message, and the ids for undo."""
 
     number: int
@@ -283,43 +283,43 @@ class Done:
 
 
 @router.post("/library/acts/{act}")
-async def do(act: Act, page: UsedPage, form: UsedForm) -> Response:
+async def run_bulk_action(act: Act, page: UsedPage, form: UsedForm) -> Response:
     """Apply one action to the selected recordings, and show the result."""
-    done = await run_to_end(_act, act, page, form)
+    done = await run_to_end(_run_action, act, page, form)
     words = page.words()["acted"]
     told = fill(words[act], {"n": str(done.number), **done.facts}) if done.number else words["none"]
     return page.render("library/acted.html", told=told, undo=done.undo, query=first(form, "query"))
 
 
-def _act(act: Act, page: Page, form: Form) -> Done:
+def _run_action(act: Act, page: Page, form: Form) -> ActionResult:
     recordings, store = page.services.recordings, page.services.store
     if act == "restore":
         ids = form.get("recording", [])
         for recording_id in ids:
             recordings.restore(recording_id)
-        return Done(len(ids))
+        return ActionResult(len(ids))
     if act == "delete" and not has_trash(page.services):
         check_may_erase(page.request)
-    entries = _find_chosen(page.services, form)
+    entries = _find_selected(page.services, form)
     ids = [entry.job.recording_id for entry in entries]
     if act == "delete":
         for recording_id in ids:
             recordings.trash(recording_id)
-        return Done(len(ids), undo=ids)
+        return ActionResult(len(ids), undo=ids)
     if act == "untag":
         tag = first(form, "tag")
-        return Done(recordings.tag(ids, taken=tag), {"tag": tag})
+        return ActionResult(recordings.tag(ids, taken=tag), {"tag": tag})
     if act == "tag":
         tags = _read_tags(first(form, "tag"))
-        return Done(recordings.tag(ids, tags), {"tag": ", ".join(tags)})
+        return ActionResult(recordings.tag(ids, tags), {"tag": ", ".join(tags)})
     if act == "study":
         study = _read_code("study", first(form, "study"))
         if not study:
             raise BadParameter(name="study", value="", allowed=SUBJECT_HINT)
         for entry in entries:
             store.join_study(study, (entry.attempt or entry.job).id)
-        return Done(len(entries), {"study": study})
-    return Done(_analyse_again(page.services, entries, _read_change(act, form)))
+        return ActionResult(len(entries), {"study": study})
+    return ActionResult(_analyse_again(page.services, entries, _read_change(act, form)))
 
 
 def _read_tags(text: str) -> tuple[str, ...]:
@@ -371,7 +371,7 @@ def _analyse_again(services: Services, entries: Sequence[Entry], change: Mapping
             asked.append((newest, replace(before, **change, reason="")))
     check_queue(services, len(asked))
     for job, request in asked if change.keys() & {"side", "subject"} else ():
-        say_whose(services, job, request, tuple(change))
+        update_description(services, job, request, tuple(change))
     return services.store.repeat_all(asked)
 
 
@@ -390,16 +390,16 @@ def ask_to_delete(recording_id: str, page: UsedPage) -> Response:
     """Ask before a recording is deleted; if the trash is disabled, warn that this is permanent."""
     if not has_trash(page.services):
         return page.go(f"/recordings/{recording_id}/purge")
-    return _ask(page, recording_id, for_good=False)
+    return _render_delete_page(page, recording_id, for_good=False)
 
 
 @router.get("/recordings/{recording_id}/purge")
 def ask_to_purge(recording_id: str, page: UsedPage) -> Response:
     """Ask again before a recording is permanently deleted."""
-    return _ask(page, recording_id, for_good=True)
+    return _render_delete_page(page, recording_id, for_good=True)
 
 
-def _ask(page: Page, recording_id: str, *, for_good: bool) -> Response:
+def _render_delete_page(page: Page, recording_id: str, *, for_good: bool) -> Response:
     row = page.services.recordings.get(recording_id, trashed=True)
     is_for_good = for_good or row.state == "trashed"
     backups = ""
@@ -415,13 +415,13 @@ def _ask(page: Page, recording_id: str, *, for_good: bool) -> Response:
         analyses=len(page.services.store.find_page(JobFilter(recording_id=row.id), SHOWN)),
         for_good=is_for_good,
         hold_reasons=HOLD_REASONS,
-        held_by=find_names(page.request, [row.hold_by], page.language)[row.hold_by],
+        held_by=get_names(page.request, [row.hold_by], page.language)[row.hold_by],
         backups=backups,
     )
 
 
 @router.post("/recordings/{recording_id}/delete")
-def throw_away(recording_id: str, page: UsedPage) -> Response:
+def trash_recording(recording_id: str, page: UsedPage) -> Response:
     """Move a recording and its analyses to the trash; nothing changes if it is already there.
 
     If the trash is disabled, housekeeping soon empties it, so this needs the permission to erase.
@@ -433,7 +433,7 @@ def throw_away(recording_id: str, page: UsedPage) -> Response:
 
 
 @router.post("/recordings/{recording_id}/purge")
-def delete_for_good(recording_id: str, page: UsedPage) -> Response:
+def delete_permanently(recording_id: str, page: UsedPage) -> Response:
     """Permanently delete a recording, its analyses and their files."""
     page.services.recordings.check_hold(recording_id)
     page.services.recordings.trash(recording_id)
@@ -442,7 +442,7 @@ def delete_for_good(recording_id: str, page: UsedPage) -> Response:
 
 
 @router.post("/recordings/{recording_id}/restore")
-def take_back(recording_id: str, page: UsedPage) -> Response:
+def restore_from_trash(recording_id: str, page: UsedPage) -> Response:
     """Restore a recording from the trash."""
     page.services.recordings.restore(recording_id)
     return page.go("/")
@@ -491,7 +491,7 @@ def retry_batch(batch_id: str, page: UsedPage) -> Response:
 
 
 @router.post("/batches/{batch_id}/participants")
-def take_participants(
+def import_participants(
     batch_id: str, services: UsedServices, content: Annotated[bytes, Depends(read_body)]
 ) -> dict[str, Any]:
     """Read a list of participants, and analyse again every recording whose subject or side it changes.
@@ -508,7 +508,7 @@ def take_participants(
     ]
     check_queue(services, len(changed))
     for job, asked in changed:
-        say_whose(services, job, asked, ("subject", "side"))
+        update_description(services, job, asked, ("subject", "side"))
     return {"changed": services.store.repeat_all(changed), "unknown": [row.file for row in unknown]}
 
 

@@ -21,21 +21,21 @@ from app.errors import (
     WeakPassword,
     find_outcome_of_code,
 )
-from app.http.middleware.access import UsedSubject, find_gate
+from app.http.middleware.access import UsedSubject, get_gate
 from app.http.middleware.guard import (
     BROWSER_COOKIE,
     SESSION_COOKIE,
     STATE_COOKIE,
     drop_cookie,
-    find_address,
-    find_caller,
-    find_origin,
-    find_settings,
+    get_caller,
+    get_client_address,
+    get_host_url,
+    get_settings,
     name_cookie,
     set_cookie,
 )
 from app.http.middleware.problems import drop_secrets
-from app.http.pages.rendering import YEAR_S, Form, Page, UsedForm, UsedPage, find_base, first, take_secret
+from app.http.pages.rendering import YEAR_S, Form, Page, UsedForm, UsedPage, first, get_base, get_secret
 from app.report.words.messages import describe_problem
 from app.services import SUBJECT
 from app.store.folder import load_extra
@@ -55,34 +55,34 @@ PLACES: tuple[tuple[Permission, str], ...] = (
 
 
 @router.get("/login")
-def ask_login(page: UsedPage, next: str = "/") -> Response:  # noqa: A002
+def show_login(page: UsedPage, next: str = "/") -> Response:  # noqa: A002
     """Show the sign-in form."""
     return _render_login(page, next)
 
 
 @router.get("/login/code")
 @router.get("/login/enrol")
-def begin_again(page: UsedPage) -> Response:
+def restart_sign_in(page: UsedPage) -> Response:
     """Restart the sign-in if the language is changed during its second step."""
     query = page.request.url.query
     return page.go(f"/login?{query}" if query else "/login")
 
 
 @router.post("/login")
-def log_in(page: UsedPage, form: UsedForm) -> Response:
+def sign_in(page: UsedPage, form: UsedForm) -> Response:
     """Sign in with the secret of the start, or check a password and continue with the second factor."""
-    gate, wanted = find_gate(page.request), first(form, "next")
+    gate, wanted = get_gate(page.request), first(form, "next")
     if not gate.needs_accounts:
         if gate.secret is not None and gate.secret.matches(first(form, "secret"), ""):
-            return _lead_with(page, gate.secret.cookie, wanted, YEAR_S)
+            return _redirect_with_session(page, gate.secret.cookie, wanted, YEAR_S)
         return _render_login(page, wanted, NotSignedIn())
-    caller = find_caller(page.request)
+    caller = get_caller(page.request)
     try:
-        step = page.logins.give_password(first(form, "login"), take_secret(form, "password"), caller)
+        step = page.logins.give_password(first(form, "login"), get_secret(form, "password"), caller)
     except (LoginRefused, TooManyTries) as refusal:
         return _render_login(page, wanted, refusal)
     if step.next == "in":
-        return _let_in(page, page.logins.enter(step.person_id, caller), wanted)
+        return _start_session(page, page.logins.enter(step.person_id, caller), wanted)
     if step.next == "enrol":
         return render_enrolment(page, step.ticket, wanted)
     return _render_code(page, form, step.ticket)
@@ -93,12 +93,12 @@ def give_code(page: UsedPage, form: UsedForm) -> Response:
     """Sign in with the authenticator's code or a recovery code."""
     ticket = first(form, "ticket")
     try:
-        entered = page.logins.give_code(ticket, first(form, "code"), find_caller(page.request))
+        entered = page.logins.give_code(ticket, first(form, "code"), get_caller(page.request))
     except (LoginRefused, SecondFactorLost, TooManyTries) as refusal:
         return _render_code(page, form, ticket, refusal)
     except TicketSpent as refusal:
         return _render_login(page, first(form, "next"), refusal)
-    return _let_in(page, entered, first(form, "next"))
+    return _start_session(page, entered, first(form, "next"))
 
 
 @router.post("/login/enrol")
@@ -112,9 +112,9 @@ def enrol(page: UsedPage, form: UsedForm) -> Response:
     except TicketSpent as refusal:
         return _render_login(page, wanted, refusal)
     if page.subject is not None and page.subject.id == person_id:
-        return page.render("access/codes.html", codes=codes, next=check_next(wanted))
-    entered = page.logins.enter(person_id, find_caller(page.request))
-    response = page.render("access/codes.html", codes=codes, next=_find_way_on(entered, wanted))
+        return page.render("access/codes.html", codes=codes, next=sanitize_next(wanted))
+    entered = page.logins.enter(person_id, get_caller(page.request))
+    response = page.render("access/codes.html", codes=codes, next=_get_next_page(entered, wanted))
     _set_cookies(page, response, entered)
     return response
 
@@ -125,10 +125,10 @@ def enrol(page: UsedPage, form: UsedForm) -> Response:
 @router.get("/login/once/{ticket}")
 def open_once(ticket: str, page: UsedPage) -> Response:
     """Sign in by the one-time address that the server printed."""
-    gate = find_gate(page.request)
+    gate = get_gate(page.request)
     if gate.secret is None or gate.needs_accounts or not gate.secret.take_address(ticket):
         raise NotSignedIn
-    return _lead_with(page, gate.secret.cookie, "/", YEAR_S)
+    return _redirect_with_session(page, gate.secret.cookie, "/", YEAR_S)
 
 
 @router.get("/login/link/{ticket}")
@@ -142,8 +142,8 @@ def open_link(ticket: str, page: UsedPage) -> Response:
 def set_password(ticket: str, page: UsedPage, form: UsedForm) -> Response:
     """Set a password by link; the person then signs in with it and the second factor."""
     try:
-        address = find_address(page.request)
-        page.logins.set_password_by_link(ticket, take_secret(form, "password"), address)
+        address = get_client_address(page.request)
+        page.logins.set_password_by_link(ticket, get_secret(form, "password"), address)
     except WeakPassword as refusal:
         return render_with_problem(page, "access/new_password.html", refusal, ticket=ticket)
     return page.go("/login")
@@ -155,31 +155,33 @@ def set_password(ticket: str, page: UsedPage, form: UsedForm) -> Response:
 @router.get("/login/provider")
 def go_to_provider(page: UsedPage, next: str = "/") -> Response:  # noqa: A002
     """Redirect the browser to the identity provider."""
-    return _send_to_provider(page, check_next(next))
+    return _send_to_provider(page, sanitize_next(next))
 
 
 @router.get("/confirm/provider")
 def confirm_by_provider(page: UsedPage, subject: UsedSubject, next: str = "/") -> Response:  # noqa: A002
     """Redirect the browser to the provider to enter the password again."""
-    return _send_to_provider(page, check_next(next), subject.session)
+    return _send_to_provider(page, sanitize_next(next), subject.session)
 
 
 @router.get("/login/provider/back")
-def come_back(page: UsedPage) -> Response:
+def finish_provider_sign_in(page: UsedPage) -> Response:
     """Sign in the person that the provider returned, or confirm the session if it is the same person's."""
     request = page.request
     state = request.cookies.get(name_cookie(request, STATE_COOKIE), "")
     try:
-        back = _open_provider(page).finish(dict(request.query_params), state, _find_back(page))
+        back = _open_provider(page).finish(dict(request.query_params), state, _get_callback_url(page))
     except (ProviderRefused, NotPermitted) as refusal:
         return _render_login(page, "/", refusal)
     if back.confirms:
         subject = page.subject
         if subject is None or subject.id != back.person.id or subject.session != back.confirms:
             raise NotSignedIn
-        response = _lead_with(page, page.logins.accounts.confirm_session(back.confirms), back.wanted)
+        response = _redirect_with_session(
+            page, page.logins.accounts.confirm_session(back.confirms), back.wanted
+        )
     else:
-        response = _let_in(page, page.logins.enter(back.person.id, find_caller(request)), back.wanted)
+        response = _start_session(page, page.logins.enter(back.person.id, get_caller(request)), back.wanted)
     drop_cookie(request, response, STATE_COOKIE)
     return response
 
@@ -198,17 +200,17 @@ def confirm(page: UsedPage, form: UsedForm, subject: UsedSubject) -> Response:
     """Check the password or code again, and redirect."""
     wanted = first(form, "next")
     try:
-        cookie = page.logins.confirm(subject, take_secret(form, "proof"), find_caller(page.request))
+        cookie = page.logins.confirm(subject, get_secret(form, "proof"), get_caller(page.request))
     except (LoginRefused, SecondFactorLost, TooManyTries) as refusal:
         return _render_confirmation(page, subject, wanted, refusal)
-    return _lead_with(page, cookie, wanted)
+    return _redirect_with_session(page, cookie, wanted)
 
 
 @router.post("/logout")
-def log_out(page: UsedPage) -> Response:
+def sign_out(page: UsedPage) -> Response:
     """End the session, and delete its data in the browser."""
     request = page.request
-    if find_gate(request).needs_accounts:
+    if get_gate(request).needs_accounts:
         page.logins.accounts.end_session(request.cookies.get(name_cookie(request, SESSION_COOKIE), ""))
     response = page.go("/login")
     drop_cookie(request, response, SESSION_COOKIE)
@@ -216,41 +218,41 @@ def log_out(page: UsedPage) -> Response:
     return response
 
 
-def respond_with_login(request: Request) -> Response:
+def respond_with_sign_in(request: Request) -> Response:
     """Redirect a browser without a session to the sign-in page, and back afterwards."""
-    return _lead(request, "/login", _find_wanted(request))
+    return _redirect(request, "/login", _get_wanted_path(request))
 
 
 def respond_with_confirmation(request: Request) -> Response:
     """Ask for the password again, and redirect back afterwards; after a form, to its page."""
-    wanted = _find_wanted(request)
+    wanted = _get_wanted_path(request)
     if request.method not in ("GET", "HEAD"):
         page = urlsplit(request.headers.get("referer", ""))
-        wanted = page.path.removeprefix(find_base(request)) + (f"?{page.query}" if page.query else "")
-    return _lead(request, "/confirm", wanted or "/")
+        wanted = page.path.removeprefix(get_base(request)) + (f"?{page.query}" if page.query else "")
+    return _redirect(request, "/confirm", wanted or "/")
 
 
-def respond_with_place(request: Request) -> Response:
+def respond_with_permitted_page(request: Request) -> Response:
     """Redirect a person without the permission to read recordings to a permitted page."""
     subject: Subject = request.scope[SUBJECT]
     place = next(place for permission, place in PLACES if subject.may(permission))
-    return RedirectResponse(find_base(request) + place, status_code=303)
+    return RedirectResponse(get_base(request) + place, status_code=303)
 
 
-def _find_wanted(request: Request) -> str:
+def _get_wanted_path(request: Request) -> str:
     kept = drop_secrets(request.url.query)
-    return request.url.path.removeprefix(find_base(request)) + (f"?{kept}" if kept else "")
+    return request.url.path.removeprefix(get_base(request)) + (f"?{kept}" if kept else "")
 
 
-def _lead(request: Request, place: str, wanted: str) -> Response:
-    link = f"{find_base(request)}{place}?{urlencode({'next': check_next(wanted)})}"
+def _redirect(request: Request, place: str, wanted: str) -> Response:
+    link = f"{get_base(request)}{place}?{urlencode({'next': sanitize_next(wanted)})}"
     return RedirectResponse(link, status_code=303)
 
 
 def render_enrolment(page: Page, ticket: str, wanted: str, refusal: AppError | None = None) -> Response:
     """Show the secret of an authenticator, and ask for its first code."""
     secret, drawing = page.logins.show_enrolment(ticket)
-    values = {"ticket": ticket, "secret": secret, "drawing": drawing, "next": check_next(wanted)}
+    values = {"ticket": ticket, "secret": secret, "drawing": drawing, "next": sanitize_next(wanted)}
     return render_with_problem(page, "access/enrol.html", refusal, **values)
 
 
@@ -267,21 +269,21 @@ def render_with_problem(page: Page, template: str, refusal: AppError | None, **v
     return response
 
 
-def check_next(wanted: str) -> str:
+def sanitize_next(wanted: str) -> str:
     """Return the path to redirect to; "/" if it is not on this server."""
     is_ours = wanted.startswith("/") and not wanted.startswith(("//", "/\\"))
     return wanted if is_ours and wanted.isprintable() else "/"
 
 
 def _render_login(page: Page, wanted: str, refusal: AppError | None = None) -> Response:
-    has_accounts = find_gate(page.request).needs_accounts
-    provider = urlsplit(find_settings(page.request).oidc_issuer).netloc
-    values = {"next": check_next(wanted), "has_accounts": has_accounts, "provider": provider}
+    has_accounts = get_gate(page.request).needs_accounts
+    provider = urlsplit(get_settings(page.request).oidc_issuer).netloc
+    values = {"next": sanitize_next(wanted), "has_accounts": has_accounts, "provider": provider}
     return render_with_problem(page, "access/login.html", refusal, **values)
 
 
 def _render_code(page: Page, form: Form, ticket: str, refusal: AppError | None = None) -> Response:
-    wanted = check_next(first(form, "next"))
+    wanted = sanitize_next(first(form, "next"))
     return render_with_problem(page, "access/code.html", refusal, ticket=ticket, next=wanted)
 
 
@@ -291,20 +293,20 @@ def _render_confirmation(
     if subject.kind != "person":
         raise NotPermitted(permission="own")
     by_provider = page.logins.accounts.get_person(subject.id).issuer is not None
-    values = {"next": check_next(wanted), "by_provider": by_provider}
+    values = {"next": sanitize_next(wanted), "by_provider": by_provider}
     return render_with_problem(page, "access/confirm.html", refusal, **values)
 
 
-def _let_in(page: Page, entered: Entered, wanted: str) -> Response:
+def _start_session(page: Page, entered: Entered, wanted: str) -> Response:
     """Start a session in the browser; an earlier session of this browser ends."""
-    response = page.go(_find_way_on(entered, wanted))
+    response = page.go(_get_next_page(entered, wanted))
     _set_cookies(page, response, entered)
     return response
 
 
-def _find_way_on(entered: Entered, wanted: str) -> str:
+def _get_next_page(entered: Entered, wanted: str) -> str:
     """Return the page after sign-in: first the account page if it has a notice."""
-    on = check_next(wanted)
+    on = sanitize_next(wanted)
     return f"/account?{urlencode({'next': on})}" if entered.is_to_be_told else on
 
 
@@ -316,25 +318,25 @@ def _set_cookies(page: Page, response: Response, entered: Entered) -> None:
     set_cookie(page.request, response, BROWSER_COOKIE, entered.browser, BROWSER_TERM_S)
 
 
-def _lead_with(page: Page, cookie: str, wanted: str, term_s: int = int(LONGEST_S)) -> Response:
-    response = page.go(check_next(wanted))
+def _redirect_with_session(page: Page, cookie: str, wanted: str, term_s: int = int(LONGEST_S)) -> Response:
+    response = page.go(sanitize_next(wanted))
     set_cookie(page.request, response, SESSION_COOKIE, cookie, term_s)
     return response
 
 
 def _send_to_provider(page: Page, wanted: str, confirms: str = "") -> Response:
-    address, state = _open_provider(page).begin(_find_back(page), wanted, confirms)
+    address, state = _open_provider(page).begin(_get_callback_url(page), wanted, confirms)
     response = RedirectResponse(address, status_code=303)
     set_cookie(page.request, response, STATE_COOKIE, state, 600)
     return response
 
 
 def _open_provider(page: Page) -> Any:
-    settings = find_settings(page.request)
-    if not settings.oidc_issuer or not find_gate(page.request).needs_accounts:
+    settings = get_settings(page.request)
+    if not settings.oidc_issuer or not get_gate(page.request).needs_accounts:
         raise ProviderRefused(said="none")
     return load_extra("app.accounts.provider", EXTRA).Provider(page.logins.accounts, settings)
 
 
-def _find_back(page: Page) -> str:
-    return f"{find_origin(page.request)}{page.base}/login/provider/back"
+def _get_callback_url(page: Page) -> str:
+    return f"{get_host_url(page.request)}{page.base}/login/provider/back"

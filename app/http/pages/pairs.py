@@ -14,9 +14,9 @@ from pydantic import BaseModel, Field
 
 from app.errors import CannotProfile, RecordedProblem
 from app.http.api.library.files import respond_with_file
-from app.http.api.pairs import MOST_DAYS, build_pair_download_name, find_jobs
-from app.http.pages.recording.page_one import Laid, build_curves
-from app.http.pages.rendering import Page, UsedPage, lay_way_of_query
+from app.http.api.pairs import MOST_DAYS, build_pair_download_name, get_asked_jobs
+from app.http.pages.recording.page_one import PlacedCurve, build_curves
+from app.http.pages.rendering import Page, UsedPage, add_navigation_of_query
 from app.library.kept_pairs import AnyJobs, AskedJobs, PairReport
 from app.library.listing import Entry, Library, LibraryFilter
 from app.library.rows import Job
@@ -45,7 +45,7 @@ class Offer:
     words: str
 
 
-def find_offers(page: Page, job: Job, start: str) -> tuple[Offer, ...]:
+def build_offers(page: Page, job: Job, start: str) -> tuple[Offer, ...]:
     """Return links to related analyses: a pair if arm and day match, else a comparison, the earlier first."""
     words, offers = page.words("pair_pages"), []
     for other in Library(page.services.store.reader).find_others(job):
@@ -78,7 +78,7 @@ class PairQuery(BaseModel):
     same_subject: bool = False
 
 
-def find_asked(
+def get_asked_pair(
     kind: PairKind, first: str, second: str, services: UsedServices, query: Annotated[PairQuery, Query()]
 ) -> AskedJobs[PairRequest]:
     """Return the analyses in an address; a comparison has neither trunk nor offset."""
@@ -88,10 +88,10 @@ def find_asked(
         trunk, trunk_offset_s = query.trunk, parse_offset(query.trunk_offset_s) if query.trunk else None
         offsets_s = (parse_offset(query.offset_s), trunk_offset_s)
     request = PairRequest(kind, *offsets_s, same_subject=query.same_subject)
-    return find_jobs(services, (first, second, *filter(None, [trunk])), request)
+    return get_asked_jobs(services, (first, second, *filter(None, [trunk])), request)
 
 
-AskedPair = Annotated[AskedJobs[PairRequest], Depends(find_asked)]
+AskedPair = Annotated[AskedJobs[PairRequest], Depends(get_asked_pair)]
 
 
 @router.get("/beside/{kind}")
@@ -129,14 +129,14 @@ def show_pair(asked: AskedPair, page: UsedPage) -> Response:
         ],
         "trunk_limit": load_pair_words(page.language)["pair"]["trunk"]["limit"],
         "changes": format_rows((FigureChange(**row) for row in figures.get("figures", ())), page.language),
-        "curves": build_curves(page, _lay_curves(page, asked, figures, (before, after))),
+        "curves": build_curves(page, _place_curves(page, asked, figures, (before, after))),
     }
     return page.render("pairs/beside.html", **shown)
 
 
-def _lay_curves(
+def _place_curves(
     page: Page, asked: AskedJobs[PairRequest], figures: Mapping[str, Any], days: tuple[str, str]
-) -> tuple[Laid, ...]:
+) -> tuple[PlacedCurve, ...]:
     """Place a pair and its trunk on one clock; place two visits by the time of day."""
     words = page.words("pair_pages")
     if asked.request.kind != "pair":
@@ -161,7 +161,9 @@ def get_report(form: Literal["html", "pdf"], asked: AskedPair, page: UsedPage) -
 def _respond_with_report(page: Page, asked: AnyJobs, report: PairReport, form: str) -> Response:
     body, kind = report.read(report.find("report", form, page.language)), asked.request.kind
     if form == "html":
-        return lay_way_of_query(page, body.decode(), "/days" if kind == "profile" else f"/beside/{kind}")
+        return add_navigation_of_query(
+            page, body.decode(), "/days" if kind == "profile" else f"/beside/{kind}"
+        )
     return respond_with_file(body, "application/pdf", build_pair_download_name(asked, f"{page.language}.pdf"))
 
 
@@ -245,7 +247,7 @@ class DaysQuery(BaseModel):
     mixed_methods: bool = False
 
 
-def find_days(services: UsedServices, query: Annotated[DaysQuery, Query()]) -> AskedJobs[ProfileRequest]:
+def get_asked_days(services: UsedServices, query: Annotated[DaysQuery, Query()]) -> AskedJobs[ProfileRequest]:
     """Return the analyses in an address; an analysis on both sides counts as after the change."""
     if query.study:
         first, after = _find_study(services, query)
@@ -283,7 +285,7 @@ def _find_study(services: Services, query: DaysQuery) -> tuple[list[Job], list[J
     return before, [job for job, start in placed if start >= since]
 
 
-AskedDays = Annotated[AskedJobs[ProfileRequest], Depends(find_days)]
+AskedDays = Annotated[AskedJobs[ProfileRequest], Depends(get_asked_days)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -333,7 +335,7 @@ def get_days_table(name: Literal["profile", "overlay"], asked: AskedDays, servic
     return respond_with_file(body, "text/csv", build_pair_download_name(asked, f"{name}.csv"))
 
 
-def find_days_address(services: Services, job: Job) -> str:
+def get_days_address(services: Services, job: Job) -> str:
     """Return the address of the days page with all of a person's reports; "" if there is only one.
 
     If ``job`` states an arm, recordings without one (such as of the trunk) are left out.

@@ -24,7 +24,7 @@ from starlette.types import Scope
 from app.accounts.logins import Logins
 from app.accounts.subjects import Permission, Subject
 from app.errors import BadParameter, NotHere
-from app.http.middleware.guard import REPORT_POLICY, find_logins
+from app.http.middleware.guard import REPORT_POLICY, get_logins
 from app.http.middleware.problems import drop_secrets
 from app.report.render.html import trust_drawing
 from app.report.words.numbers import format_angle, format_duration, format_number, format_percent
@@ -54,7 +54,7 @@ class Assets(StaticFiles):
 
 
 @cache
-def find_assets() -> str:
+def get_assets_path() -> str:
     """Return the path of the static files without the proxy's prefix: ``/static/<fingerprint>``."""
     digest = hashlib.sha256()
     for path in sorted(FOLDER.rglob("*")):
@@ -64,13 +64,13 @@ def find_assets() -> str:
 
 
 @cache
-def find_plotly() -> str:
+def get_plotly_path() -> str:
     """Return the path of plotly's script without the proxy's prefix."""
     return f"/vendor/plotly-{version('plotly')}.min.js"
 
 
 @cache
-def find_style_ids() -> tuple[str, ...]:
+def get_style_ids() -> tuple[str, ...]:
     """Return the ids of the style elements that plotly's script would add to a page.
 
     A page that already contains elements with these ids prevents this. The styles are for map controls, which
@@ -82,7 +82,7 @@ def find_style_ids() -> tuple[str, ...]:
 @router.get("/vendor/{name}")
 def plotly(name: str, request: Request) -> Response:
     """Return plotly's script from the installed package."""
-    if f"/vendor/{name}" != find_plotly():
+    if f"/vendor/{name}" != get_plotly_path():
         raise NotHere
     headers = {"Cache-Control": FOR_EVER, "Vary": "Accept-Encoding"}
     if "gzip" in request.headers.get("accept-encoding", ""):
@@ -119,7 +119,7 @@ pages = Environment(
 pages.filters["drawing"] = trust_drawing
 pages.globals |= {
     "fill": fill,
-    "find_style_ids": find_style_ids,
+    "get_style_ids": get_style_ids,
     "percent": format_percent,
     "angle": format_angle,
     "duration": format_duration,
@@ -148,7 +148,7 @@ class Page:
     @property
     def base(self) -> str:
         """The path prefix set by the proxy, "" at the root; every link on a page starts with it."""
-        return find_base(self.request)
+        return get_base(self.request)
 
     @property
     def subject(self) -> Subject | None:
@@ -158,7 +158,7 @@ class Page:
     @property
     def logins(self) -> Logins:
         """The sign-in service."""
-        return find_logins(self.request)
+        return get_logins(self.request)
 
     def words(self, part: Part = "page") -> Words:
         """Return one part of the words."""
@@ -176,9 +176,9 @@ class Page:
             wording=_Wording(self.language),
             language=self.language,
             base=self.base,
-            static=self.base + find_assets(),
-            plotly=self.base + find_plotly(),
-            language_link=self.turn_language(),
+            static=self.base + get_assets_path(),
+            plotly=self.base + get_plotly_path(),
+            language_link=self.get_language_link(),
             subject=self.subject,
             links=self._list_links(),
         )
@@ -190,7 +190,7 @@ class Page:
             )
         return response
 
-    def turn_language(self) -> str:
+    def get_language_link(self) -> str:
         """Return the query for the same page in the other language; for French, the browser's regional
         variant.
         """
@@ -212,7 +212,7 @@ class Page:
         )
 
 
-def find_base(request: Request) -> str:
+def get_base(request: Request) -> str:
     """Return the path prefix set by the proxy, "" at the root."""
     return str(request.scope.get("root_path", "")).rstrip("/")
 
@@ -227,13 +227,13 @@ UsedPage = Annotated[Page, Depends(open_page)]
 
 # A report as a page: above it links back, to the PDF and to the other language; the stored file has none.
 
-WAY_STYLE = (
+NAVIGATION_STYLE = (
     ".way{display:flex;flex-wrap:wrap;gap:.4rem 1.4rem;max-width:60rem;margin:0 auto;padding:.6rem 1rem}"
     ".way a{display:inline-block;min-height:24px}"
     ".old{max-width:60rem;margin:0 auto;padding:.7rem 1rem;background:#fdf0d5;color:#6b4500}"
     "@media print{.way,.old a{display:none}}"
 )
-WAY_HASH = b64encode(hashlib.sha256(WAY_STYLE.encode()).digest()).decode()
+NAVIGATION_HASH = b64encode(hashlib.sha256(NAVIGATION_STYLE.encode()).digest()).decode()
 """A report's policy allows styles only by their hash."""
 
 
@@ -246,13 +246,15 @@ class OldVersion:
     address: str
 
 
-def lay_way_of_query(page: Page, report: str, place: str) -> HTMLResponse:
+def add_navigation_of_query(page: Page, report: str, place: str) -> HTMLResponse:
     """Add navigation above a report whose page and PDF have the same query."""
     query = f"?{page.request.url.query}" if page.request.url.query else ""
-    return lay_way(page, report, f"{page.base}{place}{query}", f"{page.base}{place}/report.pdf{query}")
+    return add_navigation(page, report, f"{page.base}{place}{query}", f"{page.base}{place}/report.pdf{query}")
 
 
-def lay_way(page: Page, report: str, back: str, pdf: str, old: OldVersion | None = None) -> HTMLResponse:
+def add_navigation(
+    page: Page, report: str, back: str, pdf: str, old: OldVersion | None = None
+) -> HTMLResponse:
     """Add navigation, and the notice of an old version, above a report; its stored file does not change.
 
     ``back`` and ``pdf`` are the addresses of its page and its PDF in this language. The links are not
@@ -262,7 +264,7 @@ def lay_way(page: Page, report: str, back: str, pdf: str, old: OldVersion | None
     links = (
         (back, labels["back"], ""),
         (pdf, labels["pdf"], " download"),
-        (page.turn_language(), words["other_language"], f' lang="{words["other_language_code"]}"'),
+        (page.get_language_link(), words["other_language"], f' lang="{words["other_language_code"]}"'),
     )
     told = "".join(f'<a href="{escape(place)}"{more}>{escape(name)}</a>' for place, name, more in links)
     bar = f'<nav class="way" aria-label="{escape(labels["label"])}">{told}</nav>'
@@ -270,7 +272,10 @@ def lay_way(page: Page, report: str, back: str, pdf: str, old: OldVersion | None
         link = f'<a href="{escape(old.address)}">{escape(old.link)}</a>'
         bar += f'<p class="old">{escape(old.told)} {link}</p>'
     head, end, body = report.partition("</head>")
-    head = head.replace("style-src ", f"style-src 'sha256-{WAY_HASH}' ", 1) + f"<style>{WAY_STYLE}</style>"
+    head = (
+        head.replace("style-src ", f"style-src 'sha256-{NAVIGATION_HASH}' ", 1)
+        + f"<style>{NAVIGATION_STYLE}</style>"
+    )
     whole = head + end + body.replace('<div class="sheet">', f'{bar}<div class="sheet">', 1)
     # allow the PDF download; otherwise as strict as for the file
     policy = f"{REPORT_POLICY} allow-downloads"
@@ -318,6 +323,6 @@ def first(form: Form, name: str) -> str:
     return form.get(name, [""])[0].strip()
 
 
-def take_secret(form: Form, name: str) -> str:
+def get_secret(form: Form, name: str) -> str:
     """Return the first value of a name as typed, including spaces."""
     return form.get(name, [""])[0]

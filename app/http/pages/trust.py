@@ -9,7 +9,7 @@ from fastapi.responses import HTMLResponse
 
 from app.accounts.subjects import Subject
 from app.errors import BadParameter
-from app.http.api.trust import MOST_LINES, AuditQuery, build_question, find_names
+from app.http.api.trust import MOST_LINES, AuditQuery, build_question, get_names
 from app.http.middleware.access import UsedSubject
 from app.http.pages.rendering import Page, UsedForm, UsedPage, first
 from app.http.pages.views import format_moment
@@ -32,7 +32,7 @@ def show_audit_log(page: UsedPage, query: Annotated[AuditQuery, Query()]) -> Res
     return page.render(
         "trust/audit_log.html",
         lines=lines,
-        names=find_names(page.request, (line.who for line in lines), page.language),
+        names=get_names(page.request, (line.who for line in lines), page.language),
         asked=asked,
         acts=sorted(ACTS),
         query=urlencode({name: value for name, value in asked.items() if value}),
@@ -105,5 +105,5 @@ def build_release(page: Page, subject: Subject, analysis_id: str) -> ReleaseCard
     """Return the release of a finished analysis."""
     found, who, when = page.services.releases.find(analysis_id), "", ""
     if found is not None:
-        who, when = find_names(page.request, [found.who], page.language)[found.who], format_moment(found.at)
+        who, when = get_names(page.request, [found.who], page.language)[found.who], format_moment(found.at)
     return ReleaseCard(who, when, subject.may("release"))

@@ -15,7 +15,7 @@ from starlette.datastructures import FormData
 from app.errors import AppError, NoSuchFile, find_outcome_of_code
 from app.http.api.validations import find_validation, open_form, queue_validation
 from app.http.middleware.guard import REPORT_POLICY
-from app.http.pages.recording.day import DayClock, Piece, cut_curve, find_day
+from app.http.pages.recording.day import DayClock, Piece, cut_curve, load_day
 from app.http.pages.recording.page_one import CurveView
 from app.http.pages.rendering import Page, UsedPage
 from app.http.pages.views import build_row, format_size
@@ -78,7 +78,7 @@ def show(validation_id: str, page: UsedPage) -> Response:
             return page.go(f"/validations/{job.replaced_by}")
         sentences = list_sentences(json.loads(services.results.read(job, "validation.json")), language)
     with suppress(NoSuchFile):  # curves exist only if both angles were measured
-        clock = DayClock.of(find_day(services, job, OWN_CURVE).facts)
+        clock = DayClock.of(load_day(services, job, OWN_CURVE).facts)
         place, name = f"{page.base}/validations/{job.id}/curve?of=", page.words("agreement")["page"]["curves"]
         curves = (CurveView(name, f"{place}own", clock, 0.0, beside=f"{place}reference"),)
     reference = job.request.reference.file_name if job.request.reference else ""
@@ -101,7 +101,7 @@ class AnglePiece(Piece):
 def curve(validation_id: str, services: UsedServices, piece: Annotated[AnglePiece, Query()]) -> Response:
     """Return a time range of one of the two angles, in the format of a day's curve."""
     name = OWN_CURVE if piece.of == "own" else REFERENCE_CURVE
-    return cut_curve(find_day(services, find_validation(services, validation_id), name), piece)
+    return cut_curve(load_day(services, find_validation(services, validation_id), name), piece)
 
 
 @router.get("/validations/{validation_id}/plot.svg")

@@ -18,7 +18,7 @@ from app.http.middleware.access import (
     MOST_LINES,
     MOST_OF_STRANGERS,
     WINDOW_S,
-    KnownReadings,
+    RecentReads,
     RefusedLines,
 )
 from app.library.audit_log import ACTS, AuditLine, AuditQuestion, acting, find_lines, record
@@ -481,7 +481,7 @@ def test_many_at_once_are_counted_one_by_one() -> None:
 
 
 def test_many_readings_take_no_memory_without_bound() -> None:
-    known = KnownReadings()
+    known = RecentReads()
 
     for number in range(MOST_KNOWN + 10):
         known.begin((str(number),))

@@ -88,7 +88,9 @@ def serve_file(request: Request, services: Services, job: Job, name: str, downlo
         ),
     }
     damaged = ResultDamaged(name=name, analysis=job.id)
-    return _lend(request, services.results.borrow(job, name), file.size_bytes, headers, damaged)
+    return _respond_with_borrowed(
+        request, services.results.borrow(job, name), file.size_bytes, headers, damaged
+    )
 
 
 def serve_recording(request: Request, services: Services, row: StoredRow) -> Response:
@@ -101,10 +103,10 @@ def serve_recording(request: Request, services: Services, row: StoredRow) -> Res
         "Content-Disposition": format_disposition(row.about.file_name),
     }
     stored = borrow_recording(services.storage, row.id, row.sha256)
-    return _lend(request, stored, row.size_bytes, headers, StoreDamaged())
+    return _respond_with_borrowed(request, stored, row.size_bytes, headers, StoreDamaged())
 
 
-def _lend(
+def _respond_with_borrowed(
     request: Request,
     borrowed: AbstractContextManager[Path],
     size_bytes: int,
@@ -118,12 +120,12 @@ def _lend(
     check_range(request, size_bytes, headers["ETag"])
     with ExitStack() as opened:
         path = opened.enter_context(borrowed)
-        answer = _LentFile(path, damaged, headers=headers)
+        answer = _BorrowedFile(path, damaged, headers=headers)
         answer.lent = opened.pop_all()
     return answer
 
 
-class _LentFile(FileResponse):
+class _BorrowedFile(FileResponse):
     """Sends a borrowed file and returns it at the end; the response is aborted if the file changes."""
 
     def __init__(self, path: Path, damaged: AppError, **options: Any) -> None:

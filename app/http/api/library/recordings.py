@@ -44,7 +44,7 @@ from app.http.api.library.uploads import (
     receive_recording,
     store_recording,
 )
-from app.http.middleware.access import check_confirmed, check_may, find_subject
+from app.http.middleware.access import check_confirmed, check_may, get_subject
 from app.http.middleware.problems import PROBLEM_RESPONSES, parse_json, validate_model
 from app.library.recordings import Description, Purged, StoredRow
 from app.ops.copies import find_backup_term, renew_copies
@@ -101,7 +101,7 @@ async def create_recording(
         row, is_new = await _receive_form(request, services, words)
     elif kind.startswith("application/json"):
         body = await read_small_body(request, MOST_DIARY_BYTES)
-        row, is_new = await run_in_threadpool(_adopt_upload, services, body), True
+        row, is_new = await run_in_threadpool(_describe_upload, services, body), True
     else:
         about = words.describe()
         row, is_new = await receive_recording(request, services, lambda stored: _add(services, stored, about))
@@ -271,7 +271,7 @@ def check_may_erase(request: Request) -> None:
 
     Raises NotPermitted or NotConfirmed.
     """
-    check_may(find_subject(request), "erase")
+    check_may(get_subject(request), "erase")
     check_confirmed(request)
 
 
@@ -328,7 +328,7 @@ async def _receive_form(
     return await store_recording(request, services, form.copy_file, commit)
 
 
-def _adopt_upload(services: Services, body: bytes) -> StoredRow:
+def _describe_upload(services: Services, body: bytes) -> StoredRow:
     described = validate_model(UploadedRecording, parse_json(body))
     upload = finish_upload(services, get_upload_row(services, described.upload_id))
     if upload.recording_id is None:

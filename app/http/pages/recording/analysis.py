@@ -13,15 +13,15 @@ from fastapi.responses import HTMLResponse
 from pydantic import BaseModel
 
 from app.errors import BadParameter, NoSuchFile, NotHere, ResultDamaged, StoreDamaged, find_outcome_of_code
-from app.http.api.trust import find_names, find_person_name
-from app.http.middleware.access import UsedSubject, find_subject, may
-from app.http.middleware.guard import find_origin
+from app.http.api.trust import get_names, get_person_name
+from app.http.middleware.access import UsedSubject, get_subject, may
+from app.http.middleware.guard import get_host_url
 from app.http.middleware.problems import Refusal
-from app.http.pages.pairs import find_days_address, find_offers
+from app.http.pages.pairs import build_offers, get_days_address
 from app.http.pages.recording.columns import find_offer
-from app.http.pages.recording.day import DayClock, build_day, build_hours, find_day, list_axes
+from app.http.pages.recording.day import DayClock, build_day, build_hours, list_axes, load_day
 from app.http.pages.recording.page_one import read_page_one
-from app.http.pages.rendering import Form, Page, UsedForm, UsedPage, first, lay_way
+from app.http.pages.rendering import Form, Page, UsedForm, UsedPage, add_navigation, first
 from app.http.pages.trust import build_release
 from app.http.pages.views import (
     Fact,
@@ -120,7 +120,7 @@ def build_versions(
     """
     language, number = page.language, page.words()["row"]["version"]
     changed = page.words("report")["changed"]
-    names = find_names(page.request, (job.asked_by for job in history.jobs), language)
+    names = get_names(page.request, (job.asked_by for job in history.jobs), language)
     found: dict[int, Job] = {}
     for job in (shown, *history.reports) if shown.state is JobState.SUCCEEDED else history.reports:
         found.setdefault(job.request.version, job)
@@ -219,11 +219,11 @@ def read_answer(page: Page, job: Job, asked: ReportRequest) -> dict[str, Any]:
         name = f"answer.{find_nearest(language, job.request.languages)}.txt"
         shown["answer"] = build_answer(results, services.results.read(job, name).decode(), language)
         shown["hours"] = build_hours(results, language)
-        shown["offers"] = find_offers(page, job, results.get("recording", {}).get("start") or "")
-        shown["days"] = find_days_address(services, job)
+        shown["offers"] = build_offers(page, job, results.get("recording", {}).get("start") or "")
+        shown["days"] = get_days_address(services, job)
         day = None
         with suppress(NoSuchFile):
-            day = find_day(services, job)
+            day = load_day(services, job)
         shown["day"] = build_day(day, asked, language) if day else None
         shown["page_one"] = read_page_one(services, job, day, language)
     except ResultDamaged as damaged:
@@ -239,7 +239,7 @@ def build_changes(page: Page, history: History, job: Job, before_id: str) -> Cha
     before = next((other for other in history.jobs if other.id == before_id), version_before)
     if before is None or job.state is JobState.FAILED or job.request.changes == ("conclusion",):
         return None
-    clock = find_clock(services, history)
+    clock = get_clock(services, history)
     try:
         first, second = (find_results(services, each) for each in (before, job))
     except ResultDamaged:  # the page of the damaged analysis shows this
@@ -254,7 +254,7 @@ def build_changes(page: Page, history: History, job: Job, before_id: str) -> Cha
     return Changes(before.id, versions, job.request.reason, figures, differ)
 
 
-def find_clock(services: Services, history: History) -> DayClock | None:
+def get_clock(services: Services, history: History) -> DayClock | None:
     """Return the clock of the recording from its newest readable report."""
     for report in history.reports:
         with suppress(ResultDamaged):
@@ -368,7 +368,7 @@ def home(page: UsedPage) -> Response:
         devices=load_device_names(page.language),
         has_columns=bool(services.mappings.find_all()),
         has_batches=bool(services.batches.find_newest(1)),
-        address=find_origin(page.request) + page.base,
+        address=get_host_url(page.request) + page.base,
         quarantined=str(len(services.quarantined) or ""),
     )
 
@@ -402,12 +402,12 @@ def analysis(analysis_id: str, page: UsedPage, seen: Annotated[Seen, Query()]) -
     history = History.of(services, job)
     attempt = next((other for other in history.jobs if other.id == seen.attempt != job.id), None)
     asked = attempt.request if attempt else job.request
-    clock, failed = find_clock(services, history), history.find_failed(job)
+    clock, failed = get_clock(services, history), history.find_failed(job)
     report = next(iter(history.reports), None)
     is_current = report is not None and report.id == job.id
     entry = build_entry(Entry(job, None), language, find_took(services, [Entry(job, None)]))
-    subject = find_subject(page.request)
-    own_name = find_person_name(page.request, subject.id)
+    subject = get_subject(page.request)
+    own_name = get_person_name(page.request, subject.id)
     return page.render(
         "recording/analysis.html",
         row=entry.row,
@@ -450,7 +450,7 @@ def show_report(analysis_id: str, page: UsedPage) -> Response:
     pdf = f"{page.base}/api/v1/{place}/{job.id}/{stem}.pdf?{urlencode({'lang': made})}"
     reports = services.store.find_reports(job.recording_id) if stem == "report" else ()
     old = describe_old(job, reports, page)
-    return lay_way(page, report, f"{page.base}/{place}/{job.id}", pdf, old)
+    return add_navigation(page, report, f"{page.base}/{place}/{job.id}", pdf, old)
 
 
 @router.post("/analyses/{analysis_id}/cancel")
@@ -482,7 +482,7 @@ def conclude(analysis_id: str, page: UsedPage, subject: UsedSubject, form: UsedF
 
     The name is that of the person who is signed in; without accounts it is typed.
     """
-    own_name, store = find_person_name(page.request, subject.id), page.services.store
+    own_name, store = get_person_name(page.request, subject.id), page.services.store
     concluded = read_conclusion({**form, **({"name": [own_name]} if own_name else {})})
     again = store.conclude(store.get(analysis_id), concluded)
     return page.go(f"/analyses/{again.id}")

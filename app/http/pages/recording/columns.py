@@ -59,7 +59,7 @@ class Offer:
 
 
 @router.get("/analyses/{analysis_id}/columns")
-def ask_columns(analysis_id: str, page: UsedPage) -> Response:
+def show_columns(analysis_id: str, page: UsedPage) -> Response:
     """Ask for the meaning of the columns, with the first rows and a proposal from the column names."""
     services = page.services
     job = services.store.get(analysis_id)
@@ -90,7 +90,7 @@ def ask_columns(analysis_id: str, page: UsedPage) -> Response:
 
 
 @router.post("/analyses/{analysis_id}/columns")
-def take_columns(analysis_id: str, page: UsedPage, form: UsedForm) -> Response:
+def save_columns(analysis_id: str, page: UsedPage, form: UsedForm) -> Response:
     """Store the columns for the header and analyse the recording; if requested, also other waiting
     recordings.
     """

@@ -257,7 +257,7 @@ class Piece(BaseModel):
 @router.get("/curve")
 def curve(analysis_id: str, page: UsedPage, piece: Annotated[Piece, Query()]) -> Response:
     """Return the lowest and highest angle in each of about ``points`` pieces of a time range."""
-    return cut_curve(_find_day_of(page, analysis_id)[1], piece)
+    return cut_curve(_load_day_of(page, analysis_id)[1], piece)
 
 
 def cut_curve(day: DayFile, piece: Piece) -> Response:
@@ -272,7 +272,7 @@ def stillness(analysis_id: str, page: UsedPage, start_s: Second, end_s: Second) 
 
     ``score``: 0 to 1 as in the calibration, null in a gap; ``why``: a reason of E-CALIBRATION or "".
     """
-    quiet = _find_day_of(page, analysis_id)[1].measure_quiet(start_s, end_s)
+    quiet = _load_day_of(page, analysis_id)[1].measure_quiet(start_s, end_s)
     if quiet is None:
         return {"score": None, "why": "short" if end_s - start_s < RULES.shortest_window_s else "hole"}
     gravity_g, sd_g = quiet
@@ -290,7 +290,7 @@ def share(
     span: Annotated[list[str], Query(min_length=1, max_length=MOST_SPANS)],
 ) -> dict[str, Any]:
     """Return the time above 60 deg in time ranges, each ``start,end`` in s, as for a task of the diary."""
-    _, day = _find_day_of(page, analysis_id)
+    _, day = _load_day_of(page, analysis_id)
     valid_s = above_s = 0.0
     for text in span:
         try:
@@ -309,7 +309,7 @@ def share(
 @router.post("/again")
 def analyse_again(analysis_id: str, page: UsedPage, form: UsedForm) -> Response:
     """Analyse the recording again with the corrections of the page; the earlier analysis does not change."""
-    job, day = _find_day_of(page, analysis_id)
+    job, day = _load_day_of(page, analysis_id)
     used_s = tuple((start_s, end_s) for start_s, end_s, *_ in day.facts["calibration"])
     return _add_again(job, correct_request(job.request, form, DayClock.of(day.facts), used_s), page)
 
@@ -321,7 +321,7 @@ def name_pose(analysis_id: str, page: UsedPage, form: UsedForm) -> Response:
     A stretch after the sensor moved is added to the earlier poses; ``start`` states that the pose was held at
     the start of wear.
     """
-    job, day = _find_day_of(page, analysis_id)
+    job, day = _load_day_of(page, analysis_id)
     facts, request = day.facts, job.request
     before_s = request.calibration_windows_s or tuple((a, b) for a, b, *_ in facts["calibration"])
     choices_s: dict[str, tuple[Window, ...]] = {START: ()}
@@ -341,7 +341,7 @@ def name_pose(analysis_id: str, page: UsedPage, form: UsedForm) -> Response:
 @router.post("/moved")
 def answer_move(analysis_id: str, page: UsedPage, form: UsedForm) -> Response:
     """Analyse the recording again with the answer whether the sensor moved on the arm."""
-    job, day = _find_day_of(page, analysis_id)
+    job, day = _load_day_of(page, analysis_id)
     middles_s = dict[str, float]()
     for place, (_, start_s, end_s, _) in enumerate(day.facts.get("moves", ())):
         middles_s |= dict.fromkeys((f"{place}-{YES}", f"{place}-{NO}"), float(round((start_s + end_s) / 2.0)))
@@ -368,7 +368,7 @@ def try_other_pose(analysis_id: str, page: UsedPage, form: UsedForm) -> Response
     return _add_again(job, other, page)
 
 
-def say_whose(services: Services, job: Job, asked: ReportRequest, names: Sequence[str]) -> None:
+def update_description(services: Services, job: Job, asked: ReportRequest, names: Sequence[str]) -> None:
     """Store the subject or side of a request on its recording, for later analyses."""
     row = services.recordings.get(job.recording_id)
     about = replace(row.about, **{name: getattr(asked, name) for name in names})
@@ -379,7 +379,7 @@ def say_whose(services: Services, job: Job, asked: ReportRequest, names: Sequenc
 def _add_again(job: Job, corrected: ReportRequest, page: Page) -> Response:
     again = page.services.store.correct(job, corrected)
     said = [name for name in ("subject", "side") if getattr(corrected, name) != getattr(job.request, name)]
-    say_whose(page.services, job, corrected, said)
+    update_description(page.services, job, corrected, said)
     return page.go(f"/analyses/{again.id}?before={job.id}")
 
 
@@ -389,24 +389,24 @@ def import_diary(
 ) -> list[PeriodRow]:
     """Parse a diary as CSV and return its rows for the form; nothing is stored."""
     job = page.services.store.get(analysis_id)
-    return place_rows(read_diary(body), DayClock.of(find_day(page.services, job).facts))
+    return place_rows(read_diary(body), DayClock.of(load_day(page.services, job).facts))
 
 
 @router.post("/diary.csv")
 def export_diary(analysis_id: str, page: UsedPage, form: UsedForm) -> Response:
     """Return the rows of the form as a diary file."""
-    clock = DayClock.of(_find_day_of(page, analysis_id)[1].facts)
+    clock = DayClock.of(_load_day_of(page, analysis_id)[1].facts)
     rows = place_rows(read_rows(form, clock), clock)
     body = write_csv([(row.start, row.end, row.kind, row.label) for row in rows], clock, bom=BOM)
     return respond_with_file(body, MEDIA_TYPES["csv"], "diary.csv")
 
 
-def _find_day_of(page: Page, analysis_id: str) -> tuple[Job, DayFile]:
+def _load_day_of(page: Page, analysis_id: str) -> tuple[Job, DayFile]:
     job = page.services.store.get(analysis_id)
-    return job, find_day(page.services, job)
+    return job, load_day(page.services, job)
 
 
-def find_day(services: Services, job: Job, name: str = DAY_NAME) -> DayFile:
+def load_day(services: Services, job: Job, name: str = DAY_NAME) -> DayFile:
     """Load the day of a finished analysis, or one of the two curves of a comparison.
 
     Raises NoSuchFile or ResultDamaged.

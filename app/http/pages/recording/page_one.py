@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime, time
 
 from app.errors import NoSuchFile
-from app.http.pages.recording.day import DayClock, find_day
+from app.http.pages.recording.day import DayClock, load_day
 from app.http.pages.rendering import Page
 from app.library.rows import Job
 from app.report.charts.day import WORST_WINDOW_S, build_timeline
@@ -34,7 +34,7 @@ Minutes = tuple[tuple[tuple[float, ...], ...], ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class Highlight:
     """A highlighted time range: its description, its mark on the curve, and the visible part of the curve."""
 
     words: str
@@ -52,8 +52,8 @@ class PageOne:
     """
 
     report: Report
-    looks: Sequence[Look] = ()
-    highest: Sequence[Look] = ()
+    looks: Sequence[Highlight] = ()
+    highest: Sequence[Highlight] = ()
     minutes: Minutes = ()
 
 
@@ -69,7 +69,7 @@ def read_page_one(services: Services, job: Job, day: DayFile | None, language: L
     report = build_report(kept.findings, replace(kept.subject, reason=job.request.reason), language)
     if day is None:
         return PageOne(report)
-    looks, highest = _list_looks(kept.findings, day, language)
+    looks, highest = _list_highlights(kept.findings, day, language)
     return PageOne(report, looks, highest, list_minutes(kept.findings, language))
 
 
@@ -86,16 +86,18 @@ def list_minutes(findings: Findings, language: Language) -> Minutes:
     )
 
 
-def _list_looks(findings: Findings, day: DayFile, language: Language) -> tuple[list[Look], list[Look]]:
+def _list_highlights(
+    findings: Findings, day: DayFile, language: Language
+) -> tuple[list[Highlight], list[Highlight]]:
     """Return the 15 minutes with the most time above 60 deg and the longest stay; then the highest
     episodes.
     """
     clock, told = DayClock.of(day.facts), Clock(findings.recording.start, language)
     words = load_wording(language, "page")["page_one"]
 
-    def look(sentence: str, start_s: float, end_s: float, around_s: float, mark: str = "") -> Look:
+    def look(sentence: str, start_s: float, end_s: float, around_s: float, mark: str = "") -> Highlight:
         shown = max(start_s - around_s, 0.0), min(end_s + around_s, clock.duration_s)
-        return Look(sentence, mark, clock.format((start_s + end_s) / 2), *map(clock.format, shown))
+        return Highlight(sentence, mark, clock.format((start_s + end_s) / 2), *map(clock.format, shown))
 
     looks = []
     window = next((w for w in findings.exposure.peak_windows if w.length_s == WORST_WINDOW_S), None)
@@ -139,14 +141,14 @@ class CurveView:
     beside: str = ""
 
 
-Laid = tuple[Job, str, float | None]
+PlacedCurve = tuple[Job, str, float | None]
 """An analysis, its name, and its start, s; None: by the time of day of its clock."""
 
 
-def build_curves(page: Page, laid: Sequence[Laid]) -> tuple[CurveView, ...]:
+def build_curves(page: Page, laid: Sequence[PlacedCurve]) -> tuple[CurveView, ...]:
     """Build a curve for each analysis; none if one of them has no curve."""
     try:
-        clocks = [DayClock.of(find_day(page.services, job).facts) for job, _, _ in laid]
+        clocks = [DayClock.of(load_day(page.services, job).facts) for job, _, _ in laid]
     except NoSuchFile:
         return ()
     starts_s = []

@@ -58,14 +58,14 @@ function show(fresh) {
   list.dataset.number = newList.dataset.number;
   if (list.querySelector(".row")) {
     empty?.remove();
-    openBench();
+    showTools();
   }
   $("rows").dispatchEvent(new Event("shown"));
   showTitle();
 }
 
 // Show the search, groups and tables that an empty list does not need, and shrink the upload area.
-function openBench() {
+function showTools() {
   for (const part of document.querySelectorAll("[data-later]")) part.hidden = false;
   $("bar")?.classList.add("is-bar");
   $("bench")?.classList.add("workbench");
