@@ -131,9 +131,7 @@ def apply_participants_file(
 
 
 def read_list_file(path: Path | None, language: Language) -> list[Path]:
-    """Read a list of recordings; paths are relative to the list, or to the current folder for standard
-    input.
-    """
+    """Read a list of recordings; paths are relative to the list (standard input: to the current folder)."""
     if path == Path("-"):
         return _read_option_file(path, language, [], lambda _: read_list(sys.stdin.read(), Path()))
     return _read_option_file(

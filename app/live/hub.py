@@ -184,9 +184,7 @@ class RunningSession:
         return self._is_stopping.is_set() and (self._early is None or not self._early.is_behind)
 
     def _start_pose(self) -> None:
-        """Start the pose, but not while buffered data is processed, because the wearer could not react
-        yet.
-        """
+        """Start the pose, but not while buffered data is processed: the wearer could not react yet."""
         with self._lock:
             if self._asked_pose_s is not None and self._early is None:
                 self.recorder.session.ask_pose(self._asked_pose_s)
@@ -238,9 +236,7 @@ class RunningSession:
             watch(message)
 
     def _end(self, state: State, library: Library) -> None:
-        """Close the raw file and store it as a recording; if that fails, it stays for the next server
-        start.
-        """
+        """Close the raw file and store it as a recording; if that fails, the next server start retries."""
         try:
             self.recorder.stop()
             if self._early is not None:

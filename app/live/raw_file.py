@@ -139,9 +139,7 @@ class InterruptedSession:
 
 
 def find_interrupted_sessions(folder: Path) -> Iterator[InterruptedSession]:
-    """Find interrupted sessions in a folder, oldest first; a session that another program is running also
-    counts.
-    """
+    """Find interrupted sessions in a folder, oldest first; sessions running in other programs also count."""
     for path in sorted(folder.glob(f"{PREFIX}*.csv")):
         if was_stopped(path):
             continue

@@ -79,9 +79,7 @@ async def _note(services: Services, act: Act) -> None:
 
 
 def write_side_files(services: Services) -> None:
-    """Write the side files of changed recordings; a failure is only logged, because the rows are
-    committed.
-    """
+    """Write the side files of changed recordings; a failure is only logged: the rows are committed."""
     try:
         while services.side_files.write_lagging(SIDE_FILES_AT_ONCE) == SIDE_FILES_AT_ONCE:
             continue

@@ -143,9 +143,7 @@ MOST_WAITING = 250
 FIRST_LIMIT_S = 30.0
 """Time limit for the first message of a page."""
 MOST_STARTING = 50
-"""Sources that may be starting at once, in separate threads, so that a silent board blocks no other
-request.
-"""
+"""Most sources that start at the same time, in separate threads, so that a silent board blocks no request."""
 REFUSED, ENDED = 4400, 1000
 GOODBYES = (1000, 1001, 1005)
 """Close codes of a program that ends and of a page that is closed or reloaded; not of a lost connection."""

@@ -65,9 +65,7 @@ class SourceView(_Exact):
 
 
 class ClockView(_Exact):
-    """When a recording started, in seconds after the left arm's, and whether the clocks or a person states
-    it.
-    """
+    """When a recording started, in seconds after the left arm's; stated by the clocks or by a person."""
 
     offset_s: float
     stated_by: Annotated[Literal["clocks", "person"], Field(alias="from")]

@@ -68,9 +68,7 @@ def get_release(analysis_id: str, services: UsedServices) -> ReleaseView:
 
 @router.post("/analyses/{analysis_id}/release", tags=["analyses"])
 def release_report(analysis_id: str, services: UsedServices, subject: UsedSubject) -> ReleaseView:
-    """Release a report in your name. The files do not change; the release does not apply to later
-    versions.
-    """
+    """Release a report in your name. The release does not change the files or apply to later versions."""
     job = services.store.get(analysis_id)
     return view_release(job.id, services.releases.release(job, subject.id))
 
@@ -244,9 +242,7 @@ LONGEST_NAME = 100
 
 
 def get_person_subject(subject: UsedSubject) -> Subject:
-    """Return the person who asks; a token is refused, so that no token can extend itself. Raises
-    NotPermitted.
-    """
+    """Return the person who asks. Raises NotPermitted for a token, so that no token can extend itself."""
     if subject.kind != "person":
         raise NotPermitted(permission="own")
     return subject

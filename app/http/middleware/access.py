@@ -44,9 +44,7 @@ ONE_READING_S = 15 * 60.0
 MOST_KNOWN = 10_000
 WINDOW_S = 15 * 60.0
 MOST_LINES, MOST_OF_STRANGERS = 50, 300
-"""Most refusal entries per window: of one subject or address, and of all unauthenticated requests
-together.
-"""
+"""Most refusal entries per window: of one subject or address, and of all unauthenticated requests."""
 MOST_COUNTED = 10_000
 """Most clients counted at a time; the one seen longest ago is dropped first."""
 STRANGERS = ""
@@ -67,9 +65,7 @@ _FILE_NAME = re.compile(r"[\w.]{1,60}", re.ASCII)
 
 @dataclass(slots=True)
 class RecentReads:
-    """Reads of the last 15 minutes that have an entry, by subject and object; kept per server
-    process.
-    """
+    """Reads of the last 15 minutes that have an entry, by subject and object; per server process."""
 
     _at_s: dict[tuple[str, ...], float] = field(default_factory=dict)
     _turn: Lock = field(default_factory=Lock)

@@ -177,9 +177,7 @@ def analyse_alike(first: str, second: str, page: UsedPage) -> Response:
 
 
 def align_request(before: ReportRequest, after: ReportRequest) -> ReportRequest:
-    """Copy the later request's settings to the earlier recording; drop windows that no longer fit the
-    pose.
-    """
+    """Copy the later request's settings to the earlier one; drop windows that no longer fit the pose."""
     asked = replace(before, method=after.method, pose=after.pose, arm_axis=after.arm_axis)
     is_other_pose = asked.pose != before.pose and "two-point" in {asked.pose, before.pose}
     return replace(asked, calibration_windows_s=()) if asked.arm_axis or is_other_pose else asked
@@ -195,9 +193,7 @@ def parse_offset(text: str) -> float | None:
 
 
 def _make(services: Services, asked: AskedJobs[PairRequest]) -> PairReport:
-    """Build the report of two analyses, even if methods differ: the page then offers to analyse with one
-    method.
-    """
+    """Build the report of two analyses, even if methods differ; the page then offers to use one method."""
     try:
         return services.pairs.make(asked)
     except RecordedProblem as problem:
@@ -269,9 +265,7 @@ def get_asked_days(services: UsedServices, query: Annotated[DaysQuery, Query()])
 
 
 def _find_study(services: Services, query: DaysQuery) -> tuple[list[Job], list[Job]]:
-    """Return the reports of a study before and after a change; a report without a clock is on neither
-    side.
-    """
+    """Return the reports of a study before and after a change; those without a clock are on neither side."""
     wanted = LibraryFilter(batch=services.batches.get(query.study).id)
     placed = [
         (entry.job, entry.headline.start or "")

@@ -191,9 +191,7 @@ class Page:
         return response
 
     def get_language_link(self) -> str:
-        """Return the query for the same page in the other language; for French, the browser's regional
-        variant.
-        """
+        """Return the query for this page in the other language; for French, the browser's regional variant."""
         shown = parse_qsl(drop_secrets(self.request.url.query), keep_blank_values=True)
         kept = [(name, value) for name, value in shown if name != "lang"]
         other = "en" if is_french(self.language) else prefer_language(self.request, ("fr", "fr-CA"))
@@ -291,9 +289,7 @@ Form = Mapping[str, list[str]]
 
 
 async def read_form(request: Request) -> Form:
-    """Parse ``application/x-www-form-urlencoded``; each name with its values in order. Raises
-    BadParameter.
-    """
+    """Parse ``application/x-www-form-urlencoded`` to the values of each name. Raises BadParameter."""
     body = await read_body(request)
     try:
         pairs = parse_qsl(body.decode(), keep_blank_values=True, max_num_fields=MOST_FIELDS)

@@ -1,6 +1,4 @@
-"""Pages of a comparison with a reference: a form for two files, then the result; they work without
-scripts.
-"""
+"""Pages of a comparison with a reference: a form for two files, and the result; no scripts needed."""
 
 import json
 from collections.abc import Mapping, Sequence

@@ -165,9 +165,7 @@ def respond_with_file(body: bytes, media_type: str, download: str) -> Response:
 
 
 def build_file_headers(name: str, sha256: str) -> dict[str, str]:
-    """Return the headers of a file. They forbid caching, because health data must not stay on a shared
-    computer.
-    """
+    """Return the headers of a file; they forbid caching, because it is health data."""
     headers = {"ETag": f'"{sha256}"', "Cache-Control": "no-store"}
     return headers | ({"Content-Security-Policy": REPORT_POLICY} if name.endswith(".html") else {})
 

@@ -381,9 +381,7 @@ class AnalysisQuery(BaseModel):
 
 
 class AnalysisList(BaseModel):
-    """A page of analyses, newest first; ``next_cursor`` requests the next page and is null on the last
-    one.
-    """
+    """A page of analyses, newest first; ``next_cursor`` requests the next page, null on the last one."""
 
     items: list[AnalysisView]
     next_cursor: str | None
@@ -468,8 +466,7 @@ def read_cursor(text: str) -> Place | None:
 def cut_page(
     rows: Sequence[T], limit: int, place: Callable[[T], Place], asked: Request, answer: Response
 ) -> tuple[Sequence[T], str | None]:
-    """Return the rows of a page and the cursor of the next; ``rows`` has one row more than ``limit`` if any
-    follow.
+    """Return the rows of a page and the cursor of the next; ``rows`` has ``limit + 1`` rows if more follow.
 
     The response also gets ``Link: <...>; rel="next"`` (RFC 8288).
     """
@@ -575,7 +572,7 @@ class RecordingQuery(BaseModel):
 
 
 class RecordingList(BaseModel):
-    """A page of recordings; ``next_cursor`` requests the next page and is null on the last one."""
+    """A page of recordings; ``next_cursor`` requests the next page, null on the last one."""
 
     items: list[RecordingView]
     next_cursor: str | None

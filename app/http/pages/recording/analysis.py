@@ -97,9 +97,7 @@ class History:
 
 @dataclass(frozen=True, slots=True)
 class VersionRow:
-    """One version; ``changed``: how it differs from the previous version; ``reason``: as the person typed
-    it.
-    """
+    """One version; ``changed``: its differences from the previous one; ``reason``: as typed by the person."""
 
     id: str
     name: str
@@ -385,9 +383,7 @@ def rows(page: UsedPage, only: str = "") -> Response:
 
 @router.get("/analyses/{analysis_id}")
 def analysis(analysis_id: str, page: UsedPage, seen: Annotated[Seen, Query()]) -> Response:
-    """Show one analysis: its state or its answer, files, day and versions; or a notice that it is in the
-    trash.
-    """
+    """Show one analysis: its state or its answer, files, day and versions; a notice if it is in the trash."""
     services, language, store = page.services, page.language, page.services.store
     trashed = store.find_trashed(analysis_id)
     if trashed is not None:

@@ -91,9 +91,7 @@ def show_columns(analysis_id: str, page: UsedPage) -> Response:
 
 @router.post("/analyses/{analysis_id}/columns")
 def save_columns(analysis_id: str, page: UsedPage, form: UsedForm) -> Response:
-    """Store the columns for the header and analyse the recording; if requested, also other waiting
-    recordings.
-    """
+    """Store the columns for the header and analyse the recording and, if requested, other waiting ones."""
     services = page.services
     job = services.store.get(analysis_id)
     profile, header = write_profile(read_profile(form)), _read_header(form)
@@ -205,9 +203,7 @@ def list_mappings(page: UsedPage) -> Response:
 
 @router.post("/columns/{header}")
 def change_mapping(header: str, page: UsedPage, form: UsedForm) -> Response:
-    """Rename a mapping, or set whether further files are read without asking (a plain form without
-    scripts).
-    """
+    """Rename a mapping, or set whether further files are read without asking (a form without scripts)."""
     values: dict[str, str | int] = {"is_confirmed": int(bool(first(form, "everywhere")))}
     if name := clean_text(first(form, "name")):
         values["name"] = name
