@@ -173,7 +173,7 @@ class _ZipBuffer(io.RawIOBase):
 
 
 class PackedResponse(StreamingResponse):
-    """Sends a ZIP while it is written; closes it even if the download breaks off, to return borrowed files."""
+    """Sends a ZIP while it is written; closes it if the download breaks off, to return borrowed files."""
 
     def __init__(self, packed: Generator[bytes, None, None], name: str) -> None:
         headers = {"Content-Disposition": f'attachment; filename="{name}"'}

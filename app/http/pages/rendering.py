@@ -191,7 +191,7 @@ class Page:
         return response
 
     def get_language_link(self) -> str:
-        """Return the query for this page in the other language; for French, the browser's regional variant."""
+        """Return the query for this page in the other language; for French, the browser's variant."""
         shown = parse_qsl(drop_secrets(self.request.url.query), keep_blank_values=True)
         kept = [(name, value) for name, value in shown if name != "lang"]
         other = "en" if is_french(self.language) else prefer_language(self.request, ("fr", "fr-CA"))
