@@ -100,7 +100,10 @@ def version() -> None:
 
 def export(
     results: Annotated[
-        list[Path], typer.Argument(metavar="RESULTS...", help="Results of acromion run, or folders of them.")
+        list[Path],
+        typer.Argument(
+            metavar="RESULTS...", help="Result folders of acromion run, or folders that contain them."
+        ),
     ],
     out: Annotated[
         Path, typer.Option("-o", "--out", help="Folder for the Motion-BIDS dataset; new or empty.")

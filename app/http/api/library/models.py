@@ -186,7 +186,7 @@ class AnalysisOptions(BaseModel):
     subject: Annotated[SubjectCode, Field(description="Subject code; never a name.")] = ""
     method: MethodName = "smoothed"
     pose: Pose = "n-pose"
-    lang: Annotated[Language | None, Field(description="Language of the answer.")] = None
+    lang: Annotated[Language | None, Field(description="Language of the response.")] = None
     paper: Annotated[Paper | None, Field(description="Paper of the PDF; default: the server's.")] = None
     calibration: Annotated[
         list[Annotated[str, AfterValidator(lambda text: _parse(parse_window, text, WINDOW_HINT) and text)]],
@@ -272,7 +272,7 @@ class AnalyzeParameters(DeclaredOptions):
     """Options of an analysis sent with its recording."""
 
     file_name: Annotated[str, Field(max_length=1000, description="Name of the file, for display.")] = ""
-    external_id: Annotated[SubjectCode, Field(description="Its name in your own system.")] = ""
+    external_id: Annotated[SubjectCode, Field(description="Its identifier in your own system.")] = ""
     again: Annotated[bool, Field(description="Analyse again even if the same analysis exists.")] = False
 
 
@@ -289,7 +289,7 @@ class ConclusionView(BaseModel):
 class ConclusionDraftView(ConclusionView):
     """A conclusion from an earlier version that is not confirmed for this one; no report prints it."""
 
-    version: Annotated[int, Field(description="Version that it was written for.")]
+    version: Annotated[int, Field(description="The version for which it was written.")]
     changes: Annotated[
         list[str],
         Field(description="Settings that differ since then; engine: the software; empty: the same figures."),
@@ -491,7 +491,7 @@ class RecordingWords(BaseModel):
     file_name: Annotated[str, Field(max_length=1000, description="Name of the file, for display.")] = ""
     subject: Annotated[SubjectCode, Field(description="Subject code; never a name.")] = ""
     side: Annotated[Side | None, Field(description="Which arm.")] = None
-    external_id: Annotated[Text, Field(description="Its name in your own system.")] = ""
+    external_id: Annotated[Text, Field(description="Its identifier in your own system.")] = ""
     note: Note = ""
 
     def describe(self) -> Description:
