@@ -324,7 +324,7 @@ def collect_outcomes(out: Path) -> Collected:
     problems: dict[str, Mapping[str, Any]] = {}
     for stem in records.keys() - others:  # failures of other plans do not count
         problems |= records[stem]["problems"]
-    outcomes = [_find_outcome(out, told, problems.get(told["path"])) for told in plan["recordings"]]
+    outcomes = [_find_outcome(out, entry, problems.get(entry["path"])) for entry in plan["recordings"]]
     undone = {outcome.task.name for outcome in outcomes if outcome.code == Interrupted.code}
     tasks = [outcome.task for outcome in outcomes]
     count = max(int(stem.split("-of-")[1]) for stem in records)
@@ -341,10 +341,10 @@ def _encode(value: Any) -> bytes:
     return (json.dumps(value, ensure_ascii=False, indent=1) + "\n").encode()
 
 
-def _find_outcome(out: Path, told: Mapping[str, Any], problem: Mapping[str, Any] | None) -> Outcome:
+def _find_outcome(out: Path, entry: Mapping[str, Any], problem: Mapping[str, Any] | None) -> Outcome:
     """Return the outcome of one recording: its failure, its report, or not done."""
-    request = ReportRequest.from_json(told["request"])
-    task = Task(Path(told["path"]), request, out / told["folder"], path=told["path"])
+    request = ReportRequest.from_json(entry["request"])
+    task = Task(Path(entry["path"]), request, out / entry["folder"], path=entry["path"])
     if problem is not None:
         return Outcome(task, code=problem["code"], facts=problem["facts"])
     marker = read_marker(task.folder)

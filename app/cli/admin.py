@@ -160,7 +160,9 @@ def backup(
     from app.store.folder import open_storage  # noqa: PLC0415
 
     if keep and not any(letter.isdigit() for letter in file.name):
-        raise typer.BadParameter("FILE must contain a date, such as acromion-2026-03-02.zip", param_hint="--keep")
+        raise typer.BadParameter(
+            "FILE must contain a date, such as acromion-2026-03-02.zip", param_hint="--keep"
+        )
     settings = load_settings(data)
     with _printing_refusals(lang, settings):
         check_used(settings)

@@ -82,8 +82,8 @@ def inspect(
             facts = inspect_file(path, rate_hz, add_sensor(read_profile_file(profile, lang), sensor))
         except FusionError as refusal:
             if as_json:
-                told = {"file": path.name, "code": refusal.code, "facts": dict(refusal.facts)}
-                typer.echo(json.dumps(told, indent=1))
+                problem = {"file": path.name, "code": refusal.code, "facts": dict(refusal.facts)}
+                typer.echo(json.dumps(problem, indent=1))
             raise
     typer.echo(
         json.dumps(facts, indent=1, ensure_ascii=False) if as_json else describe_inspection(facts, lang)
@@ -160,13 +160,13 @@ def conformance(
         for row in csv.DictReader(file):
             with suppress(ValueError):  # an invalid number counts as missing
                 given[row.get("signal") or "", row.get("figure") or ""] = float(row.get("value") or "")
-    told = [
+    lines = [
         _check(one.name, item, given.get((one.name, item.figure))) for one in SIGNALS for item in one.expected
     ]
-    for line in told:
+    for line in lines:
         typer.echo(line)
-    wrong = sum(not line.startswith("ok") for line in told)
-    typer.echo(f"{len(told) - wrong} of {len(told)} figures within their tolerances")
+    wrong = sum(not line.startswith("ok") for line in lines)
+    typer.echo(f"{len(lines) - wrong} of {len(lines)} figures within their tolerances")
     if wrong:
         raise typer.Exit(Exit.SOME_FAILED)
 
@@ -174,12 +174,12 @@ def conformance(
 def _write_signals(folder: Path, signals: "Sequence[TestSignal]") -> Iterator[Path]:
     """Write each signal (time_s,elevation_deg; empty if missing) and its expected values."""
     for signal in signals:
-        told = (
+        lines = (
             f"{time_s:.3f},{'' if isnan(angle_deg) else f'{angle_deg:.6f}'}\n"
             for time_s, angle_deg in zip(*(column.tolist() for column in signal.sample()), strict=True)
         )
         path = folder / f"{signal.name}.csv"
-        path.write_text("time_s,elevation_deg\n" + "".join(told), encoding="utf-8")
+        path.write_text("time_s,elevation_deg\n" + "".join(lines), encoding="utf-8")
         yield path
     path = folder / "expected.csv"
     with path.open("w", encoding="utf-8", newline="") as file:

@@ -161,11 +161,11 @@ def print_outcome(outcome: Outcome, progress: Progress) -> None:
     if outcome.code:
         print_problem(counter + task.name, outcome.code, outcome.facts, language)
         return
-    told = f" ({words['already']})" if outcome.repeated else ""
+    note = f" ({words['already']})" if outcome.repeated else ""
     if outcome.changes:
         n, old = str(outcome.version), str(outcome.version - 1)
-        told = f" ({fill(words['version'], {'changes': ', '.join(outcome.changes), 'n': n, 'old': old})})"
-    typer.echo(escape_controls(f"{counter}{task.name} -> {format_path(task.folder)}{told}"))
+        note = f" ({fill(words['version'], {'changes': ', '.join(outcome.changes), 'n': n, 'old': old})})"
+    typer.echo(escape_controls(f"{counter}{task.name} -> {format_path(task.folder)}{note}"))
     for line in outcome.answer:
         typer.echo(f"  {line}")
 

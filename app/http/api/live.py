@@ -117,10 +117,10 @@ def _store_interrupted_session(services: Services, files: SessionFiles) -> bool:
     if has_rows:
         with files.raw.open("rb") as file:
             head = file.read(HEAD_BYTES).decode("utf-8", "replace")
-        told = dict(re.findall(r"^# (subject|side|cues): (.*)$", head, re.MULTILINE))
-        side = next((one for one in get_args(Side) if one == told.get("side")), None)
-        analysis = _store_session(services, files, told.get("subject", "")[:LONGEST_SUBJECT], side)
-        if "cues" in told:
+        header = dict(re.findall(r"^# (subject|side|cues): (.*)$", head, re.MULTILINE))
+        side = next((one for one in get_args(Side) if one == header.get("side")), None)
+        analysis = _store_session(services, files, header.get("subject", "")[:LONGEST_SUBJECT], side)
+        if "cues" in header:
             services.recordings.tag([analysis.recording_id], [CUED])
     files.remove()
     return has_rows
@@ -248,9 +248,9 @@ async def live(socket: WebSocket) -> None:
             name = clean_text(hide_tokens(".".join(map(str, wrong["loc"])) or "message"))[:60]
             refusal = BadParameter(name=name, value=clean_text(show_input(wrong)))
         problem = describe_problem(refusal.code, refusal.facts, language)
-        told = {"title": problem.title, "detail": problem.detail, "fix": problem.fix}
+        texts = {"title": problem.title, "detail": problem.detail, "fix": problem.fix}
         with suppress(RuntimeError, WebSocketDisconnect):  # the page may have disconnected
-            await socket.send_text(json.dumps({"type": "problem", "code": refusal.code} | told))
+            await socket.send_text(json.dumps({"type": "problem", "code": refusal.code} | texts))
             await socket.close(REFUSED)
 
 
@@ -278,8 +278,13 @@ def _start(services: Services, asked: Start, pushed: PushedPort) -> "RunningSess
     files = create_session_files(services.settings.data_dir / LIVE_FOLDER, keeps=asked.keeps)
     try:
         if port is not None and files.is_kept:
-            whose = {"name": _name_source(asked), "subject": subject, "side": asked.side, "axis": asked.axis}
-            about = whose | {"cues": [rule.model_dump() for rule in asked.cues]}
+            options = {
+                "name": _name_source(asked),
+                "subject": subject,
+                "side": asked.side,
+                "axis": asked.axis,
+            }
+            about = options | {"cues": [rule.model_dump() for rule in asked.cues]}
             port = EarlyPort(port, EarlyFile(files.early, about))
         session = _start_with(services, asked, subject, port, files)
     except BaseException:

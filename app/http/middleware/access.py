@@ -173,19 +173,19 @@ class AuditRecorder:
             await run_sync(record_readings, self._get_engine(), act, read, other)
             self._known.begin(key)
 
-    async def _write_refusal(self, told: Mapping[str, str | int]) -> None:
+    async def _write_refusal(self, facts: Mapping[str, str | int]) -> None:
         who, connection = self._get_subject_id(), HTTPConnection(self._scope)
         is_stranger = who == NOBODY
         asker = find_network(get_client_address(connection)) if is_stranger else who
         # Log the ids in the address, even unknown ones; "" if there are none.
         address = f"{self._scope['path']}?{self._scope.get('query_string', b'').decode('latin-1')}"
         for one in list(dict.fromkeys(_ANY_ID.findall(address)))[:MOST_NAMED] or [""]:
-            key = (who, "refused", *map(str, told.values()), one)
+            key = (who, "refused", *map(str, facts.values()), one)
             if not self._known.is_new(key):
                 continue
             share, engine = self._refused.take(asker, is_stranger=is_stranger), self._get_engine()
             if share == "line":
-                await run_sync(record_refusal, engine, one, told)
+                await run_sync(record_refusal, engine, one, facts)
                 self._known.begin(key)
             elif share == "more":
                 most = {"most": MOST_LINES, "most_of_strangers": MOST_OF_STRANGERS}

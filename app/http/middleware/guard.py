@@ -44,8 +44,8 @@ def get_logins(connection: HTTPConnection) -> Logins:
 def get_client_address(connection: HTTPConnection) -> str:
     """Return the address of the peer or, behind the configured proxy, its last ``X-Forwarded-For`` entry."""
     peer, proxy = connection.client.host if connection.client else "unix", get_settings(connection).proxy
-    told = connection.headers.get("x-forwarded-for", "").rpartition(",")[2].strip()
-    return told if told and proxy and (peer or "unix") == proxy else peer or "unix"
+    forwarded = connection.headers.get("x-forwarded-for", "").rpartition(",")[2].strip()
+    return forwarded if forwarded and proxy and (peer or "unix") == proxy else peer or "unix"
 
 
 def get_caller(connection: HTTPConnection) -> Caller:

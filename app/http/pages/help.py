@@ -186,10 +186,10 @@ LONGEST_S = 24.0
 
 def draw_example(language: Language) -> Mapping[str, str]:
     """Draw a tile's scale, the day (wide and narrow) and the uncertainty; the values are invented."""
-    words, told = load_wording(language), load_wording(language, "help")["reading"]["picture"]
+    words, picture = load_wording(language), load_wording(language, "help")["reading"]["picture"]
     scale = TileScale(
         key="example",
-        words=(told["tile_title"], told["tile"]),
+        words=(picture["tile_title"], picture["tile"]),
         end=END,
         end_label=_format_percents((END,), language),
         measured=SHARE,
@@ -201,7 +201,7 @@ def draw_example(language: Language) -> Mapping[str, str]:
     entry = words["profile"]["sure"]
     most = fill(entry["up_to"], {"high": _format_percents(SHARE_POSE[1:], language)})
     sureness = Sureness(
-        words=(told["sure_title"], told["sure"]),
+        words=(picture["sure_title"], picture["sure"]),
         measured=SHARE,
         end=END,
         end_label=_format_percents((END,), language),
@@ -211,12 +211,12 @@ def draw_example(language: Language) -> Mapping[str, str]:
             Doubt(entry["days"], _format_percents(SHARE_DAYS, language), SHARE_DAYS),
         ),
     )
-    day = _build_day(words, told, language)
+    day = _build_day(words, picture, language)
     drawn = {"day": draw_day(*day, WIDE), "day_narrow": draw_day(*day, NARROW)}
     return {"tile": draw_tile(scale), **drawn, "sure": draw_sureness(sureness)}
 
 
-def _build_day(words: Words, told: Words, language: Language) -> tuple[Day, DayLabels]:
+def _build_day(words: Words, picture: Words, language: Language) -> tuple[Day, DayLabels]:
     def band(minute: int) -> MinuteBand:
         middle = 24 + 9 * sin(minute / 9) + 5 * sin(minute / 2.3)
         above = 62.0 if WORST[0] <= minute < WORST[1] else 18 + 14 * sin(minute / 5) ** 2
@@ -229,13 +229,13 @@ def _build_day(words: Words, told: Words, language: Language) -> tuple[Day, DayL
         clock=Clock(datetime.fromisoformat("2026-03-02T08:00:00"), language),
         runs=runs,
         marks=(
-            Mark(60.0 * BREAK[0], 60.0 * BREAK[1], "left out", told["break"]),
+            Mark(60.0 * BREAK[0], 60.0 * BREAK[1], "left out", picture["break"]),
             Mark(60.0 * HOLE[0], 60.0 * HOLE[1], "missing", words["day"]["missing"]),
         ),
         worst=(60.0 * WORST[0], 60.0 * WORST[1]),
         longest_start_s=60.0 * 157,
     )
-    labels = build_day_labels(told["day_title"], told["day"], words)
+    labels = build_day_labels(picture["day_title"], picture["day"], words)
     worst = fill(words["day"]["worst"], {"percent": format_percent(2 * SHARE, language)})
     longest = fill(words["day"]["longest"], {"duration": format_duration(LONGEST_S, language)})
     return day, replace(labels, worst=worst, longest=longest)
@@ -275,19 +275,19 @@ def show_docs(page: UsedPage) -> Response:
     document: dict[str, Any] = cast("FastAPI", page.request.app).openapi()
     operations = [
         Operation(
-            told["operationId"],
+            operation["operationId"],
             f"{method.upper()} {path}",
-            tuple(_mark_code(part) for part in told.get("description", "").split("\n\n")),
+            tuple(_mark_code(part) for part in operation.get("description", "").split("\n\n")),
             tuple(
                 (p["name"], p["in"], _mark_code(p.get("description", "")))
-                for p in told.get("parameters", ())
+                for p in operation.get("parameters", ())
                 if p["in"] != "path"
             ),
-            ", ".join(told.get("requestBody", {}).get("content", {})),
-            ", ".join(told["responses"]),
+            ", ".join(operation.get("requestBody", {}).get("content", {})),
+            ", ".join(operation["responses"]),
         )
         for path, methods in document["paths"].items()
-        for method, told in methods.items()
+        for method, operation in methods.items()
     ]
     return page.render("help/api_docs.html", operations=operations)
 

@@ -285,8 +285,8 @@ async def run_bulk_action(act: Act, page: UsedPage, form: UsedForm) -> Response:
     """Apply one action to the selected recordings, and show the result."""
     done = await run_to_end(_run_action, act, page, form)
     words = page.words()["acted"]
-    told = fill(words[act], {"n": str(done.number), **done.facts}) if done.number else words["none"]
-    return page.render("library/acted.html", told=told, undo=done.undo, query=first(form, "query"))
+    message = fill(words[act], {"n": str(done.number), **done.facts}) if done.number else words["none"]
+    return page.render("library/acted.html", told=message, undo=done.undo, query=first(form, "query"))
 
 
 def _run_action(act: Act, page: Page, form: Form) -> ActionResult:
@@ -524,10 +524,10 @@ def _draw_squares(page: Page, batch_id: str, jobs: Sequence[Job]) -> list[Square
     squares = []
     for job in jobs[:MOST_SQUARES]:
         name = format_compared(job, words) or job.request.subject or job.file_name
-        state, told = job.state.value, words["state"][job.state.value]
+        state, text = job.state.value, words["state"][job.state.value]
         if job.state is JobState.SUCCEEDED and (verdict := verdicts.get(job.id, "")):
-            state, told = verdict, words["verdict_short"][verdict]
-        squares.append(Square(job.id, state, f"{name}: {told}"))
+            state, text = verdict, words["verdict_short"][verdict]
+        squares.append(Square(job.id, state, f"{name}: {text}"))
     return squares
 
 
@@ -535,6 +535,6 @@ def _describe_batch(page: Page, batch: Batch) -> dict[str, str]:
     """Return the id, name, creation time and counts by state of a study."""
     words = page.words()["batches"]
     counts = {state.value: str(number) for state, number in batch.counts.items() if number}
-    told = fill(words["counts"], {"all": str(sum(batch.counts.values()))} | counts)
+    text = fill(words["counts"], {"all": str(sum(batch.counts.values()))} | counts)
     name, when = batch.name or words["unnamed"], format_moment(batch.created_at)
-    return {"id": batch.id, "name": name, "when": when, "counts": told}
+    return {"id": batch.id, "name": name, "when": when, "counts": text}

@@ -261,9 +261,9 @@ def render_with_problem(page: Page, template: str, refusal: AppError | None, **v
     if refusal is None:
         return page.render(template, problem=None, **values)
     problem = describe_problem(refusal.code, refusal.facts, page.language)
-    told = {"problem": problem, "problem_code": refusal.code}
+    shown = {"problem": problem, "problem_code": refusal.code}
     status = find_outcome_of_code(refusal.code).status
-    response = page.render(template, status=status, **told, **values)
+    response = page.render(template, status=status, **shown, **values)
     if isinstance(refusal, TooManyTries):
         response.headers["Retry-After"] = str(refusal.facts["wait_s"])
     return response

@@ -239,7 +239,7 @@ NAVIGATION_HASH = b64encode(hashlib.sha256(NAVIGATION_STYLE.encode()).digest()).
 class OldVersion:
     """The notice that a report is not the current one, with a link to the current one."""
 
-    told: str
+    text: str
     link: str
     address: str
 
@@ -264,11 +264,11 @@ def add_navigation(
         (pdf, labels["pdf"], " download"),
         (page.get_language_link(), words["other_language"], f' lang="{words["other_language_code"]}"'),
     )
-    told = "".join(f'<a href="{escape(place)}"{more}>{escape(name)}</a>' for place, name, more in links)
-    bar = f'<nav class="way" aria-label="{escape(labels["label"])}">{told}</nav>'
+    items = "".join(f'<a href="{escape(place)}"{more}>{escape(name)}</a>' for place, name, more in links)
+    bar = f'<nav class="way" aria-label="{escape(labels["label"])}">{items}</nav>'
     if old is not None:
         link = f'<a href="{escape(old.address)}">{escape(old.link)}</a>'
-        bar += f'<p class="old">{escape(old.told)} {link}</p>'
+        bar += f'<p class="old">{escape(old.text)} {link}</p>'
     head, end, body = report.partition("</head>")
     head = (
         head.replace("style-src ", f"style-src 'sha256-{NAVIGATION_HASH}' ", 1)

@@ -55,9 +55,9 @@ def describe_old(job: Job, reports: Sequence[Job], page: Page) -> OldVersion | N
         return None
     words = page.words()["version"]
     count = max(report.request.version for report in (job, *reports))
-    told = fill(words["old"], {"n": str(job.request.version), "count": str(count)})
+    text = fill(words["old"], {"n": str(job.request.version), "count": str(count)})
     link = fill(words["current"], {"n": str(current.request.version)})
-    return OldVersion(told, link, f"{page.base}/analyses/{current.id}")
+    return OldVersion(text, link, f"{page.base}/analyses/{current.id}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,21 +111,25 @@ class JobRow:
 def build_row(job: Job, language: Language, took: Sequence[Took] = ()) -> JobRow:
     """Build the row of a job in the list; its time left is estimated from ``took``, earlier analyses."""
     words, request, now = load_wording(language, "page"), job.request, datetime.now(UTC)
-    told, state_word, percent = words["row"], str(words["state"][job.state.value]), round(100 * job.progress)
+    row_words, state_word, percent = (
+        words["row"],
+        str(words["state"][job.state.value]),
+        round(100 * job.progress),
+    )
     times = []
     if job.started_at is not None and job.state not in (JobState.QUEUED, JobState.CANCELLED):
         seconds = max(0.0, ((job.ended_at or now) - job.started_at).total_seconds())
         shown = format_duration(seconds if job.ended_at else float(int(seconds)), language)
-        times.append(fill(told["took" if job.ended_at else "running_for"], {"duration": shown}))
+        times.append(fill(row_words["took" if job.ended_at else "running_for"], {"duration": shown}))
     if left_s := estimate_left_s(job, took, now):
-        times.append(fill(told["time_left"], {"duration": format_duration(left_s, language)}))
+        times.append(fill(row_words["time_left"], {"duration": format_duration(left_s, language)}))
     duration = ", ".join(times)
     # a first report needs no number, and a failed analysis has none
     has_version = request.version > 1 and job.state not in (JobState.FAILED, JobState.CANCELLED)
-    version = fill(told["version"], {"n": str(request.version)}) if has_version else ""
-    subject = fill(told["subject"], {"subject": request.subject}) if request.subject else ""
+    version = fill(row_words["version"], {"n": str(request.version)}) if has_version else ""
+    subject = fill(row_words["subject"], {"subject": request.subject}) if request.subject else ""
     has_arm = job.state is JobState.SUCCEEDED and request.reference is None
-    side = str(told[request.side]) if request.side else str(told["no_side"]) if has_arm else ""
+    side = str(row_words[request.side]) if request.side else str(row_words["no_side"]) if has_arm else ""
     of_file = (format_size(job.size_bytes, language), format_time(job.created_at))
     place = f"analyses/{job.id}/report" if request.reference is None else f"validations/{job.id}/validation"
     # the named columns of a table can also be corrected
@@ -143,7 +147,7 @@ def build_row(job: Job, language: Language, took: Sequence[Took] = ()) -> JobRow
         duration=duration,
         is_over=job.is_over,
         problem=build_problem(job, language),
-        announcement=fill(told["announce"], {"name": job.file_name, "state": state_word}),
+        announcement=fill(row_words["announce"], {"name": job.file_name, "state": state_word}),
         version=f"{job.state.value}-{job.stage}-{percent}-{duration}",
         report=f"/api/v1/{place}",
         side=request.side or "",

@@ -163,8 +163,8 @@ def create_analyses(
         add = partial(store.add_analysis, own, request, flow)
         pairs.append(find_or_add(store, storage, own, request, flow, add, again=body.again))
     for row in rows:  # store subject and side on recordings that do not have them yet
-        about, told = row.about, body.settings
-        stated = replace(about, subject=about.subject or told.subject, side=about.side or told.side)
+        about, settings = row.about, body.settings
+        stated = replace(about, subject=about.subject or settings.subject, side=about.side or settings.side)
         if stated != about:
             services.recordings.describe(row, stated)
     for job, _ in pairs if body.study else ():
@@ -221,14 +221,14 @@ def build_request(
         check_periods(diary, row.inspection)
     columns = (settings.profile or {}) | ({"sensor": settings.sensor} if settings.sensor else {})
     profile = write_profile(columns) if columns else ""
-    said = settings.conclusion
+    conclusion = settings.conclusion
     return replace(
         request,
         diary=diary,
         source=settings.source,
         profile=profile,
         reason=settings.reason,
-        conclusion=Conclusion(**said.model_dump(mode="json")) if said else None,
+        conclusion=Conclusion(**conclusion.model_dump(mode="json")) if conclusion else None,
     )
 
 

@@ -120,8 +120,8 @@ def read_periods(rows: list[PeriodView]) -> tuple[DiaryEntry, ...]:
     writer = csv.DictWriter(text, COLUMNS[:-1])
     writer.writeheader()
     for row in rows:
-        told = {"label": " ".join(row.label.split()), "left_out": _YES_NO[row.left_out]}
-        writer.writerow(row.model_dump() | told)
+        cells = {"label": " ".join(row.label.split()), "left_out": _YES_NO[row.left_out]}
+        writer.writerow(row.model_dump() | cells)
     return read_diary(text.getvalue().encode())
 
 
@@ -407,8 +407,8 @@ SETTINGS = (
 
 def view_analysis(job: Job, language: Language) -> AnalysisView:
     """Build the view of a job."""
-    said, draft = job.request.conclusion, job.request.draft
-    concluded = ConclusionView.model_validate(asdict(said)) if said else None
+    conclusion, draft = job.request.conclusion, job.request.draft
+    concluded = ConclusionView.model_validate(asdict(conclusion)) if conclusion else None
     drafted = None
     if draft is not None:
         origin = {"version": draft.version, "changes": list(draft.changes)}

@@ -130,13 +130,13 @@ def build_versions(
             "slip_times_s": format_times(request.slip_times_s, clock, language),
             "no_slip_times_s": format_times(request.no_slip_times_s, clock, language),
         }
-        told = ((str(changed.get(name, name)), times.get(name, "")) for name in request.changes)
+        changes = ((str(changed.get(name, name)), times.get(name, "")) for name in request.changes)
         rows.append(
             VersionRow(
                 job.id,
                 fill(number, {"n": str(version)}),
                 format_time(job.created_at),
-                ", ".join(f"{name} ({time})" if time else name for name, time in told),
+                ", ".join(f"{name} ({time})" if time else name for name, time in changes),
                 request.reason,
                 job.id == shown.id,
                 names.get(job.asked_by, ""),

@@ -302,8 +302,8 @@ def share(
         valid, above = day.measure_above(start_s, end_s, MAIN_THRESHOLD_DEG)
         valid_s, above_s = valid_s + valid, above_s + above
     percent = 100.0 * above_s / valid_s if valid_s else None
-    told = (format_duration(above_s, page.language), format_percent(percent, page.language))
-    return {"percent": percent, "words": "{} ({})".format(*told) if valid_s else told[1]}
+    shown = (format_duration(above_s, page.language), format_percent(percent, page.language))
+    return {"percent": percent, "words": "{} ({})".format(*shown) if valid_s else shown[1]}
 
 
 @router.post("/again")
@@ -378,8 +378,8 @@ def update_description(services: Services, job: Job, asked: ReportRequest, names
 
 def _add_again(job: Job, corrected: ReportRequest, page: Page) -> Response:
     again = page.services.store.correct(job, corrected)
-    said = [name for name in ("subject", "side") if getattr(corrected, name) != getattr(job.request, name)]
-    update_description(page.services, job, corrected, said)
+    changed = [name for name in ("subject", "side") if getattr(corrected, name) != getattr(job.request, name)]
+    update_description(page.services, job, corrected, changed)
     return page.go(f"/analyses/{again.id}?before={job.id}")
 
 
@@ -508,13 +508,13 @@ def _build_axis(
     entry, device = words["along"], facts["device"]
     drawing = device if device in entry["where"] else "other"
     nearest, apart_deg = (None if request.arm_axis else facts.get("nearest_axis")) or ("", 0.0)
-    told = {"axis": format_axis(nearest), "apart": format_angle(apart_deg, language)}
+    values = {"axis": format_axis(nearest), "apart": format_angle(apart_deg, language)}
     return {
         "asked": request.arm_axis or "",
         "choices": list_axes(),
         "drawing": drawing,
         "where": str(entry["where"][drawing]),
-        "nearest": fill(entry["nearest"], told) if nearest else "",
+        "nearest": fill(entry["nearest"], values) if nearest else "",
     }
 
 
@@ -542,7 +542,7 @@ def name_choice(start_s: float, end_s: float) -> str:
 
 
 def _list_questions(
-    facts: Mapping[str, Any], request: ReportRequest, words: Words, told: Clock
+    facts: Mapping[str, Any], request: ReportRequest, words: Words, report_clock: Clock
 ) -> Iterator[Question]:
     """Yield the open questions; a pose after a move is asked for once the earlier pose is confirmed.
 
@@ -551,8 +551,8 @@ def _list_questions(
     clock, asked, unread = DayClock.of(facts), facts.get("asked"), facts.get("unread", ())
 
     def offer(key: str, start_s: float, end_s: float) -> Choice:
-        time = told.format(start_s, with_seconds=True)
-        length = format_duration(end_s - start_s, told.language)
+        time = report_clock.format(start_s, with_seconds=True)
+        length = format_duration(end_s - start_s, report_clock.language)
         label = fill(words[key], {"time": time, "length": length})
         shown = (clock.format(round(at_s)) for at_s in (start_s, end_s))
         return Choice(name_choice(start_s, end_s), label, f"{time}?", *shown)
@@ -560,23 +560,26 @@ def _list_questions(
     if asked:
         leads = [str(words["which_not_held"])] if facts.get("not_held") else []
         if facts.get("needs_pose"):
-            apart = format_angle(facts.get("spread_deg", 0.0), told.language)
+            apart = format_angle(facts.get("spread_deg", 0.0), report_clock.language)
             leads.append(fill(words["which_apart"], {"apart": apart}))
         leads = leads or [str(words["which_lead"])]
-        leads += [fill(words["which_next"], {"time": told.format(start_s)}) for start_s, *_ in unread]
+        leads += [fill(words["which_next"], {"time": report_clock.format(start_s)}) for start_s, *_ in unread]
         choices = [offer("choice_used", *asked[0]), *(offer("choice", *other) for other in asked[1:])]
         if request.pose_held != "start" and not facts.get("not_held"):
             choices.insert(1, Choice(START, words["held_start"]))
         yield Question("which-pose", "pose", "choice", words["which"], " ".join(leads), tuple(choices))
     for number, (kind, start_s, end_s, apart_deg) in enumerate(facts.get("moves", ())):
-        span = {**told.format_span(start_s, end_s), "apart": format_angle(apart_deg, told.language)}
+        span = {
+            **report_clock.format_span(start_s, end_s),
+            "apart": format_angle(apart_deg, report_clock.language),
+        }
         heading, lead = (fill(words[key], span) for key in (kind, f"{kind}_lead"))
         yes, no = ("slipped", "no_slip") if kind == "slip" else ("moved", "same_place")
         answers = (Choice(f"{number}-{YES}", words[yes]), Choice(f"{number}-{NO}", words[no]))
         shown = (clock.format(round(at_s)) for at_s in (start_s, end_s))
         yield Question(f"move-{number}", "moved", "answer", heading, lead, answers, *shown)
     for number, (start_s, _, stills) in enumerate(() if asked else unread):
-        time = {"time": told.format(start_s)}
+        time = {"time": report_clock.format(start_s)}
         heading, lead = (fill(words[key], time) for key in ("which_after", "which_after_lead"))
         offers = tuple(offer("choice", *still) for still in stills)
         yield Question(f"pose-after-{number}", "pose", "choice", heading, lead, offers)

@@ -88,7 +88,7 @@ def _list_highlights(
     findings: Findings, day: DayFile, language: Language
 ) -> tuple[list[Highlight], list[Highlight]]:
     """Return the 15 minutes with most time above 60 deg and the longest stay; and the highest episodes."""
-    clock, told = DayClock.of(day.facts), Clock(findings.recording.start, language)
+    clock, report_clock = DayClock.of(day.facts), Clock(findings.recording.start, language)
     words = load_wording(language, "page")["page_one"]
 
     def look(sentence: str, start_s: float, end_s: float, around_s: float, mark: str = "") -> Highlight:
@@ -100,17 +100,17 @@ def _list_highlights(
     if window is not None and window.start_s is not None and window.percent_above_60:
         start_s, end_s = window.start_s, window.start_s + window.length_s
         share = format_percent(window.percent_above_60, language)
-        facts = {"start": told.format(start_s), "end": told.format(end_s), "percent": share}
+        facts = {"start": report_clock.format(start_s), "end": report_clock.format(end_s), "percent": share}
         looks.append(look(fill(words["window"], facts), start_s, end_s, 60.0))
     stays = next((e for e in findings.exposure.episodes if e.threshold_deg == MAIN_THRESHOLD_DEG), None)
     if stays is not None and stays.longest_s and stays.longest_start_s is not None:
         start_s, end_s = stays.longest_start_s, stays.longest_start_s + stays.longest_s
-        facts = {"time": told.format(start_s), "duration": format_duration(stays.longest_s, language)}
+        facts = {"time": report_clock.format(start_s), "duration": format_duration(stays.longest_s, language)}
         looks.append(look(fill(words["longest"], facts), start_s, end_s, 2 * AROUND_S))
     highest = []
     for number, episode in enumerate(day.find_highest(float(MAIN_THRESHOLD_DEG), LEAST_S, HIGHEST), 1):
         facts = {
-            "time": told.format(episode.start_s),
+            "time": report_clock.format(episode.start_s),
             "angle": format_angle(episode.highest_deg, language),
             "duration": format_duration(episode.end_s - episode.start_s, language),
         }
