@@ -30,15 +30,15 @@ function listInterrupted() {
 
 // Forget uploads that are complete and whose analysis has started.
 async function forgetArrived() {
-  await Promise.all(listInterrupted().map(async ([print, { address }]) => (await queue.isBegun(address)) && forgetPrint(print)));
+  await Promise.all(listInterrupted().map(async ([print, { address }]) => (await queue.hasAnalysis(address)) && forgetPrint(print)));
   showInterrupted();
 }
 
 // Discard the interrupted uploads in the browser and on the server.
-function leaveInterrupted() {
+function discardInterrupted() {
   const left = Object.fromEntries(listInterrupted());
   write(Object.fromEntries(Object.entries(recall()).filter(([print]) => !left[print])));
-  for (const { address } of Object.values(left)) queue.leave(address);
+  for (const { address } of Object.values(left)) queue.discard(address);
   showInterrupted();
 }
 
@@ -71,7 +71,7 @@ function listen() {
       if (name === "drop") take(await readDrop(event.dataTransfer));
     });
   }
-  $("interrupted").querySelector("button").addEventListener("click", leaveInterrupted);
+  $("interrupted").querySelector("button").addEventListener("click", discardInterrupted);
   $("retry-all").addEventListener("click", () => queue.retryAll());
   window.addEventListener("beforeunload", (event) => queue.isBusy && event.preventDefault());
 }

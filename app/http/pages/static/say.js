@@ -14,7 +14,7 @@ export function say(text) {
 }
 
 // Wait, but only until the network is back.
-export function rest(milliseconds) {
+export function pause(milliseconds) {
   return new Promise((resolve) => {
     const timer = setTimeout(resolve, milliseconds);
     window.addEventListener("online", () => (clearTimeout(timer), resolve()), { once: true });

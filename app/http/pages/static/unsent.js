@@ -8,12 +8,12 @@ const KEY = "acromion.unsent";
 const LONGEST_MS = 14 * 24 * 3600 * 1000;
 
 export class Unsent {
-  // tell() returns the content of the form as text; restore(text) writes it back.
-  constructor(form, tell, restore) {
-    Object.assign(this, { form, tell, restore });
+  // serialize() returns the content of the form as text; restore(text) writes it back.
+  constructor(form, serialize, restore) {
+    Object.assign(this, { form, serialize, restore });
     this.name = `${document.documentElement.dataset.account} ${form.dataset.keep}`;
     this.note = form.querySelector("[data-unsent]");
-    this.asServed = tell();
+    this.asServed = serialize();
     this.isKept = true;
     this.show();
     form.addEventListener("input", () => this.keep());
@@ -39,12 +39,12 @@ export class Unsent {
   }
 
   get isChanged() {
-    return this.tell() !== this.asServed;
+    return this.serialize() !== this.asServed;
   }
 
   keep() {
     if (!this.isChanged) return this.forget();
-    const text = this.tell();
+    const text = this.serialize();
     this.isKept = writeEntries({ ...readEntries(), [this.name]: { at: Date.now(), text } });
   }
 

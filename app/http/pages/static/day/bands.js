@@ -51,8 +51,8 @@ export class Bands {
 
   move(row, startS, endS) {
     const [start, end] = row.querySelectorAll(".moment");
-    start.value = this.clock.tell(startS);
-    end.value = this.clock.tell(endS);
+    start.value = this.clock.format(startS);
+    end.value = this.clock.format(endS);
   }
 
   // Add a row for a repeated pose.

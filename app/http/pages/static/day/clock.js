@@ -13,9 +13,9 @@ const DAY_FRACTION = /^(?:0?|[0-9]{5})[.,][0-9]+$/;
 
 // Return seconds since midnight, or NaN if the text is not a clock time.
 function readClock(text) {
-  const told = DAY_FRACTION.test(text) ? null : SPELLINGS.map((spelling) => spelling.exec(text)).find(Boolean);
-  if (!told) return NaN;
-  const [hour, minute, second] = ["hour", "minute", "second"].map((name) => Number((told.groups[name] || "0").replace(",", ".")));
+  const match = DAY_FRACTION.test(text) ? null : SPELLINGS.map((spelling) => spelling.exec(text)).find(Boolean);
+  if (!match) return NaN;
+  const [hour, minute, second] = ["hour", "minute", "second"].map((name) => Number((match.groups[name] || "0").replace(",", ".")));
   return hour < 24 && minute < 60 && second < 60 ? hour * 3600 + minute * 60 + second : NaN;
 }
 
@@ -30,7 +30,7 @@ export class Clock {
     this.startS = parts ? Number(parts[2]) * 3600 + Number(parts[3]) * 60 + Number(parts[4]) : 0;
   }
 
-  tell(second, digits = 2) {
+  format(second, digits = 2) {
     const rounded = Math.round(second * 10 ** digits) / 10 ** digits;
     if (!this.hasClock) return String(rounded);
     const whole = this.startS + rounded;
@@ -44,9 +44,9 @@ export class Clock {
 
   // Return seconds from the first sample, or NaN if the time is outside the recording or ambiguous.
   read(text) {
-    const told = text.trim();
-    if (!this.hasClock) return /^[0-9]+([.,][0-9]+)?$/.test(told) ? this.check(Number(told.replace(",", "."))) : NaN;
-    const [, date, hour] = /^(?:(\d{4}-\d{2}-\d{2})[ T])?(.*)$/.exec(told);
+    const shown = text.trim();
+    if (!this.hasClock) return /^[0-9]+([.,][0-9]+)?$/.test(shown) ? this.check(Number(shown.replace(",", "."))) : NaN;
+    const [, date, hour] = /^(?:(\d{4}-\d{2}-\d{2})[ T])?(.*)$/.exec(shown);
     const second = readClock(hour.trim()) - this.startS;
     if (date) return this.check((Date.parse(date + "T00:00:00Z") - this.day) / 1000 + second);
     const places = [0, 1, 2].map((day) => this.check(second + day * DAY_S)).filter((place) => !Number.isNaN(place));
@@ -56,7 +56,7 @@ export class Clock {
   // Format typed times, separated by ";", as they were parsed.
   normalise(text) {
     if (!this.hasClock) return text;
-    return text.split(";").map((part) => (Number.isNaN(this.read(part)) ? part.trim() : this.tell(this.read(part)))).join("; ");
+    return text.split(";").map((part) => (Number.isNaN(this.read(part)) ? part.trim() : this.format(this.read(part)))).join("; ");
   }
 
   check(second) {
@@ -74,9 +74,9 @@ export class Clock {
   }
 
   mark(second, step) {
-    const told = this.tell(second);
-    if (!this.hasClock || step < 60) return told;
-    return told.replace(/:\d\d(\.\d+)?$/, "").slice(step >= DAY_S ? 0 : this.dated ? 5 : 0);
+    const shown = this.format(second);
+    if (!this.hasClock || step < 60) return shown;
+    return shown.replace(/:\d\d(\.\d+)?$/, "").slice(step >= DAY_S ? 0 : this.dated ? 5 : 0);
   }
 }
 

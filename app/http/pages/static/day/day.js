@@ -65,7 +65,7 @@ export class Day {
     this.handles.draw();
     const { fromS, toS } = this.view;
     const digits = this.view.spanS < 10 ? 2 : 0;
-    $("view").textContent = fill($("view").dataset.text, { start: this.clock.tell(fromS, digits), end: this.clock.tell(toS, digits) });
+    $("view").textContent = fill($("view").dataset.text, { start: this.clock.format(fromS, digits), end: this.clock.format(toS, digits) });
   }
 
   // Handle a changed band: by mouse, key or typing.
@@ -105,26 +105,26 @@ export class Day {
     const place = row.querySelector("[data-stillness]");
     const ticket = (row.ticket = (row.ticket || 0) + 1);
     const isTyped = [...row.querySelectorAll("input")].some((field) => field.value.trim());
-    let told = "", why = isTyped && !(endS > startS) ? "short" : "";
+    let shown = "", why = isTyped && !(endS > startS) ? "short" : "";
     if (endS > startS) {
       const query = new URLSearchParams({ start_s: startS, end_s: endS });
       const answer = await fetch(`${this.box.dataset.stillness}?${query}`).catch(() => null); // offline: show no stillness
       const { score, why: refused } = answer?.ok ? await answer.json() : {};
-      if (answer?.ok) told = this.tellStillness(score, refused);
+      if (answer?.ok) shown = this.formatStillness(score, refused);
       why = isTyped ? refused || "" : "";
     }
     if (ticket !== row.ticket) return; // a newer request is in progress
-    place.textContent = told;
+    place.textContent = shown;
     row.dataset.why = why;
     this.block();
   }
 
-  tellStillness(score, why) {
+  formatStillness(score, why) {
     if (why) return fill(this.words.unusable, { why: this.words.why[why] });
     if (score === null) return this.words.none;
-    const told = score.toLocaleString(document.documentElement.lang, { minimumFractionDigits: 2, maximumFractionDigits: 2 });
+    const shown = score.toLocaleString(document.documentElement.lang, { minimumFractionDigits: 2, maximumFractionDigits: 2 });
     const judged = score >= 0.5 ? this.words.good : score >= 0.2 ? this.words.fair : this.words.bad;
-    return `${fill(this.words.stillness, { score: told })}, ${judged}`;
+    return `${fill(this.words.stillness, { score: shown })}, ${judged}`;
   }
 
   choose(row) {

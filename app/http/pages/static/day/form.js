@@ -21,7 +21,7 @@ export function listenToForm(day) {
   form.addEventListener("click", (event) => act(day, event.target.closest("button")));
   form.addEventListener("focusin", (event) => chooseOf(day, event.target));
   form.addEventListener("submit", (event) => sendForm(day, event));
-  day.unsent = new Unsent(form, () => bands.snapshot(), (told) => bands.restore(told));
+  day.unsent = new Unsent(form, () => bands.snapshot(), (text) => bands.restore(text));
   for (const answers of document.querySelectorAll(".question form")) answers.addEventListener("submit", (event) => holdBack(day, event));
   $("import").addEventListener("change", () => importDiary(day));
   document.addEventListener("keydown", (event) => {
@@ -66,7 +66,7 @@ function add(day) {
   const { fromS, toS, spanS } = day.view;
   const half = Math.max(Math.round((spanS * NEW_PART) / 2), 1);
   const middle = Math.round((fromS + toS) / 2);
-  const row = day.bands.add($("add-kind").value, "", day.clock.tell(Math.max(0, middle - half)), day.clock.tell(Math.min(day.view.durationS, middle + half)));
+  const row = day.bands.add($("add-kind").value, "", day.clock.format(Math.max(0, middle - half)), day.clock.format(Math.min(day.view.durationS, middle + half)));
   day.choose(row);
   day.changed(true);
   say(fill(day.words.added, { name: day.bands.find(row).name }));
@@ -77,7 +77,7 @@ function add(day) {
 function holdAgain(day) {
   const middle = Math.round((day.view.fromS + day.view.toS) / 2);
   const [startS, endS] = [middle - POSE_S / 2, middle + POSE_S / 2];
-  const row = day.bands.repeat(day.clock.tell(Math.max(0, startS)), day.clock.tell(Math.min(day.view.durationS, endS)));
+  const row = day.bands.repeat(day.clock.format(Math.max(0, startS)), day.clock.format(Math.min(day.view.durationS, endS)));
   day.changed(true);
   say(fill(day.words.added, { name: day.words.again }));
   row.querySelector("input").focus();

@@ -16,9 +16,9 @@ export class Tasks {
     }
     const rows = await Promise.all([...named].map(([name, spans]) => this.ask(name, spans)));
     if (ticket !== this.asked) return; // redrawn meanwhile
-    const told = rows.filter(Boolean).sort((one, other) => other.percent - one.percent);
-    this.place.querySelector("ol").replaceChildren(...told.map(bar));
-    this.place.hidden = !told.length;
+    const shown = rows.filter(Boolean).sort((one, other) => other.percent - one.percent);
+    this.place.querySelector("ol").replaceChildren(...shown.map(bar));
+    this.place.hidden = !shown.length;
   }
 
   async ask(name, spans) {

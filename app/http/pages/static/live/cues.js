@@ -23,7 +23,7 @@ export class Cues {
     this.sound.resume();
   }
 
-  give() {
+  notify() {
     this.given += 1;
     if (this.ways.includes("tone")) this.play();
     if (this.ways.includes("vibration")) navigator.vibrate?.(PULSES_MS);

@@ -50,8 +50,8 @@ export class Link {
       this.ping();
       if (first.source === "lines") this.flush(); // the server reads header and rate from them
     };
-    this.socket.onmessage = (event) => this.hear(JSON.parse(event.data));
-    this.socket.onclose = () => this.lose();
+    this.socket.onmessage = (event) => this.handleMessage(JSON.parse(event.data));
+    this.socket.onclose = () => this.handleClose();
   }
 
   send(message) {
@@ -69,7 +69,7 @@ export class Link {
     this.timer = setTimeout(() => this.ping(), waitMs);
   }
 
-  hear(message) {
+  handleMessage(message) {
     if (message.type === "pong") {
       const nowMs = performance.timeOrigin + performance.now(), tookMs = nowMs - message.sent_ms;
       if (tookMs > this.quickestMs + SLACK_MS) return; // a slow response gives an inaccurate clock offset
@@ -97,7 +97,7 @@ export class Link {
     clearTimeout(this.timer);
   }
 
-  lose() {
+  handleClose() {
     this.isKnown = false;
     clearTimeout(this.timer);
     if (this.isOver) return;

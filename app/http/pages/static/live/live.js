@@ -1,6 +1,6 @@
 // The live page: start, show and stop a session. The session runs on the server.
 
-import { $, fill, rest, say } from "../say.js";
+import { $, fill, pause, say } from "../say.js";
 import { Cues } from "./cues.js";
 import { Strip, turnArm } from "./draw.js";
 import { Link } from "./link.js";
@@ -93,7 +93,7 @@ function showPose(status) {
 }
 
 function showCue(message) {
-  cues.give();
+  cues.notify();
   $("cue").textContent = fill(texts.cue[message.kind], { angle: message.angle_deg, limit: message.limit });
   $("cue").hidden = false;
   clearTimeout(state.cueTimer);
@@ -115,7 +115,7 @@ function end(message) {
   $("report").hidden = !message.analysis;
   if (message.analysis) $("report").href = `${base}/analyses/${message.analysis}`;
   $("difference").hidden = true;
-  if (message.analysis) tellDifference(link.session);
+  if (message.analysis) showDifference(link.session);
   if (document.fullscreenElement) document.exitFullscreen();
   $("end").scrollIntoView({ block: "nearest" });
   say($("ended-words").textContent);
@@ -127,7 +127,7 @@ function describeEnd(message) {
 }
 
 // Show the difference between live angles and report, once the report exists.
-async function tellDifference(session) {
+async function showDifference(session) {
   for (let tries = 0; tries < MOST_TRIES && !$("end").hidden; tries++) {
     const answer = await fetch(`${base}/api/v1/live/${session}/difference?lang=${language}`).catch(() => null);
     if (answer?.ok) {
@@ -135,7 +135,7 @@ async function tellDifference(session) {
       $("difference").hidden = false;
       return;
     }
-    await rest(TRY_MS);
+    await pause(TRY_MS);
   }
 }
 

@@ -15,11 +15,11 @@ export function recall() {
   }
 }
 
-// told: {address} and the description of the file.
-export function remember(file, told) {
+// about: {address} and the description of the file.
+export function remember(file, about) {
   const print = fingerprint(file);
   const kept = recall();
-  write({ ...kept, [print]: { ...kept[print], name: file.name, ...told } });
+  write({ ...kept, [print]: { ...kept[print], name: file.name, ...about } });
 }
 
 export function forget(file) {

@@ -1,11 +1,11 @@
 // All selected files: three upload at a time, the others wait. The analysis of each file is declared when its
 // upload starts, and begins with the last byte even if this page is closed.
 
-import { $, fill, rest, say } from "../say.js";
+import { $, fill, pause, say } from "../say.js";
 import { forget, recall, fingerprint } from "./memory.js";
 import { Row } from "./row.js";
-import { giveUp, Refusal, TUS, TusUpload } from "./tus.js";
-import { tellSize } from "./sizes.js";
+import { deleteUpload, Refusal, TUS, TusUpload } from "./tus.js";
+import { formatSize } from "./sizes.js";
 
 const AT_ONCE = 3;
 const LOOK_MS = 400;
@@ -18,14 +18,14 @@ export class Queue {
     Object.assign(this, { api, onChange, onAdded, waiting: [], going: new Set(), all: new Set() });
   }
 
-  add(files, wishes) {
+  add(files, values) {
     for (const file of files) {
       const entry = { file };
       const kept = recall()[fingerprint(file)] || {}; // stated before a reload
-      const said = { subject: wishes.subject || kept.subject || "", side: wishes.side || kept.side || "" };
-      entry.study = wishes.study || kept.study || "";
-      entry.held = wishes.held || kept.held || ""; // "start": the pose was held at the start of wear
-      entry.row = new Row(file, said, { cancel: () => this.cancel(entry), retry: () => this.retry(entry), remove: () => this.remove(entry) });
+      const stated = { subject: values.subject || kept.subject || "", side: values.side || kept.side || "" };
+      entry.study = values.study || kept.study || "";
+      entry.held = values.held || kept.held || ""; // "start": the pose was held at the start of wear
+      entry.row = new Row(file, stated, { cancel: () => this.cancel(entry), retry: () => this.retry(entry), remove: () => this.remove(entry) });
       this.all.add(entry);
       this.waiting.push(entry);
     }
@@ -53,17 +53,17 @@ export class Queue {
     if (file.size > Number(words.maxBytes)) return this.refuseLarge(entry);
     this.going.add(entry);
     row.show("uploading");
-    row.part(".asked").addEventListener("change", () => this.tell(entry));
-    entry.upload = new TusUpload(file, row.wishes(), { study: entry.study, held: entry.held }, this.api + "/uploads", {
+    row.part(".asked").addEventListener("change", () => this.sendChanges(entry));
+    entry.upload = new TusUpload(file, row.description(), { study: entry.study, held: entry.held }, this.api + "/uploads", {
       progress: (bytes) => (row.state === "lost" && row.show("uploading"), row.progress(bytes)),
-      piece: () => this.look(entry),
-      smaller: (bytes) => row.note(fill(words.smaller, { size: tellSize(bytes, row.units) })),
+      piece: () => this.inspect(entry),
+      smaller: (bytes) => row.note(fill(words.smaller, { size: formatSize(bytes, row.units) })),
       waiting: () => row.show("lost"),
-      resumed: () => this.tell(entry),
+      resumed: () => this.sendChanges(entry),
     });
     try {
       const recordingId = await entry.upload.send();
-      await this.persist(entry, () => this.hand(entry, recordingId));
+      await this.retryWhileOffline(entry, () => this.complete(entry, recordingId));
     } catch (error) {
       if (!entry.upload.stopped) error instanceof Refusal ? row.refuse(error.problem) : row.loseNetwork();
     }
@@ -72,40 +72,40 @@ export class Queue {
   }
 
   // Send description changes during the upload at once, because the analysis starts by itself.
-  tell({ file, row, upload }) {
-    const { subject, side } = row.wishes();
+  sendChanges({ file, row, upload }) {
+    const { subject, side } = row.description();
     const body = JSON.stringify({ file_name: file.name, subject, side: side || null });
     if (upload.address) fetch(upload.address + "/words", { method: "PUT", headers: { "Content-Type": "application/json" }, body }).catch(() => null);
   }
 
   // Repeat the request until the server responds, so that a lost network after the last byte loses nothing.
-  async persist(entry, act) {
+  async retryWhileOffline(entry, act) {
     for (let tries = 1; ; tries += 1) {
       try {
         return await act();
       } catch (error) {
         if (error instanceof Refusal || tries > MOST_TRIES || entry.isCancelled) throw error;
         entry.row.show("lost");
-        await rest(Math.min(500 * 2 ** tries, LONGEST_PAUSE_MS));
+        await pause(Math.min(500 * 2 ** tries, LONGEST_PAUSE_MS));
       }
     }
   }
 
   refuseLarge({ row, file }) {
     const { tooBig, tooBigDetail, tooBigFix, maxBytes } = row.words;
-    const facts = { size: tellSize(file.size, row.units), max: tellSize(Number(maxBytes), row.units) };
+    const facts = { size: formatSize(file.size, row.units), max: formatSize(Number(maxBytes), row.units) };
     row.refuse({ title: tooBig, detail: fill(tooBigDetail, facts), fix: tooBigFix, code: "E-BIG", retryable: false });
   }
 
   // Poll the inspection of the first bytes until it has a result.
-  async look(entry) {
+  async inspect(entry) {
     if (entry.looked) return;
     entry.looked = true;
     for (let k = 0; k < MOST_LOOKS && !entry.upload.stopped; k += 1) {
       const answer = await fetch(entry.upload.address + "/inspection").catch(() => null);
       if (answer && answer.status >= 400) return this.warn(entry, answer);
       const found = answer ? await answer.json() : {};
-      if (found.device) return entry.row.understand(this.describe(found, entry.row.words));
+      if (found.device) return entry.row.showFacts(this.describe(found, entry.row.words));
       await new Promise((resolve) => setTimeout(resolve, LOOK_MS));
     }
   }
@@ -127,13 +127,13 @@ export class Queue {
 
   // Complete an upload. The analysis has usually started; if it has not (an identical one exists, or the
   // queue was full), request it here. The file is remembered until the analysis exists.
-  async hand(entry, recordingId) {
+  async complete(entry, recordingId) {
     entry.key = `of-${recordingId}`;
     const recording = await this.get(`/recordings/${recordingId}`);
     const begun = (await this.get(`/analyses?recording_id=${recordingId}&limit=1`)).items[0];
     const upload = await this.get(`/uploads/${entry.upload.address.split("/").pop()}`);
-    if (upload.is_repeated) return this.handRepeated(entry, recordingId, begun, upload);
-    const { subject, side } = entry.row.wishes();
+    if (upload.is_repeated) return this.completeRepeated(entry, recordingId, begun, upload);
+    const { subject, side } = entry.row.description();
     const isAsSaid = subject === recording.subject && side === (recording.side || "");
     if (begun && isAsSaid) return this.added(entry);
     if (begun) await this.send("POST", `/analyses/${begun.id}/cancel`); // the last changes were too late for it
@@ -155,7 +155,7 @@ export class Queue {
   }
 
   // Handle a file that was sent before: its recording is never deleted here.
-  async handRepeated(entry, recordingId, begun, upload) {
+  async completeRepeated(entry, recordingId, begun, upload) {
     if (begun && begun.created_at >= upload.created_at) return this.added(entry);
     if (begun && !["failed", "cancelled"].includes(begun.state)) {
       forget(entry.file);
@@ -180,7 +180,7 @@ export class Queue {
   }
 
   // Return whether an upload is complete and its analysis has started.
-  async isBegun(address) {
+  async hasAnalysis(address) {
     if (!address) return false;
     const answer = await fetch(address, { method: "HEAD", headers: TUS }).catch(() => null);
     const recordingId = answer?.headers.get("Acromion-Recording");
@@ -189,10 +189,10 @@ export class Queue {
   }
 
   // Delete an unwanted upload, and its recording unless that is being analysed.
-  async leave(address) {
+  async discard(address) {
     const answer = await fetch(address, { method: "HEAD", headers: TUS }).catch(() => null);
     const recordingId = answer?.headers.get("Acromion-Recording");
-    await giveUp(address);
+    await deleteUpload(address);
     if (answer?.headers.get("Acromion-Repeated")) return;
     const found = recordingId && (await this.get(`/analyses?recording_id=${recordingId}&limit=1`).catch(() => null));
     if (!found || found.items.length) return;
@@ -206,8 +206,8 @@ export class Queue {
 
   async repeat(entry, recordingId) {
     const { row } = entry;
-    const said = Object.entries(row.wishes()).filter(([, value]) => value); // the rest has not changed
-    const settings = { ...this.settings(entry), ...Object.fromEntries(said) };
+    const stated = Object.entries(row.description()).filter(([, value]) => value); // the rest has not changed
+    const settings = { ...this.settings(entry), ...Object.fromEntries(stated) };
     try {
       await this.send("POST", "/analyses", { recording_ids: [recordingId], settings, again: true, study: entry.study });
       this.added(entry);
@@ -234,9 +234,9 @@ export class Queue {
   async send(method, path, body, more = {}) {
     const headers = { ...(body && { "Content-Type": "application/json" }), ...more };
     const answer = await fetch(this.api + path, { method, headers, body: body && JSON.stringify(body) });
-    const told = await answer.json();
-    if (!answer.ok) throw new Refusal(told);
-    return told;
+    const result = await answer.json();
+    if (!answer.ok) throw new Refusal(result);
+    return result;
   }
 
   cancel(entry) {

@@ -2,23 +2,23 @@
 
 import { $, fill, say } from "../say.js";
 import { remember } from "./memory.js";
-import { tellSize } from "./sizes.js";
+import { formatSize } from "./sizes.js";
 
 const DRAW_MS = 250;
 
 export class Row {
-  constructor(file, wishes, acts) {
+  constructor(file, description, acts) {
     this.file = file;
     this.words = $("upload").dataset;
     this.units = this.words.units.split(" ");
     this.item = $("upload").content.firstElementChild.cloneNode(true);
     this.part(".name").textContent = file.name;
-    this.part(".meta").textContent = tellSize(file.size, this.units);
-    this.part("[name=subject]").value = wishes.subject;
-    this.part("[name=side]").value = wishes.side;
+    this.part(".meta").textContent = formatSize(file.size, this.units);
+    this.part("[name=subject]").value = description.subject;
+    this.part("[name=side]").value = description.side;
     for (const [name, act] of Object.entries(acts)) this.part(`[data-do=${name}]`).addEventListener("click", act);
     for (const button of this.item.querySelectorAll("[data-do]")) button.setAttribute("aria-label", `${button.textContent}: ${file.name}`);
-    this.part(".asked").addEventListener("change", () => this.state === "waiting" || remember(file, this.wishes()));
+    this.part(".asked").addEventListener("change", () => this.state === "waiting" || remember(file, this.description()));
     $("uploads").append(this.item);
     this.show("waiting");
   }
@@ -28,7 +28,7 @@ export class Row {
   }
 
   // Return the current description of this file; it can change until the upload is complete.
-  wishes() {
+  description() {
     return { subject: this.part("[name=subject]").value.trim(), side: this.part("[name=side]").value };
   }
 
@@ -54,13 +54,13 @@ export class Row {
     if (!isDue) return;
     this.drawnMs = performance.now();
     this.part("progress").value = this.file.size ? Math.floor((100 * bytes) / this.file.size) : 100;
-    this.part(".bar-word").textContent = `${tellSize(bytes, this.units)} / ${tellSize(this.file.size, this.units)}`;
+    this.part(".bar-word").textContent = `${formatSize(bytes, this.units)} / ${formatSize(this.file.size, this.units)}`;
   }
 
   // Show the facts from the first and last bytes: device, rate, start, end.
-  understand(told) {
-    this.part(".understood").textContent = told;
-    this.part(".understood").hidden = !told;
+  showFacts(text) {
+    this.part(".understood").textContent = text;
+    this.part(".understood").hidden = !text;
   }
 
   note(text) {

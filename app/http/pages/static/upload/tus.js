@@ -2,7 +2,7 @@
 // waits for the network. A piece that is refused as too large is halved.
 
 import { fingerprint, forget, recall, remember } from "./memory.js";
-import { rest } from "../say.js";
+import { pause } from "../say.js";
 
 const KIB = 1024;
 const FIRST_PIECE = 1024 * KIB; // small, so that the server can soon inspect the file
@@ -27,8 +27,8 @@ class Lost extends Error {}
 
 export class TusUpload {
   // on: {progress(bytes), piece(), smaller(bytes), waiting(), resumed()}
-  constructor(file, words, wishes, root, on) {
-    Object.assign(this, { file, words, wishes, root, on, offset: 0, piece: LARGEST_PIECE, address: null, request: null, stopped: false, speed: {} });
+  constructor(file, words, options, root, on) {
+    Object.assign(this, { file, words, options, root, on, offset: 0, piece: LARGEST_PIECE, address: null, request: null, stopped: false, speed: {} });
   }
 
   // Send the whole file and return the id of the recording.
@@ -43,7 +43,7 @@ export class TusUpload {
         tries = this.offset > before ? 1 : tries + 1;
         if (tries > MOST_TRIES) throw error;
         this.on.waiting();
-        await rest(Math.min(500 * 2 ** tries, LONGEST_PAUSE_MS));
+        await pause(Math.min(500 * 2 ** tries, LONGEST_PAUSE_MS));
       }
     }
   }
@@ -69,10 +69,10 @@ export class TusUpload {
       }
       forget(this.file);
     }
-    const answer = await this.ask("POST", this.root, { "Upload-Length": this.file.size, "Upload-Metadata": describe(this.file, { ...this.words, settings: declareAnalysis(this.wishes) }) });
+    const answer = await this.ask("POST", this.root, { "Upload-Length": this.file.size, "Upload-Metadata": describe(this.file, { ...this.words, settings: declareAnalysis(this.options) }) });
     if (answer.status !== 201) throw refuse(answer);
     this.address = this.root + "/" + answer.getResponseHeader("Location").split("/").pop();
-    remember(this.file, { address: this.address, ...this.wishes, ...this.words });
+    remember(this.file, { address: this.address, ...this.options, ...this.words });
     this.offset = 0;
     return { recording: null };
   }
@@ -140,17 +140,17 @@ export class TusUpload {
     this.stopped = true;
     this.request?.abort();
     forget(this.file);
-    return giveUp(this.address);
+    return deleteUpload(this.address);
   }
 }
 
 // Ask the server to delete an upload. Retry, because it may still be writing the last piece (423) or be
 // offline.
-export async function giveUp(address) {
+export async function deleteUpload(address) {
   for (let tries = 0; address && tries < MOST_TRIES; tries += 1) {
     const answer = await fetch(address, { method: "DELETE", headers: TUS }).catch(() => null);
     if (answer && answer.status !== 423) return;
-    await rest(Math.min(250 * 2 ** tries, LONGEST_PAUSE_MS));
+    await pause(Math.min(250 * 2 ** tries, LONGEST_PAUSE_MS));
   }
 }
 
