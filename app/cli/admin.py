@@ -359,7 +359,7 @@ def _print_refusal(refusal: AppError, language: Language) -> None:
 # The audit log, retention, holds; and original recordings.
 
 
-MOST_SHOWN = 1000
+MAX_SHOWN = 1000
 
 trail = typer.Typer(help="The audit log: who did what.", no_args_is_help=True)
 hold = typer.Typer(help="Protect a recording from deletion.", no_args_is_help=True)
@@ -398,7 +398,7 @@ def show_trail(
         question = AuditQuestion(ids, who, "", _read_moment(begin), _read_moment(end))
         record_alone(store.engine, "trail.read")
         _print_lines(
-            form, map(asdict, find_lines(store.reader, question, most=MOST_SHOWN * (form == "text"))), lang
+            form, map(asdict, find_lines(store.reader, question, most=MAX_SHOWN * (form == "text"))), lang
         )
 
 

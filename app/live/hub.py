@@ -31,9 +31,9 @@ from fusion.recording import MICROSECONDS
 
 SHOWN_HZ = 50.0
 HISTORY_S = 60.0
-MOST_WAITING = 250
+MAX_WAITING = 250
 """Messages that wait for a slow viewer: 10 s."""
-MOST_SESSIONS = 50
+MAX_SESSIONS = 50
 ENDED_TERM_S = 3600.0
 """How long an ended session can be queried."""
 STOP_LIMIT_S = 10.0
@@ -293,8 +293,8 @@ class LiveHub:
                 for ended_id, ended in list(self._sessions.items()):
                     if ended.state != "running" and time.monotonic() - ended.ended_s > ENDED_TERM_S:
                         del self._sessions[ended_id], self._threads[ended_id]
-                if sum(one.state == "running" for one in self._sessions.values()) >= MOST_SESSIONS:
-                    raise TooManySessions(max=MOST_SESSIONS)
+                if sum(one.state == "running" for one in self._sessions.values()) >= MAX_SESSIONS:
+                    raise TooManySessions(max=MAX_SESSIONS)
                 recorder = Recorder(files.raw, source.facts, request.wearer, request.rules)
                 session = RunningSession(files, source, recorder, request)
                 run = (session.run, self.library)

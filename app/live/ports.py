@@ -31,7 +31,7 @@ SENDER_SILENCE_S = 5.0
 LINE_SILENCE_S = 10.0
 """A board that lost power does not close its connection; after this silence the client reconnects."""
 PIECE_BYTES = 65_536
-MOST_PIECES = 256
+MAX_PIECES = 256
 SERIAL_PORT = re.compile(r"^(COM\d+|/dev/(?!shm/)\S+)$", re.IGNORECASE)
 
 
@@ -164,7 +164,7 @@ class PushedPort:
     """Bytes that a page sends, from a board or from the phone's own sensors."""
 
     def __init__(self) -> None:
-        self._pieces: queue.Queue[bytes] = queue.Queue(MOST_PIECES)
+        self._pieces: queue.Queue[bytes] = queue.Queue(MAX_PIECES)
         self._is_open = True
 
     def push(self, piece: bytes) -> bool:
@@ -237,7 +237,7 @@ def find_serial_ports() -> tuple[str, ...]:
 KEPT, PLAYED = "live-", "replay-"
 RAW, EARLY = ".raw", ".early"
 SYNC_S = 1.0
-MOST_BYTES = 32 << 20
+MAX_BYTES = 32 << 20
 """Most early bytes; a port that sends more is not read until the session has caught up."""
 CLOSE_LIMIT_S = 5.0
 _ABOUT = struct.Struct("<I")
@@ -341,7 +341,7 @@ class EarlyPort:
         try:
             while self._is_open:
                 with self._guard:
-                    has_room = self._file is None or self._file.size_bytes < MOST_BYTES
+                    has_room = self._file is None or self._file.size_bytes < MAX_BYTES
                 if has_room:
                     self._take(self.inner.read())
                 else:

@@ -27,7 +27,7 @@ from fusion.simulation import simulate_shift, write_shift
 LEARN_LIMIT_S = 20.0
 """A board that sends data must send its header within this time."""
 CHUNK_S = 0.04
-FASTEST = 20.0
+MAX_SPEED = 20.0
 DEMO_HOURS = 0.25
 
 
@@ -180,7 +180,7 @@ class ReplaySource:
         now_s: Callable[[], float] = time.monotonic,
         wait: Callable[[float], None] = time.sleep,
     ) -> None:
-        self._frames = replay_frames(recording, CHUNK_S * min(max(speed, 1.0), FASTEST))
+        self._frames = replay_frames(recording, CHUNK_S * min(max(speed, 1.0), MAX_SPEED))
         self._speed, self._now_s, self._wait = speed, now_s, wait
         self._began_s: float | None = None
         self.facts = SourceFacts(

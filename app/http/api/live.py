@@ -58,7 +58,7 @@ if TYPE_CHECKING:
 
 LIVE_FOLDER = "live"
 HEAD_BYTES = 4096
-LONGEST_NOTE = 1000
+MAX_NOTE_LENGTH = 1000
 CUED = "cues"
 """The tag of a recording with cues, which distinguishes it from recordings without."""
 
@@ -82,7 +82,7 @@ class LiveLibrary:
             rules = [f"{format_rule(rule)}: {counts[format_rule(rule)]}" for rule in ended.request.rules]
             times = " ".join(f"{cue.time_s:.0f}" for cue in ended.cues)
             row = self._services.recordings.get(analysis.recording_id)
-            note = f"cues {', '.join(rules)}; s: {times}"[:LONGEST_NOTE]
+            note = f"cues {', '.join(rules)}; s: {times}"[:MAX_NOTE_LENGTH]
             self._services.recordings.describe(row, replace(row.about, note=note))
             self._services.recordings.tag([row.id], [CUED])
         return analysis.id
@@ -138,11 +138,11 @@ def _store_session(services: Services, files: SessionFiles, subject: str, side: 
 
 SILENCE_S = 600.0
 """A session of lines ends if its page sends none for this time."""
-MOST_WAITING = 250
+MAX_WAITING = 250
 """Messages that wait for a slow page, about 10 s; beyond that the oldest are dropped."""
 FIRST_LIMIT_S = 30.0
 """Time limit for the first message of a page."""
-MOST_STARTING = 50
+MAX_STARTING = 50
 """Most sources that start at the same time, in separate threads, so that a silent board blocks no request."""
 REFUSED, ENDED = 4400, 1000
 GOODBYES = (1000, 1001, 1005)
@@ -259,7 +259,7 @@ _STARTING: RunVar[CapacityLimiter] = RunVar("live sessions that start")
 
 def _find_limiter() -> CapacityLimiter:
     if (limiter := _STARTING.get(None)) is None:
-        limiter = CapacityLimiter(MOST_STARTING)
+        limiter = CapacityLimiter(MAX_STARTING)
         _STARTING.set(limiter)
     return limiter
 
@@ -443,7 +443,7 @@ class Outbox:
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self._loop = loop
-        self._waiting: deque[Mapping[str, Any]] = deque(maxlen=MOST_WAITING)
+        self._waiting: deque[Mapping[str, Any]] = deque(maxlen=MAX_WAITING)
         self._has_any = asyncio.Event()
 
     def put(self, message: Mapping[str, Any]) -> None:

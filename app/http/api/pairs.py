@@ -122,7 +122,7 @@ class ChangeView(_Exact):
     source: str
 
 
-MOST_DAYS = 300
+MAX_DAYS = 300
 """Most analyses in one profile, on each side of a change."""
 Stage = Literal["all", "before", "after"]
 Ends = tuple[float, float]
@@ -332,8 +332,8 @@ class PairQuery(_Exact):
 class ProfileQuery(_Exact):
     """The analyses of the days; with ``after``, those before a change and those after it."""
 
-    analysis: Annotated[list[str], Field(min_length=1, max_length=MOST_DAYS, description="Once per day.")]
-    after: Annotated[list[str], Field(max_length=MOST_DAYS, description="Once per day after a change.")] = []
+    analysis: Annotated[list[str], Field(min_length=1, max_length=MAX_DAYS, description="Once per day.")]
+    after: Annotated[list[str], Field(max_length=MAX_DAYS, description="Once per day after a change.")] = []
     same_subject: SameSubject = False
     mixed_methods: MixedMethods = False
     paper: PaperChoice = None

@@ -33,7 +33,7 @@ from app.report.export.tables import INTERNATIONAL, encode_table
 from app.report.words.wording import Language, load_wording
 from app.services import Services, UsedServices
 
-MOST_LINES = 500
+MAX_LINES = 500
 
 router = APIRouter(prefix="/api/v1", responses=PROBLEM_RESPONSES)
 
@@ -205,8 +205,8 @@ class AuditView(BaseModel):
 def get_trail(services: UsedServices, asked: Annotated[AuditQuery, Query()]) -> AuditView:
     """Return audit log entries of a subject, a recording or a person between two moments."""
     question = build_question(services, asked)
-    found = list(find_lines(services.store.reader, question, before=asked.before, most=MOST_LINES))
-    following = found[-1].seq if len(found) == MOST_LINES else None
+    found = list(find_lines(services.store.reader, question, before=asked.before, most=MAX_LINES))
+    following = found[-1].seq if len(found) == MAX_LINES else None
     return AuditView(items=[asdict(line) for line in found], next_before=following)
 
 
@@ -238,7 +238,7 @@ def find_export(services: Services, asked: AuditQuery) -> Iterator[AuditLine]:
 # Tokens, with which scripts act for a person.
 
 token_router = APIRouter(prefix="/api/v1/tokens", responses=PROBLEM_RESPONSES, tags=["tokens"])
-LONGEST_NAME = 100
+MAX_NAME_LENGTH = 100
 
 
 def get_person_subject(subject: UsedSubject) -> Subject:
@@ -256,7 +256,7 @@ class TokenWish(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    name: Annotated[str, Field(min_length=1, max_length=LONGEST_NAME)]
+    name: Annotated[str, Field(min_length=1, max_length=MAX_NAME_LENGTH)]
     permissions: Annotated[list[Granted], Field(min_length=1)]
     days: Annotated[int, Field(ge=1, le=MOST_DAYS)] = DAYS
 

@@ -41,7 +41,7 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "pose_held": ("", *get_args(PoseHeld)),
     "paper": ("", "a4", "letter"),
 }
-MOST_TASK_BYTES = 1 << 20
+MAX_TASK_BYTES = 1 << 20
 FIELDS = (
     "recording",
     "reference",
@@ -199,7 +199,7 @@ async def queue_validation(form: FormData, services: Services) -> Job:
     file = form.get("tasks")
     tasks: tuple[TaskWindow, ...] = ()
     if isinstance(file, UploadFile) and file.filename:
-        tasks = read_tasks(await file.read(MOST_TASK_BYTES))
+        tasks = read_tasks(await file.read(MAX_TASK_BYTES))
     given = Reference(
         "",
         clean_file_name(reference.filename or ""),

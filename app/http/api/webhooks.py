@@ -245,7 +245,7 @@ def _view(hook: Webhook) -> WebhookView:
 
 # Background delivery.
 
-MOST_AT_ONCE = 16
+MAX_PARALLEL_DELIVERIES = 16
 """Addresses served at the same time; each gets one message at a time."""
 
 
@@ -274,7 +274,7 @@ class WebhookSender:
         self._under_way = {url: task for url, task in self._under_way.items() if not task.done()}
         self._starts = {url: start for url, start in self._starts.items() if url in due}
         free = sorted(due.keys() - self._under_way.keys(), key=lambda url: (self._starts.get(url, 0), url))
-        for url in free[: MOST_AT_ONCE - len(self._under_way)]:
+        for url in free[: MAX_PARALLEL_DELIVERIES - len(self._under_way)]:
             self._started += 1
             self._starts[url] = self._started
             self._under_way[url] = asyncio.create_task(self._deliver(due[url]))

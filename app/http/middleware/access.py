@@ -41,11 +41,11 @@ from app.library.audit_log import (
 from app.services import SUBJECT, find_services
 
 ONE_READING_S = 15 * 60.0
-MOST_KNOWN = 10_000
+MAX_RECENT_READS = 10_000
 WINDOW_S = 15 * 60.0
-MOST_LINES, MOST_OF_STRANGERS = 50, 300
+MAX_LINES, MAX_UNAUTHENTICATED_LINES = 50, 300
 """Most refusal entries per window: of one subject or address, and of all unauthenticated requests."""
-MOST_COUNTED = 10_000
+MAX_COUNTED_CLIENTS = 10_000
 """Most clients counted at a time; the one seen longest ago is dropped first."""
 STRANGERS = ""
 
@@ -57,7 +57,7 @@ EXPORTS = frozenset({"file.exported", "trail.exported"})
 """A download of a whole file always has its own entry."""
 FOLDED = frozenset({"report.read", "recording.read"})
 """Reads of one object through several routes share one entry."""
-MOST_NAMED = 20
+MAX_LOGGED_IDS = 20
 """Most ids of one refused request that are logged."""
 _ANY_ID = re.compile(r"\b(?:rec|an|ba|up|wh|per|tok|view|live)_[0-9a-f]{16,28}\b", re.ASCII)
 _FILE_NAME = re.compile(r"[\w.]{1,60}", re.ASCII)
@@ -79,7 +79,7 @@ class RecentReads:
         """Count a logged read; drop the oldest one if there are too many."""
         with self._turn:
             self._at_s.pop(key, None)
-            if len(self._at_s) >= MOST_KNOWN:
+            if len(self._at_s) >= MAX_RECENT_READS:
                 del self._at_s[next(iter(self._at_s))]
             self._at_s[key] = time.monotonic()
 
@@ -95,10 +95,10 @@ class RefusedLines:
     def take(self, asker: str, *, is_stranger: bool) -> Share:
         """Count a refusal of a subject, or of the address of an unauthenticated client."""
         with self._turn:
-            share = self._count(asker, MOST_LINES)
+            share = self._count(asker, MAX_LINES)
             if share == "none" or not is_stranger:
                 return share
-            of_all = self._count(STRANGERS, MOST_OF_STRANGERS)
+            of_all = self._count(STRANGERS, MAX_UNAUTHENTICATED_LINES)
             return share if of_all == "line" else of_all
 
     def _count(self, asker: str, most: int) -> Share:
@@ -106,7 +106,7 @@ class RefusedLines:
         began_s, number = self._counts.pop(asker, (now_s, 0))
         if now_s - began_s >= WINDOW_S:
             began_s, number = now_s, 0
-        elif not number and len(self._counts) >= MOST_COUNTED:
+        elif not number and len(self._counts) >= MAX_COUNTED_CLIENTS:
             del self._counts[next(iter(self._counts))]
         self._counts[asker] = (began_s, number + 1)
         if number < most:
@@ -179,7 +179,7 @@ class AuditRecorder:
         asker = find_network(get_client_address(connection)) if is_stranger else who
         # Log the ids in the address, even unknown ones; "" if there are none.
         address = f"{self._scope['path']}?{self._scope.get('query_string', b'').decode('latin-1')}"
-        for one in list(dict.fromkeys(_ANY_ID.findall(address)))[:MOST_NAMED] or [""]:
+        for one in list(dict.fromkeys(_ANY_ID.findall(address)))[:MAX_LOGGED_IDS] or [""]:
             key = (who, "refused", *map(str, facts.values()), one)
             if not self._known.is_new(key):
                 continue
@@ -188,7 +188,7 @@ class AuditRecorder:
                 await run_sync(record_refusal, engine, one, facts)
                 self._known.begin(key)
             elif share == "more":
-                most = {"most": MOST_LINES, "most_of_strangers": MOST_OF_STRANGERS}
+                most = {"most": MAX_LINES, "most_of_strangers": MAX_UNAUTHENTICATED_LINES}
                 await run_sync(record_alone, engine, "refused.more", most | {"minutes": int(WINDOW_S / 60)})
 
     def _get_engine(self) -> Engine:

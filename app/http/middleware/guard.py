@@ -28,7 +28,7 @@ BROWSER_COOKIE = "acromion_browser"
 STATE_COOKIE = "acromion_state"
 _HOST_PREFIX = "__Host-"
 """Browsers keep a cookie with this prefix only if this host set it over HTTPS for every path."""
-LONGEST_COOKIE = 200
+MAX_COOKIE_LENGTH = 200
 
 
 def get_settings(connection: HTTPConnection) -> Settings:
@@ -51,7 +51,7 @@ def get_client_address(connection: HTTPConnection) -> str:
 def get_caller(connection: HTTPConnection) -> Caller:
     """Return the address and browser of a sign-in attempt."""
     browser = connection.cookies.get(name_cookie(connection, BROWSER_COOKIE), "")
-    return Caller(get_client_address(connection), browser[:LONGEST_COOKIE])
+    return Caller(get_client_address(connection), browser[:MAX_COOKIE_LENGTH])
 
 
 def is_secure(connection: HTTPConnection) -> bool:
@@ -153,7 +153,7 @@ FILE_PATHS = (
 )
 DRAINED_BYTES, DRAIN_LIMIT_S = 64 << 20, 5.0
 """Most bytes read of a refused body (one part of an upload from the page) before the response is sent."""
-MOST_TEXT_BYTES = 8 << 20
+MAX_TEXT_BODY_BYTES = 8 << 20
 """Largest body of a request that contains no file."""
 
 PAGE_POLICY = (
@@ -216,7 +216,7 @@ class Guard:
         except AppError as refusal:
             await self._respond(request, refusal)(scope, receive, sealed)
             return
-        most_bytes = math.inf if accepts_file(scope) else MOST_TEXT_BYTES
+        most_bytes = math.inf if accepts_file(scope) else MAX_TEXT_BODY_BYTES
         watch = _BodyWatch(receive, self._min_rate_bytes_per_s, self._body_timeout_s, most_bytes)
         sealed = _drain_refused(sealed, watch, request)
         if scope["method"] == "HEAD":  # HEAD works for every GET route (RFC 9110, 9.3.2)

@@ -236,7 +236,7 @@ def _format_context_hint(error: Mapping[str, Any]) -> str:
 
 # Secrets: a response never repeats a password, a token, a code or another secret of the request.
 
-LONGEST = 60
+MAX_SHOWN_LENGTH = 60
 HIDDEN = "…"
 _SECRET = re.compile(r"passw|pwd|secret|token|(code|key|proof|ticket)s?(?![a-z])")
 _TOKEN = re.compile(rf"{TOKEN_PREFIX}[\w-]{{43}}")
@@ -261,7 +261,7 @@ def show_input(error: Mapping[str, Any]) -> str:
     is_whole = error["type"] == "missing" or place in ((), ("body",))
     if is_whole or any(map(is_secret, place)) or isinstance(given, dict | list | tuple | bytes):
         return HIDDEN
-    return hide_tokens(str(given))[:LONGEST]
+    return hide_tokens(str(given))[:MAX_SHOWN_LENGTH]
 
 
 def hide_tokens(text: str) -> str:

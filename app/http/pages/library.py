@@ -58,15 +58,15 @@ from app.request import SUBJECT_HINT, check_subject
 from app.services import Services, UsedServices
 from app.store.folder import COPY_BYTES, borrow_recording
 
-MOST_ROWS = 10_000
-MOST_BATCHES = 200
-MOST_SQUARES = 2_000
-MOST_CHOSEN = 500
+MAX_ROWS = 10_000
+MAX_BATCHES = 200
+MAX_SQUARES = 2_000
+MAX_SELECTED = 500
 SHOWN = 500
-MOST_VIEWS = 50
-LONGEST_VIEW = 60
-LONGEST_TAG = 40
-MOST_TAGS = 10
+MAX_VIEWS = 50
+MAX_VIEW_NAME_LENGTH = 60
+MAX_TAG_LENGTH = 40
+MAX_TAGS = 10
 DAY_S = 86400
 ZIP64_FROM_BYTES = 1 << 30
 CSV = MEDIA_TYPES["csv"]
@@ -103,15 +103,15 @@ def download_selected_table(
 
 
 def _find_shown(page: Page) -> Sequence[Entry]:
-    return Library(page.services.store.reader).find_page(read_filter(page.request), MOST_ROWS)
+    return Library(page.services.store.reader).find_page(read_filter(page.request), MAX_ROWS)
 
 
 def _find_selected(services: Services, form: Form) -> Sequence[Entry]:
     """Return the selected recordings: by id, or all that match a filter."""
     library, wanted = Library(services.store.reader), parse_filter(dict(parse_qsl(first(form, "query"))))
     if first(form, "every"):
-        return library.find_page(wanted, MOST_ROWS)
-    return library.find_chosen(form.get("recording", [])[:MOST_CHOSEN], wanted.batch)
+        return library.find_page(wanted, MAX_ROWS)
+    return library.find_chosen(form.get("recording", [])[:MAX_SELECTED], wanted.batch)
 
 
 def _send_table(services: Services, entries: Sequence[Entry], name: str) -> Response:
@@ -254,9 +254,11 @@ def save_view(page: UsedPage, form: UsedForm) -> Response:
     """Save the filter and order of the list under a name. Raises BadParameter."""
     name, query = first(form, "name"), write_filter(parse_filter(dict(parse_qsl(first(form, "query")))))
     known = {view.name for view in page.services.views.find_all()}
-    is_full = name not in known and len(known) >= MOST_VIEWS
-    if not name or len(name) > LONGEST_VIEW or not name.isprintable() or is_full:
-        raise BadParameter(name="name", value=name[:LONGEST_VIEW], allowed=f"<= {LONGEST_VIEW}")
+    is_full = name not in known and len(known) >= MAX_VIEWS
+    if not name or len(name) > MAX_VIEW_NAME_LENGTH or not name.isprintable() or is_full:
+        raise BadParameter(
+            name="name", value=name[:MAX_VIEW_NAME_LENGTH], allowed=f"<= {MAX_VIEW_NAME_LENGTH}"
+        )
     page.services.views.add(name, query)
     return page.go(f"/?{query}")
 
@@ -323,9 +325,9 @@ def _run_action(act: Act, page: Page, form: Form) -> ActionResult:
 def _read_tags(text: str) -> tuple[str, ...]:
     """Parse tags separated by commas. Raises BadParameter."""
     tags = tuple(dict.fromkeys(tag.strip() for tag in text.split(",") if tag.strip()))
-    are_fit = all(len(tag) <= LONGEST_TAG and tag.isprintable() for tag in tags)
-    if not 0 < len(tags) <= MOST_TAGS or not are_fit:
-        raise BadParameter(name="tag", value=text[:LONGEST_TAG], allowed=f"<= {LONGEST_TAG}")
+    are_fit = all(len(tag) <= MAX_TAG_LENGTH and tag.isprintable() for tag in tags)
+    if not 0 < len(tags) <= MAX_TAGS or not are_fit:
+        raise BadParameter(name="tag", value=text[:MAX_TAG_LENGTH], allowed=f"<= {MAX_TAG_LENGTH}")
     return tags
 
 
@@ -460,7 +462,7 @@ def show_trash(page: UsedPage) -> Response:
 @router.get("/batches")
 def show_batches(page: UsedPage) -> Response:
     """List the batches, newest first."""
-    rows = [_describe_batch(page, batch) for batch in page.services.batches.find_newest(MOST_BATCHES)]
+    rows = [_describe_batch(page, batch) for batch in page.services.batches.find_newest(MAX_BATCHES)]
     return page.render("library/batches.html", rows=rows)
 
 
@@ -522,7 +524,7 @@ class Square:
 def _draw_squares(page: Page, batch_id: str, jobs: Sequence[Job]) -> list[Square]:
     words, verdicts = page.words(), page.services.batches.find_verdicts(batch_id)
     squares = []
-    for job in jobs[:MOST_SQUARES]:
+    for job in jobs[:MAX_SQUARES]:
         name = format_compared(job, words) or job.request.subject or job.file_name
         state, text = job.state.value, words["state"][job.state.value]
         if job.state is JobState.SUCCEEDED and (verdict := verdicts.get(job.id, "")):

@@ -14,7 +14,7 @@ from pydantic import BaseModel, Field
 
 from app.errors import CannotProfile, RecordedProblem
 from app.http.api.library.files import respond_with_file
-from app.http.api.pairs import MOST_DAYS, build_pair_download_name, get_asked_jobs
+from app.http.api.pairs import MAX_DAYS, build_pair_download_name, get_asked_jobs
 from app.http.pages.recording.page_one import PlacedCurve, build_curves
 from app.http.pages.rendering import Page, UsedPage, add_navigation_of_query
 from app.library.kept_pairs import AnyJobs, AskedJobs, PairReport
@@ -29,7 +29,7 @@ from app.services import Services, UsedServices
 from fusion.comparison.change import FigureChange
 
 DAY = 10  # characters of an ISO date
-MOST_TRUNKS = 50
+MAX_TRUNKS = 50
 SETTINGS = frozenset({"method", "pose", "metric filter"})
 
 router = APIRouter(include_in_schema=False)
@@ -214,7 +214,7 @@ def _offer_trunks(
     start = figures["left"].get("start") or ""
     found = [
         other.job
-        for other in Library(services.store.reader).find_others(asked.jobs[0], MOST_TRUNKS)
+        for other in Library(services.store.reader).find_others(asked.jobs[0], MAX_TRUNKS)
         if other.job.request.side is None
         and other.job.recording_id != asked.jobs[1].recording_id
         and _read_start(other)[:DAY] == start[:DAY]
@@ -225,7 +225,7 @@ def _offer_trunks(
 
 # Several days.
 
-MOST_OFFERED = 60
+MAX_OFFERED = 60
 """Most recordings of one person in the form."""
 
 
@@ -235,8 +235,8 @@ class DaysQuery(BaseModel):
     ``study`` selects every report of a study; from the day ``since`` on they count as after the change.
     """
 
-    analysis: Annotated[list[str], Field(max_length=MOST_DAYS)] = []
-    after: Annotated[list[str], Field(max_length=MOST_DAYS)] = []
+    analysis: Annotated[list[str], Field(max_length=MAX_DAYS)] = []
+    after: Annotated[list[str], Field(max_length=MAX_DAYS)] = []
     study: Annotated[str, Field(max_length=40)] = ""
     since: date | Literal[""] = ""
     same_subject: bool = False
@@ -269,7 +269,7 @@ def _find_study(services: Services, query: DaysQuery) -> tuple[list[Job], list[J
     wanted = LibraryFilter(batch=services.batches.get(query.study).id)
     placed = [
         (entry.job, entry.headline.start or "")
-        for entry in Library(services.store.reader).find_page(wanted, 2 * MOST_DAYS)
+        for entry in Library(services.store.reader).find_page(wanted, 2 * MAX_DAYS)
         if entry.headline and entry.job.request.reference is None
     ]
     if not query.since:
@@ -334,7 +334,7 @@ def get_days_address(services: Services, job: Job) -> str:
 
     If ``job`` states an arm, recordings without one (such as of the trunk) are left out.
     """
-    others = Library(services.store.reader).find_others(job, MOST_OFFERED - 1)
+    others = Library(services.store.reader).find_others(job, MAX_OFFERED - 1)
     ids = [other.job.id for other in others if other.job.request.side or not job.request.side]
     return "/days?" + "&".join(f"analysis={each}" for each in (job.id, *ids)) if ids else ""
 
@@ -347,7 +347,7 @@ def _list_choices(page: Page, asked: AskedJobs[ProfileRequest]) -> tuple[Choice,
     library, sides = Library(page.services.store.reader), load_wording(page.language)["side"]
     found: dict[str, Entry] = {}
     for job in {job.request.subject: job for job in asked.jobs}.values():
-        every = library.find_others(replace(job, recording_id=""), MOST_OFFERED)  # including its own
+        every = library.find_others(replace(job, recording_id=""), MAX_OFFERED)  # including its own
         found |= {entry.job.recording_id: entry for entry in every}
     for job in asked.jobs:
         known = found.get(job.recording_id)

@@ -282,8 +282,8 @@ def add_navigation(
 
 # Forms of short text fields (urlencoded).
 
-MOST_BYTES = 4 << 20
-MOST_FIELDS = 50_000
+MAX_BYTES = 4 << 20
+MAX_FIELDS = 50_000
 
 Form = Mapping[str, list[str]]
 
@@ -292,9 +292,9 @@ async def read_form(request: Request) -> Form:
     """Parse ``application/x-www-form-urlencoded`` to the values of each name. Raises BadParameter."""
     body = await read_body(request)
     try:
-        pairs = parse_qsl(body.decode(), keep_blank_values=True, max_num_fields=MOST_FIELDS)
+        pairs = parse_qsl(body.decode(), keep_blank_values=True, max_num_fields=MAX_FIELDS)
     except ValueError:
-        raise BadParameter(name="form", value="", allowed=f"≤ {MOST_FIELDS}") from None
+        raise BadParameter(name="form", value="", allowed=f"≤ {MAX_FIELDS}") from None
     form: dict[str, list[str]] = {}
     for name, value in pairs:
         form.setdefault(name, []).append(value)
@@ -309,8 +309,8 @@ async def read_body(request: Request) -> bytes:
     body = bytearray()
     async for chunk in request.stream():
         body += chunk
-        if len(body) > MOST_BYTES:
-            raise BadParameter(name="form", value="", allowed=f"≤ {MOST_BYTES}")
+        if len(body) > MAX_BYTES:
+            raise BadParameter(name="form", value="", allowed=f"≤ {MAX_BYTES}")
     return bytes(body)
 
 

@@ -9,7 +9,7 @@ from fastapi.responses import HTMLResponse
 
 from app.accounts.subjects import Subject
 from app.errors import BadParameter
-from app.http.api.trust import MOST_LINES, AuditQuery, build_question, get_names
+from app.http.api.trust import MAX_LINES, AuditQuery, build_question, get_names
 from app.http.middleware.access import UsedSubject
 from app.http.pages.rendering import Page, UsedForm, UsedPage, first
 from app.http.pages.views import format_moment
@@ -27,7 +27,7 @@ router = APIRouter(default_response_class=HTMLResponse, include_in_schema=False)
 def show_audit_log(page: UsedPage, query: Annotated[AuditQuery, Query()]) -> Response:
     """Show the audit log entries that match the filters."""
     question = build_question(page.services, query)
-    lines = list(find_lines(page.services.store.reader, question, before=query.before, most=MOST_LINES))
+    lines = list(find_lines(page.services.store.reader, question, before=query.before, most=MAX_LINES))
     asked = {name: page.request.query_params.get(name, "") for name in ASKED}
     return page.render(
         "trust/audit_log.html",
@@ -36,7 +36,7 @@ def show_audit_log(page: UsedPage, query: Annotated[AuditQuery, Query()]) -> Res
         asked=asked,
         acts=sorted(ACTS),
         query=urlencode({name: value for name, value in asked.items() if value}),
-        following=lines[-1].seq if len(lines) == MOST_LINES else None,
+        following=lines[-1].seq if len(lines) == MAX_LINES else None,
     )
 
 

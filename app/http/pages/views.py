@@ -40,9 +40,9 @@ _CURED_BY_COLUMNS = (
 ASK_COLUMNS = frozenset(refusal.code for refusal in _CURED_BY_COLUMNS)
 """Problems that a person may fix by naming the columns."""
 
-MOST_APART = 2.0
+MAX_SIZE_RATIO = 2.0
 """The time left is estimated only from files at most this factor larger or smaller."""
-MOST_PERIODS = 12
+MAX_PERIODS = 12
 
 
 def describe_old(job: Job, reports: Sequence[Job], page: Page) -> OldVersion | None:
@@ -167,7 +167,7 @@ def estimate_left_s(job: Job, took: Sequence[Took], now: datetime) -> float | No
         each.took_s * job.size_bytes / each.size_bytes
         for each in took
         if Path(each.file_name).suffix.lower() == Path(job.file_name).suffix.lower()
-        and 1 / MOST_APART <= job.size_bytes / max(each.size_bytes, 1) <= MOST_APART
+        and 1 / MAX_SIZE_RATIO <= job.size_bytes / max(each.size_bytes, 1) <= MAX_SIZE_RATIO
     ]
     if not scaled:
         return None
@@ -301,7 +301,7 @@ def _format_periods(job: Job, clock: DayClock | None, language: Language) -> str
         rows = place_rows(diary, clock) if clock else []
     except errors.UnusableDiary:
         rows = []
-    shown = [f"{row.label or kinds[row.kind]} {row.start} – {row.end}" for row in rows[:MOST_PERIODS]]
+    shown = [f"{row.label or kinds[row.kind]} {row.start} – {row.end}" for row in rows[:MAX_PERIODS]]
     if len(diary) > len(shown):
         shown.append(f"+ {len(diary) - len(shown)}" if shown else str(len(diary)))
     return "; ".join(shown)

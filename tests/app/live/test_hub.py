@@ -141,7 +141,7 @@ def test_a_raw_file_that_cannot_be_taken_in_stays_for_the_next_start(
 def test_more_sessions_than_the_server_runs_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.live.hub.MOST_SESSIONS", 0)
+    monkeypatch.setattr("app.live.hub.MAX_SESSIONS", 0)
     source = BreakingSource(OSError("gone"))
 
     with pytest.raises(TooManySessions):

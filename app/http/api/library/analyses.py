@@ -56,7 +56,7 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 POLL_S = 0.2
-LONGEST_WAIT_S = 60.0
+MAX_WAIT_S = 60.0
 
 
 async def wait_for_end(request: Request, services: Services, analysis_id: str, wait_s: float) -> Job:
@@ -133,7 +133,7 @@ async def analyze(
     job, existed = await receive_recording(request, services, commit)
     # ``Prefer: wait=N`` (RFC 7240); other preferences are ignored, as the RFC requires
     asked_s = re.search(r"(?:^|[,;\s])wait=(\d{1,4})(?:$|[,;\s])", request.headers.get("prefer", ""))
-    wait_s = min(float(asked_s[1]), LONGEST_WAIT_S) if asked_s else 0.0
+    wait_s = min(float(asked_s[1]), MAX_WAIT_S) if asked_s else 0.0
     job = await wait_for_end(request, services, job.id, wait_s)
     view = _view(job, language, existed=existed)
     return _accept(view.model_dump(mode="json", exclude_unset=True), job)
@@ -319,7 +319,7 @@ async def get_analysis(
     request: Request,
     services: UsedServices,
     language: UsedLanguage,
-    wait: Annotated[float, Query(ge=0, le=LONGEST_WAIT_S, description="Seconds to wait for its end.")] = 0,
+    wait: Annotated[float, Query(ge=0, le=MAX_WAIT_S, description="Seconds to wait for its end.")] = 0,
 ) -> AnalysisView:
     """Return one analysis; with ``wait``, when it ends or the time is up."""
     return view_analysis(await wait_for_end(request, services, analysis_id, wait), language)

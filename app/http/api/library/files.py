@@ -26,7 +26,7 @@ from app.store.folder import borrow_recording, read_mark
 
 
 _RANGE = re.compile(r"(\d{0,18})-(\d{0,18})", re.ASCII)
-MOST_RANGE_CHARACTERS = 1000
+MAX_RANGE_LENGTH = 1000
 
 
 def check_range(request: Request, size_bytes: int, etag: str) -> None:
@@ -37,7 +37,7 @@ def check_range(request: Request, size_bytes: int, etag: str) -> None:
     asked = request.headers.get("range")
     if asked is None:
         return
-    parts = _parse_range(asked, size_bytes) if len(asked) <= MOST_RANGE_CHARACTERS else []
+    parts = _parse_range(asked, size_bytes) if len(asked) <= MAX_RANGE_LENGTH else []
     if not parts:
         headers = request.scope["headers"]
         request.scope["headers"] = [(name, value) for name, value in headers if name != b"range"]

@@ -58,7 +58,7 @@ T = TypeVar("T")
 
 COLUMNS = ["start", "end", "start_s", "end_s", "kind", "label", "left_out", "file"]
 SECONDS = {"start_s", "end_s"}
-LONGEST_US = 366 * 86_400 * MICROSECONDS
+MAX_DURATION_US = 366 * 86_400 * MICROSECONDS
 _YES_NO: Mapping[bool | None, str] = {None: "", True: "yes", False: "no"}
 
 
@@ -133,7 +133,7 @@ def check_periods(diary: Sequence[DiaryEntry], found: Mapping[str, Any] | None) 
     """
     if found is None:
         numbered = [e for e in diary if isinstance(e.start, float) and isinstance(e.end, float)]
-        place_diary(numbered, None, LONGEST_US)
+        place_diary(numbered, None, MAX_DURATION_US)
         return
     start = datetime.fromisoformat(found["start"]) if found["start"] else None
     duration_us = round(found["recorded_s"] * MICROSECONDS)
@@ -145,7 +145,7 @@ def check_periods(diary: Sequence[DiaryEntry], found: Mapping[str, Any] | None) 
 
 # Options of an analysis.
 
-MOST_WINDOWS = 100
+MAX_WINDOWS = 100
 CLOCK_HINT = "2026-03-02, 2026-03-02T07:58"
 
 
@@ -191,7 +191,7 @@ class AnalysisOptions(BaseModel):
     calibration: Annotated[
         list[Annotated[str, AfterValidator(lambda text: _parse(parse_window, text, WINDOW_HINT) and text)]],
         Field(
-            max_length=MOST_WINDOWS,
+            max_length=MAX_WINDOWS,
             description="START_S,END_S: when the pose was held, once or more; two-point: hanging, level.",
         ),
     ] = []
@@ -207,11 +207,11 @@ class AnalysisOptions(BaseModel):
         Field(description="Without a pose: the sensor's axis along the arm, towards the shoulder."),
     ] = None
     slip_at: Annotated[
-        SlipTimes, Field(max_length=MOST_WINDOWS, description="When the sensor slipped, seconds.")
+        SlipTimes, Field(max_length=MAX_WINDOWS, description="When the sensor slipped, seconds.")
     ] = []
     no_slip_at: Annotated[
         SlipTimes,
-        Field(max_length=MOST_WINDOWS, description="When it did not slip although it may seem so, seconds."),
+        Field(max_length=MAX_WINDOWS, description="When it did not slip although it may seem so, seconds."),
     ] = []
     rate_hz: Annotated[float | None, Field(ge=1, le=10_000, description="For files without timestamps.")] = (
         None

@@ -57,7 +57,7 @@ router = APIRouter(prefix="/api/v1/recordings", responses=PROBLEM_RESPONSES, tag
 IfMatch = Annotated[
     str, Header(description='The ETag that you read, such as "3"; without it no check is made.')
 ]
-MOST_DIARY_BYTES = 4 << 20
+MAX_DIARY_BYTES = 4 << 20
 WORD = {"type": "string"}
 FORM_BODY: dict[str, Any] = {
     "schema": {
@@ -100,7 +100,7 @@ async def create_recording(
     if kind.startswith("multipart/form-data"):
         row, is_new = await _receive_form(request, services, words)
     elif kind.startswith("application/json"):
-        body = await read_small_body(request, MOST_DIARY_BYTES)
+        body = await read_small_body(request, MAX_DIARY_BYTES)
         row, is_new = await run_in_threadpool(_describe_upload, services, body), True
     else:
         about = words.describe()
@@ -241,7 +241,7 @@ async def put_periods(
     recording_id: str, request: Request, services: UsedServices, if_match: IfMatch = ""
 ) -> list[PeriodView]:
     """Set the periods of the day, as JSON rows or a diary file, for the following analyses."""
-    body = await read_small_body(request, MOST_DIARY_BYTES)
+    body = await read_small_body(request, MAX_DIARY_BYTES)
     is_csv = request.headers.get("content-type", "").startswith("text/csv")
     diary = read_diary(body) if is_csv else read_periods(validate_model(PeriodList, parse_json(body)).root)
     row = await run_in_threadpool(_store_periods, services, recording_id, if_match, diary)

@@ -175,7 +175,7 @@ def _acknowledge(upload: Upload, services: Services, commit: Callable[[StoredRec
 # without its own files: those would write every byte twice, first to the temporary folder, which is small in
 # a container.
 
-MOST_FIELDS, MOST_FIELD_BYTES = 20, 4096
+MAX_FIELDS, MAX_FIELD_BYTES = 20, 4096
 
 
 class RecordingForm:
@@ -247,8 +247,8 @@ class RecordingForm:
             self._piece += octets[start_byte:end_byte]
             return
         self._word += octets[start_byte:end_byte]
-        if len(self._word) > MOST_FIELD_BYTES or len(self.words) >= MOST_FIELDS:
-            raise BadParameter(name=self._name[:60], value="", allowed=f"≤ {MOST_FIELD_BYTES}")
+        if len(self._word) > MAX_FIELD_BYTES or len(self.words) >= MAX_FIELDS:
+            raise BadParameter(name=self._name[:60], value="", allowed=f"≤ {MAX_FIELD_BYTES}")
 
     def _end_part(self) -> None:
         if not self._in_file:

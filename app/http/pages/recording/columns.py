@@ -28,7 +28,7 @@ UNITS: Mapping[str, Sequence[str]] = {
     "time_unit": ("s", "ms", "us", "ns"),
 }
 DATE_ORDERS = ("dmy", "mdy")
-LONGEST_NAME = 60
+MAX_NAME_LENGTH = 60
 
 router = APIRouter(include_in_schema=False)
 
@@ -119,7 +119,7 @@ def use_columns(analysis_id: str, page: UsedPage, form: UsedForm) -> Response:
 def name_columns(columns: Sequence[str]) -> str:
     """Name a mapping by its columns and not by a file name, so that a purged recording leaves no trace."""
     named = ", ".join(filter(None, columns))
-    return cut_text(clean_text(named), LONGEST_NAME) or f"({len(columns)})"
+    return cut_text(clean_text(named), MAX_NAME_LENGTH) or f"({len(columns)})"
 
 
 def find_offer(page: Page, job: Job, header: str) -> Offer | None:

@@ -238,20 +238,20 @@ def _choose(allowed: tuple[T, ...], text: str, name: str) -> T:
     raise BadParameter(name=name, value=text[:60], allowed=", ".join(allowed))
 
 
-MOST_POINTS = 4000
-MOST_SPANS = 200
-LATEST_S = 1e8
+MAX_POINTS = 4000
+MAX_SPANS = 200
+MAX_TIME_S = 1e8
 
 router = APIRouter(include_in_schema=False, prefix="/analyses/{analysis_id}")
-Second = Annotated[float, Query(ge=0, le=LATEST_S)]
+Second = Annotated[float, Query(ge=0, le=MAX_TIME_S)]
 
 
 class Piece(BaseModel):
     """A time range of a curve, and the number of pieces."""
 
-    from_s: Annotated[float, Field(ge=0, le=LATEST_S)]
-    to_s: Annotated[float, Field(ge=0, le=LATEST_S)]
-    points: Annotated[int, Field(ge=1, le=MOST_POINTS)] = 1200
+    from_s: Annotated[float, Field(ge=0, le=MAX_TIME_S)]
+    to_s: Annotated[float, Field(ge=0, le=MAX_TIME_S)]
+    points: Annotated[int, Field(ge=1, le=MAX_POINTS)] = 1200
 
 
 @router.get("/curve")
@@ -287,7 +287,7 @@ def stillness(analysis_id: str, page: UsedPage, start_s: Second, end_s: Second) 
 def share(
     analysis_id: str,
     page: UsedPage,
-    span: Annotated[list[str], Query(min_length=1, max_length=MOST_SPANS)],
+    span: Annotated[list[str], Query(min_length=1, max_length=MAX_SPANS)],
 ) -> dict[str, Any]:
     """Return the time above 60 deg in time ranges, each ``start,end`` in s, as for a task of the diary."""
     _, day = _load_day_of(page, analysis_id)
@@ -297,7 +297,7 @@ def share(
             start_s, end_s = (float(part) for part in text.split(","))
         except ValueError:
             start_s = end_s = 0.0
-        if not 0.0 <= start_s < end_s <= LATEST_S:
+        if not 0.0 <= start_s < end_s <= MAX_TIME_S:
             raise BadParameter(name="span", value=text[:60], allowed="start,end (s)")
         valid, above = day.measure_above(start_s, end_s, MAIN_THRESHOLD_DEG)
         valid_s, above_s = valid_s + valid, above_s + above
@@ -421,7 +421,7 @@ def load_day(services: Services, job: Job, name: str = DAY_NAME) -> DayFile:
 
 STILL_KINDS = {"": "still", "pose": "still", "repeat": "repeat"}
 """The proposal for each still stretch; days of earlier versions contain only proposals of poses."""
-MOST_PROPOSED = 5
+MAX_PROPOSED = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -599,7 +599,7 @@ def _list_proposals(
         (start_s, end_s, STILL_KINDS["".join(kind)], format_number(score, 2, language))
         for start_s, end_s, score, *kind in facts["still"]
     ]
-    still = [*still[:MOST_PROPOSED], *(row for row in still[MOST_PROPOSED:] if row[2] == "repeat")]
+    still = [*still[:MAX_PROPOSED], *(row for row in still[MAX_PROPOSED:] if row[2] == "repeat")]
     not_worn = [(start_s, end_s, "not_worn", "") for start_s, end_s in facts["not_worn"]]
     for start_s, end_s, kind, score in (*still, *not_worn):
         shown = {"start": clock.format(round(start_s)), "end": clock.format(round(end_s)), "score": score}

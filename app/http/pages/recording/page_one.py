@@ -20,8 +20,8 @@ from app.services import Services
 from app.store.day_file import DayFile
 from fusion.conventions import MAIN_THRESHOLD_DEG
 
-HIGHEST = 10
-LEAST_S = 0.5
+MAX_EPISODES = 10
+MIN_EPISODE_S = 0.5
 """As for every episode (fusion.exposure.stays): shorter stays do not count, shorter gaps do not end one."""
 AROUND_S = 5.0
 """Time shown before and after an episode."""
@@ -108,7 +108,9 @@ def _list_highlights(
         facts = {"time": report_clock.format(start_s), "duration": format_duration(stays.longest_s, language)}
         looks.append(look(fill(words["longest"], facts), start_s, end_s, 2 * AROUND_S))
     highest = []
-    for number, episode in enumerate(day.find_highest(float(MAIN_THRESHOLD_DEG), LEAST_S, HIGHEST), 1):
+    for number, episode in enumerate(
+        day.find_highest(float(MAIN_THRESHOLD_DEG), MIN_EPISODE_S, MAX_EPISODES), 1
+    ):
         facts = {
             "time": report_clock.format(episode.start_s),
             "angle": format_angle(episode.highest_deg, language),
