@@ -28,14 +28,14 @@ def parse_rule(text: str) -> CueRule:
     return CueRule(kind, angle_deg, seconds=limit)
 
 
-def find_limit(rule: CueRule) -> float:
+def get_limit(rule: CueRule) -> float:
     """Return the limit of a rule, in seconds, or in percent for a share."""
     return rule.percent if rule.kind == "share" else rule.seconds
 
 
 def format_rule(rule: CueRule) -> str:
     """Format a rule for :func:`parse_rule`."""
-    return f"{rule.kind}:{rule.angle_deg:g}:{find_limit(rule):g}"
+    return f"{rule.kind}:{rule.angle_deg:g}:{get_limit(rule):g}"
 
 
 def write_log(raw: Path, cues: Iterable[Cue]) -> Path:
@@ -46,6 +46,6 @@ def write_log(raw: Path, cues: Iterable[Cue]) -> Path:
         writer.writerow(COLUMNS)
         for cue in cues:
             writer.writerow(
-                [f"{cue.time_s:.3f}", cue.rule.kind, f"{cue.rule.angle_deg:g}", f"{find_limit(cue.rule):g}"]
+                [f"{cue.time_s:.3f}", cue.rule.kind, f"{cue.rule.angle_deg:g}", f"{get_limit(cue.rule):g}"]
             )
     return path

@@ -19,7 +19,7 @@ import numpy as np
 from sqlalchemy.exc import SQLAlchemyError
 
 from app.errors import AppError, NotHere, TooManySessions
-from app.live.cue_log import find_limit
+from app.live.cue_log import get_limit
 from app.live.ports import PushedPort, SessionFiles
 from app.live.raw_file import UNKNOWN, Wearer
 from app.live.recorder import Recorder
@@ -253,7 +253,7 @@ class RunningSession:
 
 
 def _describe_rule(rule: CueRule) -> dict[str, Any]:
-    return {"kind": rule.kind, "angle_deg": rule.angle_deg, "limit": find_limit(rule)}
+    return {"kind": rule.kind, "angle_deg": rule.angle_deg, "limit": get_limit(rule)}
 
 
 def describe_status(status: LiveStatus) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from app.live.cue_log import find_limit, format_rule, parse_rule
+from app.live.cue_log import format_rule, get_limit, parse_rule
 from app.live.ports import EARLY, read_pieces, read_session_options
 from app.live.sources import SourceFacts
 from app.request import clean_file_name
@@ -202,7 +202,7 @@ def recover_early_files(folder: Path) -> None:
 
 def build_session_options(name: str, wearer: Wearer, rules: tuple[CueRule, ...]) -> dict[str, Any]:
     """Return the session options that the file of early bytes stores for the raw file."""
-    cues = [{"kind": rule.kind, "angle_deg": rule.angle_deg, "limit": find_limit(rule)} for rule in rules]
+    cues = [{"kind": rule.kind, "angle_deg": rule.angle_deg, "limit": get_limit(rule)} for rule in rules]
     return {
         "name": name,
         "subject": wearer.subject,

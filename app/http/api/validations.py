@@ -104,7 +104,7 @@ async def add_validation(request: Request, services: UsedServices, language: Use
 @router.get("/validations/{validation_id}")
 def get_validation(validation_id: str, services: UsedServices, language: UsedLanguage) -> ValidationView:
     """Return one comparison."""
-    return view_validation(find_validation(services, validation_id), language)
+    return view_validation(get_validation_job(services, validation_id), language)
 
 
 @router.get("/validations/{validation_id}/{name}", response_class=FileResponse)
@@ -119,14 +119,14 @@ def get_validation_file(
     ] = None,
 ) -> Response:
     """Return every figure (JSON, CSV) or the sheet (HTML, PDF) of a comparison."""
-    job = find_validation(services, validation_id)
+    job = get_validation_job(services, validation_id)
     stem, _, kind = name.partition(".")
     language = find_nearest(lang or choose_language(request), job.request.languages)
     stored = f"{stem}.{language}.{kind}" if kind in {"html", "pdf"} else name
     return serve_file(request, services, job, stored, name)
 
 
-def find_validation(services: Services, validation_id: str) -> Job:
+def get_validation_job(services: Services, validation_id: str) -> Job:
     """Return a job that is a comparison. Raises NotHere."""
     job = services.store.get(validation_id)
     if job.request.reference is None:

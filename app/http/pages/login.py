@@ -89,7 +89,7 @@ def sign_in(page: UsedPage, form: UsedForm) -> Response:
 
 
 @router.post("/login/code")
-def give_code(page: UsedPage, form: UsedForm) -> Response:
+def enter_code(page: UsedPage, form: UsedForm) -> Response:
     """Sign in with the authenticator's code or a recovery code."""
     ticket = first(form, "ticket")
     try:

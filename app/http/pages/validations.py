@@ -11,7 +11,7 @@ from fastapi.responses import HTMLResponse
 from starlette.datastructures import FormData
 
 from app.errors import AppError, NoSuchFile, find_outcome_of_code
-from app.http.api.validations import find_validation, open_form, queue_validation
+from app.http.api.validations import get_validation_job, open_form, queue_validation
 from app.http.middleware.guard import REPORT_POLICY
 from app.http.pages.recording.day import DayClock, Piece, cut_curve, load_day
 from app.http.pages.recording.page_one import CurveView
@@ -68,7 +68,7 @@ def _render_form(
 def show(validation_id: str, page: UsedPage) -> Response:
     """Show one comparison: its state, or its answer and files."""
     services, language = page.services, page.language
-    job = find_validation(services, validation_id)
+    job = get_validation_job(services, validation_id)
     sentences: Sequence[str] = ()
     curves: Sequence[CurveView] = ()
     if job.state is JobState.SUCCEEDED:
@@ -99,13 +99,13 @@ class AnglePiece(Piece):
 def curve(validation_id: str, services: UsedServices, piece: Annotated[AnglePiece, Query()]) -> Response:
     """Return a time range of one of the two angles, in the format of a day's curve."""
     name = OWN_CURVE if piece.of == "own" else REFERENCE_CURVE
-    return cut_curve(load_day(services, find_validation(services, validation_id), name), piece)
+    return cut_curve(load_day(services, get_validation_job(services, validation_id), name), piece)
 
 
 @router.get("/validations/{validation_id}/plot.svg")
 def plot(validation_id: str, page: UsedPage) -> Response:
     """Return the Bland–Altman plot as a separate image."""
-    job = find_validation(page.services, validation_id)
+    job = get_validation_job(page.services, validation_id)
     body = page.services.results.read(job, f"plot.{find_nearest(page.language, job.request.languages)}.svg")
     return Response(body, media_type="image/svg+xml", headers={"Content-Security-Policy": REPORT_POLICY})
 

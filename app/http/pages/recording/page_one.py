@@ -91,7 +91,9 @@ def _list_highlights(
     clock, report_clock = DayClock.of(day.facts), Clock(findings.recording.start, language)
     words = load_wording(language, "page")["page_one"]
 
-    def look(sentence: str, start_s: float, end_s: float, around_s: float, mark: str = "") -> Highlight:
+    def build_highlight(
+        sentence: str, start_s: float, end_s: float, around_s: float, mark: str = ""
+    ) -> Highlight:
         shown = max(start_s - around_s, 0.0), min(end_s + around_s, clock.duration_s)
         return Highlight(sentence, mark, clock.format((start_s + end_s) / 2), *map(clock.format, shown))
 
@@ -101,12 +103,12 @@ def _list_highlights(
         start_s, end_s = window.start_s, window.start_s + window.length_s
         share = format_percent(window.percent_above_60, language)
         facts = {"start": report_clock.format(start_s), "end": report_clock.format(end_s), "percent": share}
-        looks.append(look(fill(words["window"], facts), start_s, end_s, 60.0))
+        looks.append(build_highlight(fill(words["window"], facts), start_s, end_s, 60.0))
     stays = next((e for e in findings.exposure.episodes if e.threshold_deg == MAIN_THRESHOLD_DEG), None)
     if stays is not None and stays.longest_s and stays.longest_start_s is not None:
         start_s, end_s = stays.longest_start_s, stays.longest_start_s + stays.longest_s
         facts = {"time": report_clock.format(start_s), "duration": format_duration(stays.longest_s, language)}
-        looks.append(look(fill(words["longest"], facts), start_s, end_s, 2 * AROUND_S))
+        looks.append(build_highlight(fill(words["longest"], facts), start_s, end_s, 2 * AROUND_S))
     highest = []
     for number, episode in enumerate(
         day.find_highest(float(MAIN_THRESHOLD_DEG), MIN_EPISODE_S, MAX_EPISODES), 1
@@ -117,7 +119,7 @@ def _list_highlights(
             "duration": format_duration(episode.end_s - episode.start_s, language),
         }
         sentence = fill(words["episode"], facts)
-        highest.append(look(sentence, episode.start_s, episode.end_s, AROUND_S, str(number)))
+        highest.append(build_highlight(sentence, episode.start_s, episode.end_s, AROUND_S, str(number)))
     return looks, highest
 
 
