@@ -115,7 +115,7 @@ def get_validation_file(
     services: UsedServices,
     lang: Annotated[
         Language | None,
-        Query(description="en, fr or fr-CA, or the nearest available; else the language of the request"),
+        Query(description="en, fr or fr-CA, or the nearest available; default: the language of the request"),
     ] = None,
 ) -> Response:
     """Return every figure (JSON, CSV) or the sheet (HTML, PDF) of a comparison."""

@@ -288,7 +288,9 @@ async def _stream_changes(
 
 ReportLanguage = Annotated[
     Language | None,
-    Query(description="en, fr or fr-CA, or the nearest available; else the language of the request"),
+    Query(
+        description="en, fr or fr-CA, or the nearest available; default: the first language of the analysis"
+    ),
 ]
 
 
