@@ -27,6 +27,7 @@ from app.report.words.wording import clean_text
 from app.request import Language, Paper, ReportRequest, clean_file_name, compare_settings
 from app.store.folder import hash_file
 from app.version import identify_engine
+from fusion.conventions import is_sidecar
 
 # Plan of a run: which recordings are analysed, and where the products of each go.
 
@@ -207,7 +208,8 @@ class Found:
 def find_recordings(paths: Iterable[Path], out: Path, without: Collection[Path] = ()) -> Found:
     """List the recordings named, and those in and below the folders named.
 
-    What lies in the folder for the results is no recording, nor are the files ``without``: diaries, lists.
+    Files in the folder for the results, the files ``without`` (diaries, lists) and the files that a computer
+    puts beside others are not recordings.
     """
     logs: dict[Path, None] = {}
     others = 0
@@ -215,7 +217,12 @@ def find_recordings(paths: Iterable[Path], out: Path, without: Collection[Path] 
     for path in _expand(paths):
         bases.append(_lay_out(path) if path.is_dir() else _lay_out(path).parent)
         inside = _find_in_folder(path, out, {p.resolve() for p in without}) if path.is_dir() else [path]
-        found = [p for p in inside if p is path or p.name.lower().endswith(ENDINGS)]
+        found = [
+            p
+            for p in inside
+            if p is path
+            or (p.name.lower().endswith(ENDINGS) and not is_sidecar(p.relative_to(path).as_posix()))
+        ]
         logs.update(dict.fromkeys(found))
         others += len(inside) - len(found)
     try:

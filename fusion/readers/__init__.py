@@ -35,7 +35,8 @@ from fusion.errors import (
 )
 from fusion.plugins import find_entry_points, find_version
 from fusion.readers import cwa, gt3x
-from fusion.readers.source import Source, hash_source, open_source, read_chunks, unpack
+from fusion.readers.archive import unpack
+from fusion.readers.source import Source, hash_source, open_source, read_chunks
 from fusion.readers.tables import actilife as actilife_csv
 from fusion.readers.tables import csv as lsm9ds1_csv
 from fusion.readers.tables import pair, parquet
@@ -157,12 +158,15 @@ def read_recording(
     source = open_source(file, file_name, is_hashed=not sha256)
     if source.size_bytes == 0:
         raise EmptyFile
-    content = unpack(source)
+    content = unpack(source, profile.sensor if profile else "")
     refuse_blank(content)
     if profile is not None and profile.names_columns and identify_content(content.head) == "text":
         recording = lsm9ds1_csv.read_profiled(content, profile, rate_hz)
     else:
         recording = _read_recognised(content, rate_hz)
+    if content.left_aside:
+        understood = {**recording.understood, "left_aside": str(content.left_aside)}
+        recording = replace(recording, understood=understood)
     held = profile.pose_held if profile else None
     hashed = replace(recording, sha256=sha256 or hash_source(source), pose_held=held or recording.pose_held)
     return _check_readings(hashed)

@@ -14,11 +14,13 @@ from numpy.typing import NDArray
 from fusion.caveats import Caveat
 from fusion.checks.physics import GyroModel, cut_windows, judge_frame, measure_miss, measure_scale
 from fusion.checks.summary import find_rests
+from fusion.conventions import is_sidecar
 from fusion.errors import EmptyFile, FusionError, NoGyroscope, UnknownFormat
 from fusion.readers import cwa, gt3x, read_recording
+from fusion.readers.archive import PHYPHOX_FOLDER, TABLES, find_recordings
 from fusion.readers.cwa import HEADER_BYTES, parse_header
 from fusion.readers.gt3x import find_start, order_seconds, parse_device_text
-from fusion.readers.source import GZIP_MAGIC, MAX_TEXT_BYTES, ZIP_MAGIC, find_pair
+from fusion.readers.source import GZIP_MAGIC, MAX_TEXT_BYTES, ZIP_MAGIC
 from fusion.readers.time.clock import format_offset
 from fusion.recording import MICROSECONDS, Recording, Span, find_missing
 
@@ -175,11 +177,17 @@ def _preview_text(head: bytes, file_name: str, rate_hz: float | None) -> Preview
 
 
 def _preview_zip(head: bytes, rate_hz: float | None) -> Preview:
-    members = dict(_unpack_members(head))
+    every = dict(_unpack_members(head))
+    members = {
+        name: every[name] for name in every if not is_sidecar(name) and not name.startswith(PHYPHOX_FOLDER)
+    }
     if {"info.txt", "log.bin"} & set(members):
         return _preview_gt3x(members)
-    packed = next((name for name in members if name.lower().endswith((".csv", ".txt"))), None)
-    if packed is None or find_pair(list(members)):
+    tables = [name for name in members if name.lower().endswith(TABLES)]
+    heads = {name: members[name][:MAX_TEXT_BYTES].decode("utf-8", "replace") for name in tables}
+    found = find_recordings(heads)
+    packed = found[0].table if len(found) == 1 else "" if found else next(iter(tables), "")
+    if not packed:
         return Preview()
     try:
         return _preview_text(members[packed], packed, rate_hz)

@@ -9,8 +9,9 @@ from itertools import pairwise
 from typing import Any, BinaryIO, get_args
 
 from fusion.conventions import PoseHeld, check_choice
-from fusion.errors import FusionError, UnknownColumns, UnknownFormat, UnusableProfile
-from fusion.readers.source import open_source, unpack
+from fusion.errors import FusionError, SeveralSensors, UnknownColumns, UnknownFormat, UnusableProfile
+from fusion.readers.archive import unpack
+from fusion.readers.source import open_source
 from fusion.readers.tables.columns import (
     TIME_UNITS_EXPONENT,
     UNIT_NAMES,
@@ -221,6 +222,19 @@ class ProfileProposal:
             time=self.time,
             time_unit=self.time_unit,
         )
+
+
+def propose_file_profile(file: BinaryIO, file_name: str = "") -> ProfileProposal:
+    """Propose a profile for a file; for an archive of several recordings, their names.
+
+    Raises FusionError: as :func:`fusion.readers.archive.unpack` and :func:`propose_profile`.
+    """
+    try:
+        head = unpack(open_source(file, file_name, is_hashed=False)).head
+    except SeveralSensors as refusal:
+        sensors = tuple(str(refusal.facts["list"]).split(", "))
+        return ProfileProposal((), (), None, None, "", "", None, "", sensors)
+    return propose_profile(head)
 
 
 def propose_profile(head: bytes) -> ProfileProposal:

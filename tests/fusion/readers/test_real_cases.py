@@ -1,4 +1,4 @@
-"""Layouts that people meet, made from one simulated recording of a right arm; skipped where they are absent."""
+"""Layouts that people meet, made from one simulated recording of a right arm."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fusion.readers import read_recording
+from fusion.errors import SeveralSensors
+from fusion.readers import ColumnProfile, read_recording
 from fusion.recording import Recording
 
 pytestmark = pytest.mark.real_recordings
@@ -40,3 +41,31 @@ def test_two_decimals_without_a_unit_lose_nothing(read_case: Callable[..., Recor
 
     assert recording.excluded == ()
     assert recording.duration_us == 360_000_000
+
+
+def test_a_phone_and_a_watch_are_both_offered(read_case: Callable[..., Recording]) -> None:
+    with pytest.raises(SeveralSensors) as refusal:
+        read_case("phone_and_watch.zip")
+
+    assert refusal.value.facts["list"] == "WristMotion, Accelerometer"
+    check_first_row(read_case("phone_and_watch.zip", profile=ColumnProfile(sensor="WristMotion")))
+
+
+@pytest.mark.parametrize(
+    ("name", "rate_hz", "duration_s"),
+    [
+        ("mac_zip.zip", 100.0, 360.0),
+        ("metawear.zip", 100.0, 360.0),
+        ("metawear_triplets.zip", 100.0, 360.0),
+        ("polar_sense.zip", 52.0, 360.0),
+    ],
+)
+def test_archives_are_read(
+    read_case: Callable[..., Recording], name: str, rate_hz: float, duration_s: float
+) -> None:
+    recording = read_case(name)
+
+    check_first_row(recording)
+    assert recording.rate_hz == pytest.approx(rate_hz, abs=0.001)
+    assert recording.duration_us / 1e6 == pytest.approx(duration_s, abs=0.03)
+    assert not {"W-ROWS-DROPPED", "W-GAP"} & {flag.code for flag in recording.flags}

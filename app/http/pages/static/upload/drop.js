@@ -13,7 +13,7 @@ export async function readDrop(transfer) {
 
 // Of a folder only what can be a recording is taken; a file that was chosen by itself always is.
 export function keepRecordings(files) {
-  const kept = files.filter((file) => ACCEPTED.test(file.name) && !file.name.startsWith("."));
+  const kept = files.filter((file) => ACCEPTED.test(file.name) && !/^(\.|~\$)/.test(file.name));
   kept.sort((one, other) => one.name.localeCompare(other.name, undefined, { numeric: true }));
   return { files: kept, ignored: files.length - kept.length };
 }
