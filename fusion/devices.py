@@ -127,7 +127,7 @@ KNOWN_DEVICES = (
         "opal",
         "APDM Opal, Mobility Lab",
         "table",
-        above=r"\b(apdm|mobility lab|opal)\b",
+        above=r"\b(apdm|mobility lab|opal)\b|^format=\d+,",
         acc_unit="m/s2",
         gyr_unit="rad/s",
         time_unit="us",

@@ -127,6 +127,7 @@ class UnknownColumns(
     code="E-COLS",
     list="the header line, or names of columns",
     missing="of ax ay az gx gy gz",
+    doubled="of the same, there more than once",
     why=TERM,
 ):
     """A table whose columns are not recognised."""

@@ -5,7 +5,7 @@ import sys
 from collections.abc import Callable, Iterable
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import typer
 
@@ -53,7 +53,14 @@ ProfileOption = Annotated[
     ),
 ]
 SensorOption = Annotated[
-    str, typer.Option("--sensor", metavar="NAME", help="Which sensor of a table of several is on the arm.")
+    str,
+    typer.Option(
+        "--sensor", metavar="NAME", help="Which sensor of a table or archive of several is on the arm."
+    ),
+]
+DateOrderOption = Annotated[
+    Literal["dmy", "mdy"] | None,
+    typer.Option("--date-order", help="Order of day, month and year in dates that can be read both ways."),
 ]
 PoseHeldOption = Annotated[
     PoseHeld | None,
@@ -92,9 +99,10 @@ def read_profile_file(path: Path | None, language: Language) -> str:
     return _read_option_file(path, language, "", parse)
 
 
-def name_sensor(profile: str, sensor: str) -> str:
-    """Add the sensor on the arm to a column profile as a request holds it; "" adds none."""
-    return write_profile(json.loads(profile or "{}") | {"sensor": sensor}) if sensor else profile
+def complete_profile(profile: str, sensor: str, date_order: str | None) -> str:
+    """Add the sensor on the arm and the order of dates to a column profile as a request holds it."""
+    stated = {name: value for name, value in (("sensor", sensor), ("date_order", date_order)) if value}
+    return write_profile(json.loads(profile or "{}") | stated) if stated else profile
 
 
 def keep_profile(path: Path | None, out: Path) -> None:

@@ -160,7 +160,7 @@ def read_recording(
         raise EmptyFile
     content = unpack(source, profile.sensor if profile else "")
     refuse_blank(content)
-    if profile is not None and profile.names_columns and identify_content(content.head) == "text":
+    if profile is not None and _is_read_by_profile(content, profile):
         recording = lsm9ds1_csv.read_profiled(content, profile, rate_hz)
     else:
         recording = _read_recognised(content, rate_hz)
@@ -170,6 +170,13 @@ def read_recording(
     held = profile.pose_held if profile else None
     hashed = replace(recording, sha256=sha256 or hash_source(source), pose_held=held or recording.pose_held)
     return _check_readings(hashed)
+
+
+def _is_read_by_profile(content: Source, profile: ColumnProfile) -> bool:
+    """Return whether a table is read as a profile says; an order of dates does not undo a device's form."""
+    if identify_content(content.head) != "text":
+        return False
+    return profile.names_columns or (profile.date_order is not None and not actilife_csv.recognise(content))
 
 
 def _check_readings(recording: Recording) -> Recording:
@@ -331,7 +338,7 @@ def _name_header(lines: Sequence[str], layout: TextLayout) -> FusionError | None
     if not all(any(letter.isalpha() for letter in field) for field in fields):
         return None
     columns = [parse_column_name(field) for field in fields]
-    return UnknownColumns(list=above[0].strip()[:200], missing=name_missing(columns))
+    return UnknownColumns(list=above[0].strip()[:200], **name_missing(columns))
 
 
 def _explain_one_sensor(lines: Sequence[str]) -> FusionError | None:

@@ -57,7 +57,7 @@ TIME_STEMS = frozenset(
     | {"elapsedtime", "micros", "millis", "epoch", "epoc", "unixtime", "unix", "sampletimefine", "seconds"}
     | {"milliseconds", "microseconds", "nanoseconds", "temps", "horodatage", "horodate", "heure", "dateheure"}
     | {"dateetheure", "horloge", "secondes", "millisecondes", "microsecondes", "epochtime", "systemtime"}
-    | {"devicetime", "us", "ms", "usec", "msec", "sec", "secs"}
+    | {"devicetime", "us", "ms", "usec", "msec", "sec", "secs", "arrived"}
 )
 TIME_WORDS = frozenset({"time", "timestamp"})
 COUNTER_STEMS = frozenset(
@@ -203,12 +203,20 @@ def choose_acceleration(columns: Sequence[Column]) -> tuple[Vector | None, Vecto
     return acc, None if linear else gravity
 
 
-def name_missing(columns: Sequence[Column]) -> str:
-    """Which of the six channels are not there, or there more than once: "gy, gz"."""
+def name_missing(columns: Sequence[Column]) -> dict[str, str]:
+    """Name the channels that are not there, and those that are there more than once.
+
+    Returns facts of a refusal: ``missing`` and ``doubled`` ("gy, gz"), each only if there is one.
+    """
     counts = Counter(
         f"{column.channel[0]}{'xyz'[column.axis]}" for column in columns if column.channel in ("acc", "gyr")
     )
-    return ", ".join(name for name in ("ax", "ay", "az", "gx", "gy", "gz") if counts[name] != 1)
+    channels = ("ax", "ay", "az", "gx", "gy", "gz")
+    found = {
+        "missing": ", ".join(name for name in channels if counts[name] == 0),
+        "doubled": ", ".join(name for name in channels if counts[name] > 1),
+    }
+    return {fact: names for fact, names in found.items() if names}
 
 
 EPOCH_WORDS = frozenset(

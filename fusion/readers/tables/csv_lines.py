@@ -513,6 +513,8 @@ def _take_plain_calendars(
 # The careful path: one field of bytes.
 
 NUMBER, MISSING, UNREADABLE = 0, 1, 2
+LONGEST_WORD = 4
+ABSENT_WORDS = tuple(int.from_bytes(word, "big") for word in (b"na", b"nan", b"inf", b"null"))
 LEAST_FULL = 10**17
 """A mantissa takes digits up to here, 18 in all; further ones only count."""
 FOUR_DIGITS = 10_000
@@ -577,13 +579,11 @@ def _classify_word(buffer: Bytes, at_byte: int, end_byte: int) -> int:
         end_byte -= 1
     if at_byte == end_byte:
         return MISSING
-    first = buffer[at_byte] | 32
-    last = buffer[end_byte - 1] | 32
-    length = end_byte - at_byte
-    is_na = length == 2 and first == 110 and last == 97
-    is_nan_or_inf = length == 3 and ((first == 110 and last == 110) or (first == 105 and last == 102))
-    is_null = length == 4 and first == 110 and last == 108
-    return MISSING if is_na or is_nan_or_inf or is_null else UNREADABLE
+    word = 0
+    for k in range(at_byte, min(end_byte, at_byte + LONGEST_WORD)):
+        word = word << 8 | (buffer[k] | 32)
+    is_whole = end_byte - at_byte <= LONGEST_WORD
+    return MISSING if is_whole and word in ABSENT_WORDS else UNREADABLE
 
 
 @inner_making_arrays

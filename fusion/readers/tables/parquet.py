@@ -149,7 +149,7 @@ def _choose_columns(schema: pa.Schema) -> _Choice:
             raise NoGyroscope
         if gyr is not None and choose_vector(columns, "linear"):
             raise NoGravity
-        raise UnknownColumns(list=", ".join(schema.names)[:200], missing=name_missing(columns))
+        raise UnknownColumns(list=", ".join(schema.names)[:200], **name_missing(columns))
     stamps = (
         column
         for column, kind in zip(columns, schema.types, strict=True)

@@ -3,13 +3,22 @@
 import hashlib
 import io
 import json
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from itertools import pairwise
+from statistics import median
 from typing import Any, BinaryIO, get_args
 
 from fusion.conventions import PoseHeld, check_choice
-from fusion.errors import FusionError, SeveralSensors, UnknownColumns, UnknownFormat, UnusableProfile
+from fusion.errors import (
+    FusionError,
+    SeveralSensors,
+    UnknownColumns,
+    UnknownFormat,
+    UnusableProfile,
+    UnusableTime,
+)
 from fusion.readers.archive import unpack
 from fusion.readers.source import open_source
 from fusion.readers.tables.columns import (
@@ -22,7 +31,16 @@ from fusion.readers.tables.columns import (
     guess_exponent,
     parse_column_name,
 )
-from fusion.readers.tables.layout import TextLayout, decode_head, find_layout, find_sensors, split_fields
+from fusion.readers.tables.layout import (
+    DELIMITERS,
+    MIN_COLUMNS,
+    SNIFFED_LINES,
+    TextLayout,
+    decode_head,
+    find_layout,
+    find_sensors,
+    split_fields,
+)
 from fusion.readers.tables.rows import choose_sensor, plan_table, read_times
 from fusion.recording import ACC_UNITS_G, GYR_UNITS_DPS
 
@@ -50,7 +68,7 @@ class ColumnProfile:
     ``time``: column of the time; None where the rows hold none: then ``rate_hz`` is needed.
     ``time_unit``: empty: found from the data.
     ``rate_hz``: rows per second, for tables without time.
-    ``date_order``: tells "dmy" from "mdy"; None: found from the data.
+    ``date_order``: tells "dmy" from "mdy"; None: found from the data. A profile may state this alone.
     ``name``: what the profile is called.
     ``sensor``: which sensor of a table of several is on the arm, by its name there.
     ``pose_held``: "start": in every recording with this profile the pose was held at the start of wear; "no":
@@ -100,7 +118,7 @@ def parse_profile(text: str) -> ColumnProfile:
     if not isinstance(values, dict) or not set(values) <= known:
         raise UnusableProfile(why="names")
     stated = {name for name, value in values.items() if value} - {"name"}
-    if "sensor" not in stated and stated != {"pose_held"}:
+    if "sensor" not in stated and not (stated and stated <= {"pose_held", "date_order"}):
         if not {"acceleration", "angular_rate"} <= set(values):
             raise UnusableProfile(why="names")
         vectors = (values["acceleration"], values["angular_rate"])
@@ -148,6 +166,8 @@ def apply_profile(layout: TextLayout, profile: ColumnProfile) -> TextLayout:
         units = {"acc": acc_unit, "gyr": gyr_unit, "time": time_unit}
         stated = (replace(column, unit=units.get(column.channel) or column.unit) for column in chosen.columns)
         return replace(chosen, columns=tuple(stated))
+    if not profile.acceleration:
+        return layout
     names = _find_names(layout, profile)
     beside = (parse_column_name(name) for name in names)
     columns = [one if one.channel == "gravity" else Column(one.name, "other") for one in beside]
@@ -185,7 +205,7 @@ def _find_place(names: Sequence[str], place: Place) -> int:
 
 # A proposal for a profile from a table's head, for a person to complete in a form.
 
-PREVIEW_ROWS = 5
+PREVIEW_ROWS, LINES_ABOVE = 5, 5
 Vector = tuple[Place, Place, Place]
 
 
@@ -196,7 +216,7 @@ class ProfileProposal:
     ``columns``: the names as they stand, "" where there is none; ``rows``: the first rows, split;
     ``acceleration``, ``angular_rate``, ``time``: places as a column profile has them, None where
     nothing tells; units "" where nothing tells: they can be found from the data. ``sensors``: their names,
-    where the table holds several.
+    if the table or the archive holds several. ``above``: the lines above the rows, split.
     """
 
     columns: tuple[str, ...]
@@ -208,6 +228,7 @@ class ProfileProposal:
     time: Place | None
     time_unit: str
     sensors: tuple[str, ...] = ()
+    above: tuple[tuple[str, ...], ...] = ()
 
     @property
     def profile(self) -> ColumnProfile | None:
@@ -243,11 +264,17 @@ def propose_profile(head: bytes) -> ProfileProposal:
     Raises
     ------
     UnknownFormat
-        No rows of six numbers are found.
+        No lines of six fields are found.
     fusion.errors.FusionError
-        As :func:`fusion.readers.tables.layout.find_layout`.
+        The table holds epochs, or its comma has two meanings.
     """
-    layout = _find_head_layout(head)
+    text = decode_head(open_source(io.BytesIO(head), is_hashed=False))
+    try:
+        layout = _find_proposed_layout(text)
+    except (UnknownColumns, UnusableTime):
+        layout = None
+    if layout is None:
+        return _propose_without_layout(text)
     columns = _find_columns(layout)
     sensors = {} if choose_vector(columns, "acc") and choose_vector(columns, "gyr") else find_sensors(columns)
     columns = next(iter(sensors.values())) if len(sensors) == 1 else columns
@@ -256,7 +283,7 @@ def propose_profile(head: bytes) -> ProfileProposal:
     time, time_unit = _find_time(layout, columns)
     return ProfileProposal(
         columns=tuple(column.name for column in columns),
-        rows=layout.sample_rows[:PREVIEW_ROWS],
+        rows=_find_first_rows(text, layout),
         acceleration=acceleration,
         angular_rate=angular_rate,
         acceleration_unit=acc_unit,
@@ -264,7 +291,39 @@ def propose_profile(head: bytes) -> ProfileProposal:
         time=None if time is None else _format_place(columns, time),
         time_unit=time_unit,
         sensors=tuple(sensors),
+        above=tuple(tuple(split_fields(line, layout.delimiter)) for line in layout.preamble[-LINES_ABOVE:]),
     )
+
+
+def _find_proposed_layout(text: str) -> TextLayout | None:
+    """Understand the head of a table; the order of its dates, if open, does not matter here."""
+    try:
+        return find_layout(text)
+    except UnusableTime as refusal:
+        if refusal.facts["why"] != "date-order":
+            raise
+        return find_layout(text, "dmy")
+
+
+def _find_first_rows(text: str, layout: TextLayout) -> tuple[tuple[str, ...], ...]:
+    """Return the first rows as they stand in the file, or as they are rewritten if their fields differ."""
+    lines = text.split("\n")[layout.first_line : layout.first_line + PREVIEW_ROWS]
+    rows = tuple(tuple(split_fields(line.rstrip("\r"), layout.delimiter)) for line in lines)
+    is_plain = layout.writer is None and all(len(row) <= layout.n_columns for row in rows)
+    return rows if is_plain else layout.sample_rows[:PREVIEW_ROWS]
+
+
+def _propose_without_layout(text: str) -> ProfileProposal:
+    """Show the first lines of a text that no reader understands, if they have six fields."""
+    lines = [line.rstrip("\r") for line in text.split("\n")[:SNIFFED_LINES] if line.strip()]
+    mark = max(DELIMITERS, key=lambda mark: median([len(split_fields(line, mark)) for line in lines] or [0]))
+    fields = [tuple(split_fields(line, mark)) for line in lines]
+    width = max(Counter(map(len, fields)).most_common(1), default=(0, 0))[0]
+    if width < MIN_COLUMNS:
+        raise UnknownFormat(kind="text")
+    first = next(k for k, row in enumerate(fields) if len(row) == width)
+    above, rows = fields[:first][-LINES_ABOVE:], fields[first : first + PREVIEW_ROWS]
+    return ProfileProposal(("",) * width, tuple(rows), None, None, "", "", None, "", above=tuple(above))
 
 
 def identify_header(file: BinaryIO) -> str:

@@ -213,8 +213,19 @@ class AnalysisOptions(BaseModel):
     ] = []
     rate_hz: Annotated[float | None, Field(ge=1, le=10_000, description="For logs without time.")] = None
     sensor: Annotated[
-        str, Field(max_length=200, description="Which sensor of a table of several is on the arm.")
+        str,
+        Field(max_length=200, description="Which sensor of a table or archive of several is on the arm."),
     ] = ""
+    date_order: Annotated[
+        Literal["dmy", "mdy"] | None,
+        Field(description="Order of day, month and year in dates that can be read both ways."),
+    ] = None
+
+    @property
+    def columns(self) -> dict[str, str]:
+        """The options that a column profile holds."""
+        stated = {"sensor": self.sensor, "date_order": self.date_order}
+        return {name: value for name, value in stated.items() if value}
 
     def complete(self, about: Description) -> Self:
         """Return the options with what the recording says where they say nothing."""
@@ -247,7 +258,7 @@ class AnalysisOptions(BaseModel):
             no_slip_times_s=tuple(self.no_slip_at),
             pose_held=self.pose_held,
             rate_hz=self.rate_hz,
-            profile=write_profile({"sensor": self.sensor}) if self.sensor else "",
+            profile=write_profile(self.columns) if self.columns else "",
             languages=(first, find_other_language(first)),
             paper=self.paper or paper,
         )
