@@ -258,6 +258,19 @@ KNOWN_DEVICES = (
 of their own: there the names of the columns state the units, or the motion does."""
 
 
+UNREAD_FORMATS = {
+    ".mtb": ("Xsens MT", "CSV or text from MT Manager"),
+    ".mvn": ("Xsens MVN", "MVNX from MVN Analyze"),
+    ".ximu3": ("x-io x-IMU3", "CSV from the x-IMU3 GUI"),
+    ".xio": ("x-io NGIMU", "CSV from the NGIMU SD Card File Converter"),
+    ".h5": ("APDM Opal", "CSV from Mobility Lab or Motion Studio"),
+    ".apdm": ("APDM Opal", "CSV from Mobility Lab or Motion Studio"),
+    ".hpf": ("Delsys Trigno", "CSV from the Delsys File Utility"),
+    ".shpf": ("Delsys Trigno", "CSV from the Delsys File Utility"),
+}
+"""Binary formats of devices with a gyroscope, by extension: the device, and what to export instead."""
+
+
 def find_known_device(header: str, above: Sequence[str] = ()) -> KnownDevice | None:
     """Find the device of a table by its header line and the lines above it; None for an unknown one."""
     return next((one for one in KNOWN_DEVICES if one.matches(header, above)), None)

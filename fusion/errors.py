@@ -86,6 +86,12 @@ class UnknownFormat(UnreadableFile, code="E-TYPE", kind="what the bytes are"):
     """The bytes are something other than a recording with acceleration and angular rate."""
 
 
+class UnsupportedFormat(
+    UnknownFormat, code="E-FORMAT", device="name", export="what to export, and from which program"
+):
+    """A device's own format that is not read; its program exports a table."""
+
+
 class EmptyFile(UnknownFormat, code="E-EMPTY"):
     """The file has no byte."""
 

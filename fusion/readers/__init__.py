@@ -20,6 +20,8 @@ from fusion.checks.faults import (
 )
 from fusion.checks.physics import add_flags, are_units_stated, check_physics, refuse_impossible_rates
 from fusion.checks.summary import flag_resolution, forget_summaries
+from fusion.devices import UNREAD_FORMATS
+from fusion.documents import MAGIC, find_document
 from fusion.errors import (
     BlankFile,
     EmptyFile,
@@ -31,11 +33,12 @@ from fusion.errors import (
     UnknownColumns,
     UnknownFormat,
     UnsafeArchive,
+    UnsupportedFormat,
     WrongExtension,
 )
 from fusion.plugins import find_entry_points, find_version
 from fusion.readers import cwa, gt3x
-from fusion.readers.archive import unpack
+from fusion.readers.archive import is_in_zip, unpack
 from fusion.readers.source import Source, hash_source, open_source, read_chunks
 from fusion.readers.tables import actilife as actilife_csv
 from fusion.readers.tables import csv as lsm9ds1_csv
@@ -255,28 +258,16 @@ def read_recordings(
 
 # What the content of a file is, so that a refusal can name it.
 
-MAGIC = (
-    (b"%PDF-", "PDF"),
-    (b"\xd0\xcf\x11\xe0", "Excel/Word (.xls, .doc)"),
-    (b"\xff\xd8\xff", "JPEG"),
-    (b"\x89PNG", "PNG"),
-    (b"GIF8", "GIF"),
-    (b"MATLAB", "MATLAB (.mat)"),
-    (b"\x1f\x8b", "gzip"),
-    (b"Rar!", "RAR"),
-    (b"7z\xbc\xaf", "7-Zip"),
-    (b"SQLite format 3", "SQLite"),
-    (b"PAR1", "Parquet"),
-    (b"\x7fELF", "ELF"),
-    (b"MZ", "Windows (.exe)"),
-)
 _COMMENT = re.compile(rb"<!--.*?(?:-->|\Z)", re.DOTALL)
+GYROSCOPE = re.compile(r"(?<![a-z])gyr", re.IGNORECASE)
 TEXT_EXTENSIONS = (".csv", ".txt", ".tsv", ".dat", ".log")
 DEVICE_EXTENSIONS = (".gt3x", ".cwa")
 
 
 def identify_content(head: bytes) -> str:
     """Return a short name of the content, the same in every language."""
+    if document := find_document(head):
+        return document
     for magic, name in MAGIC:
         if head.startswith(magic):
             return name
@@ -311,6 +302,9 @@ def explain_refusal(source: Source) -> FusionError:
         return _explain_text(source)
     if kind == "XML" and b"<!doctype" in _COMMENT.sub(b"", source.head).lower():
         return RefusedXml(reason="forbidden")
+    if kind in ("binary", "HDF5 (.h5)") and source.extension in UNREAD_FORMATS:
+        device, export = UNREAD_FORMATS[source.extension]
+        return UnsupportedFormat(device=device, export=export)
     return UnknownFormat(kind=kind)
 
 
@@ -326,7 +320,7 @@ def _explain_text(source: Source) -> FusionError:
             names = [parse_column_name(field) for field in split_fields(line, mark)]
             if sum(column.channel in ("acc", "gyr") for column in names) >= MIN_COLUMNS:
                 return NoSamples()  # a table without rows
-    return _explain_one_sensor(lines) or UnknownFormat(kind="text")
+    return _explain_one_sensor(lines, is_in_zip=is_in_zip(source)) or UnknownFormat(kind="text")
 
 
 def _name_header(lines: Sequence[str], layout: TextLayout) -> FusionError | None:
@@ -341,21 +335,30 @@ def _name_header(lines: Sequence[str], layout: TextLayout) -> FusionError | None
     return UnknownColumns(list=above[0].strip()[:200], **name_missing(columns))
 
 
-def _explain_one_sensor(lines: Sequence[str]) -> FusionError | None:
-    """The error for a table of one sensor, as the apps of phones write one for each; None for any other."""
+def _explain_one_sensor(lines: Sequence[str], *, is_in_zip: bool) -> FusionError | None:
+    """Return the error for a table of one sensor, or of rows of one sensor each; None for any other."""
     for line in lines[:SNIFFED_LINES]:
         for mark in DELIMITERS[:-1]:
             fields = split_fields(line, mark)
             columns = [parse_column_name(field) for field in fields]
             axes = dict(found for field in fields if (found := read_axis(field)))
             channels = {column.channel for column in columns} & {"acc", "linear", "gyr"}
+            is_of_one = len(axes) == len("xyz") and any(one.channel == "time" for one in columns)
+            if (channels or is_of_one) and "gyr" not in channels and any(map(_names_gyroscope, lines)):
+                return UnknownColumns(why="sensor rows", list=line.strip()[:200])
             if channels and "gyr" not in channels:
                 return NoGyroscope()
             if channels == {"gyr"} or (len(axes) == len("xyz") and columns[0].channel == "time"):
+                where = "zip" if is_in_zip else "table"
                 if any(unit in ACC_UNITS_G for unit in axes.values()):
-                    return NoGyroscope(cure="two tables")
-                return UnknownColumns(why="one sensor", list=line.strip()[:200])
+                    return NoGyroscope(cure={"zip": "both in the zip", "table": "two tables"}[where])
+                why = {"zip": "one sensor in the zip", "table": "one sensor"}[where]
+                return UnknownColumns(why=why, list=line.strip()[:200])
     return None
+
+
+def _names_gyroscope(line: str) -> bool:
+    return GYROSCOPE.search(line) is not None
 
 
 def check_extension(source: Source, own: str | None) -> None:

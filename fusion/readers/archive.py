@@ -180,6 +180,14 @@ def unpack(source: Source, sensor: str = "") -> Source:
     return _open_member(archive, chosen.table, source, left_aside)
 
 
+def is_in_zip(source: Source) -> bool:
+    """Return whether a file was unpacked from a zip."""
+    if source.packed is None:
+        return False
+    source.packed.seek(0)
+    return source.packed.read(len(ZIP_MAGIC)) == ZIP_MAGIC
+
+
 def _choose_recording(archive: zipfile.ZipFile, members: Sequence[str], sensor: str) -> ArchivedRecording:
     tables = {name: _read_head(archive, name) for name in members if name.lower().endswith(TABLES)}
     found = find_recordings(tables)

@@ -238,6 +238,7 @@ def _load(
         next(lines, "")
         return lines if delimiter == "," else (line.replace(",", ".") for line in lines)
 
+    converters: dict[int | str, Callable[[str], float]] | None
     converters = None if read_time is float else {places[0]: read_time}
     try:
         with warnings.catch_warnings(action="ignore", category=UserWarning):  # a table without rows

@@ -84,7 +84,8 @@ def test_a_date_and_a_time_in_two_columns_show_the_gaps(read_case: Callable[...,
     recording = read_case("openlog_day25_dropouts.TXT")
 
     (gap,) = [flag for flag in recording.flags if flag.code == "W-GAP"]
-    assert (recording.duration_us, gap.count, gap.seconds) == (360_000_000, 6, pytest.approx(24.0))
+    assert (recording.duration_us, gap.count) == (360_000_000, 6)
+    assert gap.seconds == pytest.approx(24.0)
     assert f"{recording.start:%Y-%m-%d %H:%M}" == "2026-03-25 07:00"
 
 

@@ -1,11 +1,19 @@
 """Layouts of loggers, apps and serial monitors, small enough to be checked by hand."""
 
 import io
+import zipfile
 from collections.abc import Iterable
 
 import pytest
 
-from fusion.errors import FusionError, SeveralSensors, UnknownColumns, UnusableTime
+from fusion.errors import (
+    FusionError,
+    NoGyroscope,
+    SeveralSensors,
+    UnknownColumns,
+    UnsupportedFormat,
+    UnusableTime,
+)
 from fusion.readers import ColumnProfile, parse_profile, propose_profile, read_recording
 from fusion.readers.tables.layout import find_layout
 from fusion.recording import Recording
@@ -247,3 +255,34 @@ def test_a_start_time_above_the_names_is_a_clock(stated: str, start: str | None)
 def test_text_that_holds_no_two_sensors_is_refused(text: str) -> None:
     with pytest.raises(FusionError):
         read_text(text)
+
+
+# What a refusal of a whole file says.
+
+
+def test_rows_of_one_sensor_each_are_not_called_acceleration_only() -> None:
+    rows = "".join(f"{k},accelerometer,0.1,0.2,9.8\n{k},gyroscope,0.1,0.2,0.3\n" for k in range(200))
+
+    with pytest.raises(UnknownColumns) as refusal:
+        read_text("time_ms,sensor,x,y,z\n" + rows)
+
+    assert refusal.value.facts["why"] == "sensor rows"
+
+
+def test_a_zip_with_one_sensor_is_not_asked_for_a_zip() -> None:
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w") as archive:
+        archive.writestr("a.csv", "time (s),X (g),Y (g),Z (g)\n" + "0.1,0,0,1\n" * 50)
+
+    with pytest.raises(NoGyroscope) as refusal:
+        read_text(packed.getvalue(), "a.zip")
+
+    assert refusal.value.facts["cure"] == "both in the zip"
+
+
+@pytest.mark.parametrize(("name", "device"), [("shift.mtb", "Xsens MT"), ("shift.ximu3", "x-io x-IMU3")])
+def test_a_format_of_a_device_with_a_gyroscope_is_named(name: str, device: str) -> None:
+    with pytest.raises(UnsupportedFormat) as refusal:
+        read_text(bytes(range(256)) * 20, name)
+
+    assert refusal.value.facts["device"] == device
