@@ -43,10 +43,11 @@ from fusion.readers.source import Source, hash_source, open_source, read_chunks
 from fusion.readers.tables import actilife as actilife_csv
 from fusion.readers.tables import csv as lsm9ds1_csv
 from fusion.readers.tables import pair, parquet
-from fusion.readers.tables.columns import name_missing, parse_column_name, read_axis
+from fusion.readers.tables.columns import GYROSCOPE, name_missing, parse_column_name, read_axis
 from fusion.readers.tables.layout import (
     DELIMITERS,
     MIN_COLUMNS,
+    NUMBER,
     SNIFFED_LINES,
     TextLayout,
     decode_head,
@@ -259,7 +260,6 @@ def read_recordings(
 # What the content of a file is, so that a refusal can name it.
 
 _COMMENT = re.compile(rb"<!--.*?(?:-->|\Z)", re.DOTALL)
-GYROSCOPE = re.compile(r"(?<![a-z])gyr", re.IGNORECASE)
 TEXT_EXTENSIONS = (".csv", ".txt", ".tsv", ".dat", ".log")
 DEVICE_EXTENSIONS = (".gt3x", ".cwa")
 
@@ -319,8 +319,17 @@ def _explain_text(source: Source) -> FusionError:
         for mark in DELIMITERS:
             names = [parse_column_name(field) for field in split_fields(line, mark)]
             if sum(column.channel in ("acc", "gyr") for column in names) >= MIN_COLUMNS:
+                if _holds_records(lines, mark):
+                    return UnknownColumns(why="kinds of lines", list=line.strip()[:200])
                 return NoSamples()  # a table without rows
     return _explain_one_sensor(lines, is_in_zip=is_in_zip(source)) or UnknownFormat(kind="text")
+
+
+def _holds_records(lines: Sequence[str], mark: str) -> bool:
+    """Return whether rows of numbers begin with a word, as logs of several kinds of lines do."""
+    fields = (split_fields(line, mark) for line in lines[:SNIFFED_LINES])
+    counts = (sum(bool(NUMBER.fullmatch(field)) for field in row[1:]) for row in fields)
+    return sum(count >= MIN_COLUMNS for count in counts) >= MIN_COLUMNS
 
 
 def _name_header(lines: Sequence[str], layout: TextLayout) -> FusionError | None:

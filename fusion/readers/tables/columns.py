@@ -32,7 +32,14 @@ Channel = Literal["acc", "gyr", "linear", "gravity", "time", "counter", "other"]
 
 ACC_STEMS = frozenset(
     {"a", "acc", "accel", "accelerometer", "acceleration", "accelero", "gf", "gforce", "xl"}
-    | {"accelerometre", "accelwr", "accelln", "widerangeaccelerometer", "lownoiseaccelerometer"}
+    | {
+        "accelerometeracceleration",
+        "accelerometre",
+        "accelwr",
+        "accelln",
+        "widerangeaccelerometer",
+        "lownoiseaccelerometer",
+    }
 )
 NARROW_STEMS = frozenset({"accelln", "lownoiseaccelerometer"})
 """Of a Shimmer's two accelerometers the one that ends at 2 g, where an arm at work does not."""
@@ -43,7 +50,7 @@ LINEAR_STEMS = frozenset(
 GRAVITY_STEMS = frozenset({"gravity", "grav", "gravite"})
 GYR_STEMS = frozenset(
     {"g", "gy", "gyr", "gyro", "gyroscope", "w", "omega", "rot", "rate", "rotation", "rotationrate"}
-    | {"angularrate", "angularvelocity", "angvel", "angrate", "av"}
+    | {"angularrate", "angularvelocity", "angvel", "angrate", "av", "gyrorotation"}
     | {"gyrometre", "vitesseangulaire", "vitesserotation", "vitessederotation", "tauxderotation"}
 )
 STEMS: tuple[tuple[Channel, frozenset[str]], ...] = (
@@ -65,6 +72,8 @@ COUNTER_STEMS = frozenset(
     | {"row", "n", "samplecount", "count", "sequence", "seq"}
     | {"compteur", "echantillon", "numero", "ligne", "paquet"}
 )
+GYROSCOPE = re.compile(r"(?<![a-z])gyr", re.IGNORECASE)
+"""A name of the gyroscope, whether its axis is understood or not."""
 AXIS_WORDS = ("axis", "axe")
 LONGEST_NAME = 200
 """Only these first characters of a column's name are read."""
@@ -465,8 +474,8 @@ ZONE = (
 HALF = r"(?P<half> ?[AaPp]\.?[Mm]\.?(?![A-Za-z]))?"
 DATED = (
     r"(?<![\d:/.\-])(?P<first>\d{1,4})(?P<mark>[/.\-])(?P<second>\d{1,2})(?P=mark)(?P<third>\d{1,4})"
-    r"(?P<between>T| +| *\"?[,;\t|]\"? *)(?P<hour>\d{1,2}):(?P<minute>\d{2}):(?P<seconds>\d{2}(?:[%s]\d+)?)"
-    + HALF + ZONE + r"(?![\d:])"
+    r"(?P<between>T| +| *\"?[,;\t|]\"? *)(?P<hour>\d{1,2}):(?P<minute>\d{2})"
+    r":(?P<seconds>\d{2}(?:[%s]\d+|:\d{3})?)" + HALF + ZONE + r"(?![\d:])"
 )  # fmt: skip
 COMPACT = (
     r"(?<![\w.])(?P<first>\d{4})(?P<second>\d{2})(?P<third>\d{2})(?P<between>T)"
@@ -474,7 +483,7 @@ COMPACT = (
 )
 UNDATED = (
     r"^(?P<before>(?:[^:\n]*[,;\t|])?[\" ]*)(?P<hour>\d{1,2}):(?P<minute>\d{2})"
-    r":(?P<seconds>\d{2}(?:[%s]\d+)?)" + HALF + ZONE + r"(?=[\" ]*[,;\t| ])"
+    r":(?P<seconds>\d{2}(?:[%s]\d+|:\d{3})?)" + HALF + ZONE + r"(?=[\" ]*[,;\t| ])"
 )  # fmt: skip
 NO_SECONDS = re.compile(
     r"(?<![\d:/.\-])\d{1,4}([/.\-])\d{1,2}\1\d{1,4}(?:T| +| *\"?[,;\t|]\"? *)"
@@ -649,7 +658,7 @@ class StampWriter:
     def _write(self, found: re.Match[str]) -> str:
         parts, order = found.group("first", "second", "third"), self._dialect.order
         year, month, day = (parts[order.index(letter)] for letter in "ymd")
-        clock = f"{_count_hour(found):02d}:{found['minute']}:{found['seconds']}"
+        clock = f"{_count_hour(found):02d}:{found['minute']}:{_read_seconds(found)}"
         stamp = f"{_complete_year(int(year))}-{month:0>2}-{day:0>2}T{clock}"
         moved = self._move(stamp, found["zone"])
         return found.group() if moved is None else moved + re.sub(r"[T \"]", "", found["between"])
@@ -681,16 +690,21 @@ class StampWriter:
         A step forward is a pause, however long, unless it leads back over midnight to a row that came late.
         """
         hour = _count_hour(found)
-        time_s = 3600.0 * hour + 60.0 * int(found["minute"]) + float(found["seconds"].replace(",", "."))
+        time_s = 3600.0 * hour + 60.0 * int(found["minute"]) + float(_read_seconds(found).replace(",", "."))
         step_s = 0.0 if self._last_s is None else time_s - self._last_s
         if step_s < -LONGEST_SET_BACK_S:
             self._day += timedelta(days=1)
         elif step_s > DAY_S - LATEST_S:
             self._day -= timedelta(days=1)
         self._last_s = time_s
-        stamp = f"{self._day:%Y-%m-%d}T{hour:02d}:{found['minute']}:{found['seconds']}"
+        stamp = f"{self._day:%Y-%m-%d}T{hour:02d}:{found['minute']}:{_read_seconds(found)}"
         moved = self._move(stamp, found["zone"])
         return found.group() if moved is None else found["before"] + moved
+
+
+def _read_seconds(found: re.Match[str]) -> str:
+    """Return the seconds of a stamp; some loggers write a colon before the milliseconds."""
+    return found["seconds"].replace(":", ".")
 
 
 def _count_hour(found: re.Match[str]) -> int:

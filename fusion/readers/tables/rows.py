@@ -18,6 +18,7 @@ from fusion.readers.samples import SampleColumns, drop_blank_rows
 from fusion.readers.source import Source
 from fusion.readers.tables import csv_lines
 from fusion.readers.tables.columns import (
+    GYROSCOPE,
     IN_MICROSECONDS,
     Column,
     OffsetChange,
@@ -204,7 +205,8 @@ def choose_sensor(layout: TextLayout, sensor: str = "") -> TextLayout:
 
 def _refuse_columns(layout: TextLayout) -> NoReturn:
     channels = {column.channel for column in layout.columns}
-    if "acc" in channels and "gyr" not in channels:
+    is_named = any(GYROSCOPE.search(column.name) for column in layout.columns)  # `gyroscope_alpha`
+    if "acc" in channels and "gyr" not in channels and not is_named:
         raise NoGyroscope
     if {"gyr", "linear"} <= channels and "acc" not in channels:
         raise NoGravity

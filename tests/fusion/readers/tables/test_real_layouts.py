@@ -286,3 +286,41 @@ def test_a_format_of_a_device_with_a_gyroscope_is_named(name: str, device: str) 
         read_text(bytes(range(256)) * 20, name)
 
     assert refusal.value.facts["device"] == device
+
+
+# Layouts of public projects.
+
+
+def test_a_colon_before_the_milliseconds_is_read() -> None:
+    check_whole(read_text(f"time,{CHANNELS}\n" + make_rows("2026-03-02 {colon},{row}")))
+
+
+def test_sensor_log_of_an_iphone_is_read() -> None:
+    names = [f"accelerometerAcceleration{axis}(G)" for axis in "XYZ"]
+    names += [f"gyroRotation{axis}(rad/s)" for axis in "XYZ"]
+    layout = find_layout("loggingTime(txt)," + ",".join(names) + "\n" + make_rows("2026-03-02 {clock},{row}"))
+
+    assert layout is not None
+    assert [column.channel for column in layout.columns[1:]] == [*["acc"] * 3, *["gyr"] * 3]
+    assert [column.unit for column in layout.columns[1:]] == [*["g"] * 3, *["rad/s"] * 3]
+
+
+@pytest.mark.parametrize(
+    "names", ["alpha,gyroscope_beta,gyroscope_gamma", "Yaw,GYROSCOPE Pitch,GYROSCOPE Roll"]
+)
+def test_a_gyroscope_with_other_axes_is_not_called_absent(names: str) -> None:
+    header = f"time_ms,accelerometer_x,accelerometer_y,accelerometer_z,gyroscope_{names}\n"
+
+    with pytest.raises(UnknownColumns) as refusal:
+        read_text(header + make_rows("{ms},{row}"))
+
+    assert refusal.value.facts["missing"] == "gx, gy, gz"
+
+
+def test_a_log_of_several_kinds_of_lines_is_not_called_empty() -> None:
+    header = "$COL,IMU,time,wx,wy,wz,ax,ay,az\n$UNIT,IMU,s,deg/s,deg/s,deg/s,g,g,g\n$DATA\n"
+
+    with pytest.raises(UnknownColumns) as refusal:
+        read_text(header + make_rows("$IMU,{ms},{row}\n$BARO,{ms},101325.0"))
+
+    assert refusal.value.facts["why"] == "kinds of lines"
