@@ -102,7 +102,7 @@ DEVICE_READERS = (
     Reader("Axivity AX6 .cwa", cwa.recognise, cwa.read),
     Reader("ActiLife IMU CSV", actilife_csv.recognise, actilife_csv.read),
 )
-"""A signature tells these files. Plug-ins are asked next, before whatever goes by the names of columns."""
+"""Formats with a signature. Plug-ins are tried next, before the readers that go by the names of columns."""
 TABLE_READERS = (
     Reader("Parquet", parquet.recognise, parquet.read),
     Reader("LSM9DS1 registers, binary", lsm9ds1_csv.recognise_binary, lsm9ds1_csv.read_binary),
@@ -122,7 +122,7 @@ def read_recording(
     sha256: str = "",
     profile: ColumnProfile | None = None,
 ) -> Recording:
-    """Read a recording, whatever its format, and check it against physics.
+    """Read a recording of any known format and check it against physics.
 
     Parameters
     ----------
@@ -202,7 +202,7 @@ def _check_readings(recording: Recording) -> Recording:
 def holds_device_format(file: BinaryIO) -> bool:
     """Whether the first bytes are those of a device's own format of samples; leaves the file rewound.
 
-    A table whose header only names columns may hold anything, unless the names are those of our own form.
+    A header of column names proves nothing, except the header of our form.
     """
     source = open_source(file, is_hashed=False)
     file.seek(0)
@@ -211,7 +211,7 @@ def holds_device_format(file: BinaryIO) -> bool:
 
 
 def _read_recognised(content: Source, rate_hz: float | None) -> Recording:
-    """Ask the readers in order, plug-ins in their turn; one of those that fails does not stop the others."""
+    """Try the readers in order, plug-ins between them; a plug-in that fails does not stop the others."""
     failures: list[FailedReader] = []
 
     def recognises(one: Reader | PlugIn) -> bool:
@@ -382,7 +382,7 @@ def check_extension(source: Source, own: str | None) -> None:
         raise WrongExtension(ext=named, kind="text", right=".csv")
 
 
-# Readers of other packages, asked as our own are: one that fails is named, and stops no other.
+# Readers of other packages. A plug-in that fails is named and does not stop the others.
 
 LONGEST_CAUSE = 200
 PLAIN_NAME = re.compile(r"\w[\w +\-./()]{0,59}")
@@ -409,12 +409,12 @@ class PlugIn:
         return self._ask(lambda: bool(self.entry.load().recognise(source)))
 
     def read(self, source: Source, rate_hz: float | None) -> Recording:
-        """Read the file; the recording bears the name and the version of the plug-in.
+        """Read the file; the recording names the plug-in and its version.
 
         Raises
         ------
         FailedReader
-            It fails, or what it gives is no recording.
+            The plug-in fails, or returns something other than a recording.
         fusion.errors.FusionError
             As the plug-in refuses the file.
         """
@@ -426,7 +426,7 @@ class PlugIn:
         return named
 
     def _ask(self, work: Callable[[], T]) -> T:
-        """Do the plug-in's part; whatever it raises, but a refusal of ours, is its failure."""
+        """Call the plug-in; every exception except a refusal is its failure."""
         try:
             return work()
         except MemoryError:
@@ -450,7 +450,7 @@ def find_fault(recording: object) -> str:
     if not isinstance(recording, Recording):
         return f"read gave {type(recording).__name__}, not a Recording"
     if not PLAIN_NAME.fullmatch(recording.device):
-        return "device is no plain name of 1 to 60 letters, digits, spaces and any of + - . / ( )"
+        return "device is not a plain name of 1 to 60 letters, digits, spaces and any of + - . / ( )"
     end_us = 0
     for segment in recording.segments:
         if not segment.rate_hz > 0:

@@ -29,7 +29,7 @@ from fusion.recording import ACC_UNITS_G, GYR_UNITS_DPS
 PHYPHOX_FOLDER = "meta/"
 OWN_FOLDERS = ("xl/", "word/")
 OWN_ARCHIVES = ("log.bin", "info.txt", "activity.bin", "[Content_Types].xml", "mimetype")
-"""Members of archives that are a format of their own: `.gt3x`, Office, OpenDocument and NumPy files."""
+"""Members of `.gt3x`, Office, OpenDocument and NumPy files, which are archives themselves."""
 DEVICE_PARTS = ("log.bin", "info.txt")
 TABLES = (".csv", ".txt", ".tsv")
 UNCALIBRATED = re.compile(r"uncalibrated", re.IGNORECASE)
@@ -41,7 +41,7 @@ SENSOR_WORDS = {
     "total": re.compile(r"total[ _]?accel(?:eration)?", re.IGNORECASE),
     "acc": re.compile(r"accel(?:eration|erometer)?|(?<![a-z])acc(?![a-z])", re.IGNORECASE),
 }
-"""What the name of a table calls its sensor."""
+"""Words for a sensor in the name of a table."""
 SAMPLING_RATE = re.compile(r"[ _]*\d+(?:\.\d+)?hz\b.*", re.IGNORECASE)
 
 

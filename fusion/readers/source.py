@@ -84,7 +84,7 @@ class Source:
 class HashedFile(io.RawIOBase):
     """A file that is hashed while it is read, so that its digest needs no second reading.
 
-    Large pieces are hashed in a thread of their own (hashlib and the kernels both release the interpreter's
+    Large pieces are hashed in a separate thread (hashlib and the kernels both release the interpreter's
     lock), so that on two cores the digest costs almost nothing. Closing it leaves the file itself open.
     """
 
@@ -175,9 +175,9 @@ def read_chunks(source: Source, start_byte: int = 0, chunk_bytes: int = CHUNK_BY
 def scan_pieces(
     pieces: Iterable[bytes], scan: Callable[[NDArray[np.uint8], bool], tuple[int, Found]]
 ) -> Iterator[tuple[NDArray[np.uint8], Found]]:
-    """Scan pieces one by one; what one does not finish is carried into the next.
+    """Scan pieces one by one; unfinished bytes are carried into the next piece.
 
-    ``scan``: given bytes, and whether they are the last, return how many of them it used and what it found.
+    ``scan``: given bytes, and whether they are the last, return how many of them it used, and its result.
     """
     later = iter(pieces)
     carried, piece = b"", next(later, None)
@@ -296,7 +296,7 @@ GZIP_MAGIC = b"\x1f\x8b"
 ZIP_MAGIC, EMPTY_ZIP_MAGIC = b"PK\x03\x04", b"PK\x05\x06"
 """An empty archive begins with its index."""
 BROKEN = (gzip.BadGzipFile, zipfile.BadZipFile, zlib.error, ValueError, NotImplementedError, RuntimeError)
-"""What the standard library raises on packed bytes that contradict themselves."""
+"""Exceptions of the standard library for packed bytes that contradict themselves."""
 
 
 # What is unpacked as it is read.

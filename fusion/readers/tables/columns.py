@@ -28,7 +28,7 @@ from fusion.recording import ACC_UNITS_G, GYR_UNITS_DPS, MICROSECONDS, QualityFl
 # x-io, ActiLife, Xsens, phone loggers), with the names of French exports.
 
 Channel = Literal["acc", "gyr", "linear", "gravity", "time", "counter", "other"]
-"""``linear``: an acceleration from which gravity was taken out."""
+"""``linear``: an acceleration without gravity."""
 
 ACC_STEMS = frozenset(
     {"a", "acc", "accel", "accelerometer", "acceleration", "accelero", "gf", "gforce", "xl"}
@@ -42,7 +42,7 @@ ACC_STEMS = frozenset(
     }
 )
 NARROW_STEMS = frozenset({"accelln", "lownoiseaccelerometer"})
-"""Of a Shimmer's two accelerometers the one that ends at 2 g, where an arm at work does not."""
+"""The accelerometer of a Shimmer with a range of 2 g, which an arm at work exceeds."""
 LINEAR_STEMS = frozenset(
     {"linearacceleration", "linearaccelerometer", "linearaccel", "linearacc", "linacc", "linaccel"}
     | {"useracceleration", "useraccel", "useracc", "freeacc", "freeacceleration", "accelerationlineaire"}
@@ -92,7 +92,7 @@ REMARKS = frozenset({"cal", "raw", "uncal", "calibrated", "uncalibrated"})
 OTHER_UNITS = frozenset(
     {"", "local", "nounits", "ut", "gauss", "ga", "degc", "c", "deg", "v", "mv", "lux", "boolean"}
 )
-"""What may stand in a row of units beside those of samples and times."""
+"""Other words that a row of units may contain."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +150,7 @@ def _split_bracketed(text: str) -> tuple[str, str | None]:
 
 
 def read_unit(field: str) -> str | None:
-    """Read a field of a row of units: the unit, "" for one that is none of a sample's, None for no unit."""
+    """Read a field of a row of units: the unit, "" for a unit of another quantity, None for no unit."""
     word = re.sub(r"[\s()]+", "", _tidy(field))
     if word in ACC_UNITS_G or word in GYR_UNITS_DPS or word in TIME_UNITS_EXPONENT:
         return word
@@ -203,8 +203,8 @@ def choose_vector(columns: Sequence[Column], channel: Channel) -> Vector | None:
 def choose_acceleration(columns: Sequence[Column]) -> tuple[Vector | None, Vector | None]:
     """Places of the acceleration, and of the gravity that it may lack; None for what is not there.
 
-    Core Motion's "acceleration" lacks gravity, Android's does not: only where the other acceleration stands
-    beside it does the name tell.
+    Core Motion's "acceleration" lacks gravity, Android's does not: the name is clear only if both
+    accelerations are there.
     """
     acc, linear, gravity = (choose_vector(columns, channel) for channel in ("acc", "linear", "gravity"))
     if acc is None:
@@ -213,7 +213,7 @@ def choose_acceleration(columns: Sequence[Column]) -> tuple[Vector | None, Vecto
 
 
 def name_missing(columns: Sequence[Column]) -> dict[str, str]:
-    """Name the channels that are not there, and those that are there more than once.
+    """Name the channels that are absent, and the channels that are there more than once.
 
     Returns facts of a refusal: ``missing`` and ``doubled`` ("gy, gz"), each only if there is one.
     """
@@ -315,13 +315,13 @@ def count_from_1970(stamps: NDArray[np.int64]) -> None:
 
 
 def find_time_unit(times: Sequence[float], unit: str | None) -> TimeUnit | None:
-    """Find the unit of a column by its first times; None where neither header nor times give one.
+    """Find the unit of a column by its first times; None if neither header nor times give one.
 
     A unit in the header holds, unless no sensor writes rows so fast or so slowly and another unit fits. The
     time since 1970 keeps the header's unit, however slowly the rows come.
     """
     stated = TIME_UNITS_EXPONENT.get(unit or "")  # a damaged row of units may name another quantity
-    times = [time for time in times if math.isfinite(time)]  # a damaged row holds no time
+    times = [time for time in times if math.isfinite(time)]  # a damaged row has no time
     (first_day, last_day), (slowest_hz, fastest_hz) = POSSIBLE_DAYS, PLAUSIBLE_RATE_HZ
     if stated is None and times and all(first_day <= time < last_day for time in times):
         days_hz = _rate_hz(times, 0) / SECONDS_OF_DAY / MICROSECONDS
@@ -340,7 +340,7 @@ def find_time_unit(times: Sequence[float], unit: str | None) -> TimeUnit | None:
 
 
 def guess_exponent(times: Sequence[float]) -> int | None:
-    """The unit in which the rows would come at 8 to 2000 Hz; None where none does."""
+    """The unit in which the rows would come at 8 to 2000 Hz; None if there is none."""
     slowest_hz, fastest_hz = PLAUSIBLE_RATE_HZ
     return next((one for one in UNIT_NAMES if slowest_hz <= _rate_hz(times, one) <= fastest_hz), None)
 
@@ -490,7 +490,7 @@ NO_SECONDS = re.compile(
     r"\d{1,2}:\d{2}(?: ?[AaPp][Mm])?(?![\d:])"
 )
 MINUTES_ONLY = re.compile(r"(?<![\d:])\d{1,2}:\d{2}[.,]\d(?![\d:])")
-"""What Excel shows of a time of day with a fraction: `58:00.1`, the hour left out."""
+"""A time of day with a fraction as Excel shows it: `58:00.1`, without the hour."""
 PLAIN = re.compile(r"\d{4}-\d{1,2}-\d{1,2}[T ]\d{1,2}:\d{2}:\d{2}(?:[.,]\d++)?+(Z?)(?![\w:+\- \[])")
 STAMP_LIKE = re.compile(r"\d:\d\d|\dT\d|\d{1,4}([/.\-])\d{1,2}\1\d{1,4}")
 NAMED_ZONES_H = {
@@ -527,7 +527,7 @@ class DateDialect:
 
 
 def find_dates(head: str, order: DateOrder | None = None) -> DateDialect | None:
-    """Find how the rows of a table's head write date and time; None where they are ISO without an offset.
+    """Find how the rows of a table's head write date and time; None if they are ISO without an offset.
 
     ``order``: of day, month and year, as a person gives it.
 
@@ -564,13 +564,13 @@ def find_dates(head: str, order: DateOrder | None = None) -> DateDialect | None:
 
 @lru_cache(maxsize=2)
 def find_open_date(head: str) -> tuple[str, ...]:
-    """Day, month and year of the first row as they stand there, where their order is open; else nothing."""
+    """Day, month and year of the first row as written, if their order is open; else nothing."""
     found = _find_parts(head.split("\n")[:SNIFFED_LINES])
     return found[0] if found and len(find_orders(found)) > 1 else ()
 
 
 def find_last_date(tail: str) -> tuple[str, ...]:
-    """The same of the last whole row of a table's tail; nothing where none is found."""
+    """The same of the last whole row of a table's tail; nothing if there is none."""
     found = _find_parts(tail.split("\n")[1:-1])
     return found[-1] if found else ()
 
@@ -616,10 +616,10 @@ def _is_wide(line: str) -> bool:
 NOON = 12
 DAY_S = 86_400
 LONGEST_SET_BACK_S = 3 * 3600
-"""A clock is set back by no more than this (daylight saving, a zone): what goes back further is a new day."""
+"""A clock is set back by no more than this (daylight saving, a zone): a larger step back is a new day."""
 LATEST_S = 600
 """Rows come late by no more than this."""
-FIRST_DAY = datetime(1970, 1, 2)  # noqa: DTZ001 - stands for a date that is not told
+FIRST_DAY = datetime(1970, 1, 2)  # noqa: DTZ001 - for an unknown date
 EPOCH = datetime(1970, 1, 1)  # noqa: DTZ001 - as the kernels count
 MOST_CHANGES = 20
 
@@ -651,7 +651,7 @@ class StampWriter:
         self._last_s: float | None = None
 
     def rewrite(self, text: str) -> str:
-        """Write every stamp as `2026-03-14T08:00:00.010`; a time column of its own is left empty."""
+        """Write every stamp as `2026-03-14T08:00:00.010`; a separate time column is left empty."""
         write = self._write if self._dialect.has_date else self._write_undated
         return self._dialect.pattern.sub(write, text)
 
@@ -664,7 +664,7 @@ class StampWriter:
         return found.group() if moved is None else moved + re.sub(r"[T \"]", "", found["between"])
 
     def _move(self, stamp: str, zone: str | None) -> str | None:
-        """Convert a stamp to the first row's clock; None for one that no calendar has.
+        """Convert a stamp to the first row's clock; None for an impossible date.
 
         A stamp without a zone, among stamps with one, takes the last zone.
         """
@@ -715,7 +715,7 @@ def _count_hour(found: re.Match[str]) -> int:
 
 
 class TextWriter(Protocol):
-    """What rewrites whole lines of text."""
+    """A writer that rewrites whole lines of text."""
 
     def rewrite(self, text: str) -> str:
         """Rewrite whole lines."""

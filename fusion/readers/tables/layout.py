@@ -66,7 +66,7 @@ def is_row(line: str, delimiter: str) -> bool:
     return len(fields) >= MIN_COLUMNS and all(map(_is_value, fields)) and present >= len(fields) // 2
 
 
-# The lines above the first row: what they say of the columns.
+# The lines above the first row and the columns that they describe.
 #
 # Most tables have one line of names. Shimmer's exports have up to four (sensor, name, CAL or RAW, unit);
 # tables of several sensors have the sensor above each name, or in the name.
@@ -263,7 +263,7 @@ class LabelWriter:
         return "\n".join([*rewritten, (self._rewrite_line(last) or "") if last else ""])
 
     def tabulate_head(self, head: str) -> str:
-        """Rewrite the head as a table, with the names on a line of their own before the first row."""
+        """Rewrite the head as a table, with a line of names before the first row."""
         lines = self.rewrite(head).split("\n")
         first = next(k for k, line in enumerate(head.split("\n")) if _read_labels(line)[0] in self.groups)
         return "\n".join([*lines[:first], "\t".join(self.labels), *lines[first:]])
@@ -306,7 +306,7 @@ def _read_labels(line: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 
 def _find_groups(lines: Sequence[str]) -> tuple[tuple[str, ...], ...]:
-    """Find the names of the lines that make a row together; none if their names hold no two sensors."""
+    """Find the names of the lines that make a row together; none if they name fewer than two sensors."""
     named = [labels for labels, _ in map(_read_labels, lines) if len(labels) >= len(AXES)]
     counts = Counter(named)
     usual = [labels for labels in dict.fromkeys(named) if counts[labels] >= FEWEST_LINES]
@@ -353,9 +353,9 @@ class ArrivalWriter:
 class TextLayout:
     """How a table is written.
 
-    ``header`` is the header line as it stands, None where there is none; ``first_line`` counts lines before
+    ``header`` is the header line as written, None if there is none; ``first_line`` counts lines before
     the first row of numbers; ``preamble`` holds the lines before the header; ``sample_rows`` some rows,
-    split. ``dates``: how stamps are written, where they are not ISO without an offset. ``is_single_spaced``:
+    split. ``dates``: how stamps are written, if they are not ISO without an offset. ``is_single_spaced``:
     each space of a row is a separator, with nothing between two of them where a value is absent; such rows
     are read with their spaces as tabs. ``device``: the known device whose header this is.
     ``writer``: how rows that name every value, or begin with a serial monitor's time, are rewritten.
@@ -388,7 +388,7 @@ class TextLayout:
 
 @lru_cache(maxsize=2)
 def find_layout(head: str, order: DateOrder | None = None) -> TextLayout | None:
-    """Understand the head of a table; None where no rows of six numbers are found.
+    """Understand the head of a table; None if no rows of six numbers are found.
 
     Every reader asks this of the same head, so the last answers are kept.
 
@@ -454,7 +454,7 @@ def _find_table(head: str, order: DateOrder | None) -> TextLayout | None:
 
 
 def _hide_words(lines: Sequence[str]) -> tuple[str, list[str]]:
-    """Write 0 for the words of columns that hold no channel; no lines if the rows do not hold six numbers.
+    """Write 0 for the words of columns without a channel; no lines if the rows have fewer than six numbers.
 
     A label, the name of a device: such a column is left aside, and the rows are rows all the same. If no
     header names six channels, a person may name them.
@@ -555,7 +555,7 @@ def read_layout(source: Source, order: DateOrder | None = None) -> TextLayout | 
     Raises
     ------
     AmbiguousDecimal
-        Further on, the comma that separates columns stands in numbers too.
+        Further on, numbers contain the comma that separates columns.
     fusion.errors.FusionError
         As :func:`find_layout`.
     """
@@ -592,7 +592,7 @@ def sniff_layout(source: Source, order: DateOrder | None = None) -> TextLayout |
 
 
 def _read_tail(source: Source) -> str:
-    """The last bytes as text; of a packed file by unpacking it, for nothing else leads there."""
+    """The last bytes as text; a packed file is unpacked to its end."""
     tail = b""
     if isinstance(source.file, UnpackedFile):
         for chunk in read_chunks(source):
@@ -626,7 +626,7 @@ def flag_text(source: Source, layout: TextLayout) -> tuple[QualityFlag, ...]:
     return tuple(QualityFlag(code) for code, is_found in found.items() if is_found)
 
 
-# Text as pieces of whole lines in bytes, whatever its encoding and line ends.
+# Text of any encoding and line ends as pieces of whole lines in bytes.
 
 TEXT_CHUNK_BYTES = 1 << 20
 """Small enough that a piece and its field ends stay in the processor's cache."""

@@ -1,7 +1,7 @@
 """A zip with one table of the accelerometer and one of the gyroscope, as the apps of phones write it.
 
-phyphox, Sensor Logger and MetaWear's app do so. Both tables bear the times of one clock; the acceleration is
-laid on the times of the gyroscope, by straight lines where the two were not read at the same moment.
+phyphox, Sensor Logger and MetaWear's app write such files. Both tables have the times of one clock; the
+acceleration is interpolated linearly at the times of the gyroscope.
 """
 
 import math
@@ -184,7 +184,7 @@ def _read_moment_us(text: str) -> float:
 def _spread_bursts(
     time_us: NDArray[np.int64], values: Float64Array
 ) -> tuple[NDArray[np.int64], Float64Array]:
-    """Give rows that arrived together, with one stamp, times of their own, as in a single table."""
+    """Spread rows that arrived together, with one stamp, over time, as in a single table."""
     kept = np.isfinite(values).all(axis=1)
     shared = np.count_nonzero(time_us[1:] == time_us[:-1])
     if shared < SHARED_PART * len(time_us) or np.count_nonzero(kept) < FEWEST_ROWS:
@@ -273,7 +273,7 @@ def _read_row(fields: Sequence[str], read_time: Callable[[str], float], places: 
 
 
 def _merge(acc: ThreeAxes, gyr: ThreeAxes) -> SampleColumns:
-    """Lay the acceleration on the gyroscope's times; where it has a hole, or has ended, there is no row."""
+    """Interpolate the acceleration at the gyroscope's times; no row in its holes and after its end."""
     after = np.searchsorted(acc.time_us, gyr.time_us)
     is_on = (after < len(acc.time_us)) & (acc.time_us[np.minimum(after, len(acc.time_us) - 1)] == gyr.time_us)
     inside = (after > 0) & (after < len(acc.time_us))
@@ -295,7 +295,7 @@ def _merge(acc: ThreeAxes, gyr: ThreeAxes) -> SampleColumns:
 
 
 def _read_start(archive: zipfile.ZipFile, first_us: int) -> datetime | None:
-    """Read when phyphox was started, in its own table of events; None where there is none."""
+    """Read when phyphox was started, in its own table of events; None if there is none."""
     with suppress(KeyError, ValueError, IndexError):
         _, started = read_text(archive, PHYPHOX_CLOCK).decode("utf-8", "replace").splitlines()[:2]
         experiment_s, system_s = (float(field.strip('"')) for field in re.split(r"[,;\t]", started)[1:3])

@@ -53,7 +53,7 @@ CHOICES: Mapping[str, Sequence[object]] = {
     "time_unit": ("", *TIME_UNITS_EXPONENT),
     "date_order": (None, *get_args(DateOrder)),
 }
-"""What a profile may name, by field."""
+"""Allowed values of a profile, by field."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,11 +211,11 @@ Vector = tuple[Place, Place, Place]
 
 @dataclass(frozen=True, slots=True)
 class ProfileProposal:
-    """What is known of a table's columns; a person completes the rest.
+    """Known facts about a table's columns; a person completes the rest.
 
-    ``columns``: the names as they stand, "" where there is none; ``rows``: the first rows, split;
-    ``acceleration``, ``angular_rate``, ``time``: places as a column profile has them, None where
-    nothing tells; units "" where nothing tells: they can be found from the data. ``sensors``: their names,
+    ``columns``: the names as written, "" for none; ``rows``: the first rows, split;
+    ``acceleration``, ``angular_rate``, ``time``: places as a column profile has them, None if
+    unknown; units "" if unknown: they can be found from the data. ``sensors``: their names,
     if the table or the archive holds several. ``above``: the lines above the rows, split.
     """
 
@@ -232,7 +232,7 @@ class ProfileProposal:
 
     @property
     def profile(self) -> ColumnProfile | None:
-        """The profile, where both vectors are known."""
+        """The profile, if both vectors are known."""
         if self.acceleration is None or self.angular_rate is None:
             return None
         return ColumnProfile(
@@ -306,7 +306,7 @@ def _find_proposed_layout(text: str) -> TextLayout | None:
 
 
 def _find_first_rows(text: str, layout: TextLayout) -> tuple[tuple[str, ...], ...]:
-    """Return the first rows as they stand in the file, or as they are rewritten if their fields differ."""
+    """Return the first rows as written in the file, or as they are rewritten if their fields differ."""
     lines = text.split("\n")[layout.first_line : layout.first_line + PREVIEW_ROWS]
     rows = tuple(tuple(split_fields(line.rstrip("\r"), layout.delimiter)) for line in lines)
     is_plain = layout.writer is None and all(len(row) <= layout.n_columns for row in rows)
@@ -330,8 +330,8 @@ def identify_header(file: BinaryIO) -> str:
     """Identify the header of a table, so that columns named once can be offered for the next file.
 
     The same names in the same order between the same delimiters give the same 16 hexadecimal digits. They
-    begin with "-" where no line names the columns: then only their number is known, and tables of many
-    devices have the same. Empty where the file is no table.
+    begin with "-" if no line names the columns: then only their number is known, and tables of many
+    devices have the same. Empty if the file is not a table.
     """
     try:
         layout = _find_head_layout(unpack(open_source(file, is_hashed=False)).head)
@@ -375,7 +375,7 @@ def _find_columns(layout: TextLayout) -> Sequence[Column]:
 def _describe_vector(
     columns: Sequence[Column], places: tuple[int, int, int] | None, units: Mapping[str, float]
 ) -> tuple[Vector | None, str]:
-    """The places of x, y, z as a profile has them, and their unit; None and "" where nothing tells."""
+    """The places of x, y, z as a profile has them, and their unit; None and "" if unknown."""
     if places is None:
         return None, ""
     x, y, z = (_format_place(columns, place) for place in places)
@@ -384,7 +384,7 @@ def _describe_vector(
 
 
 def _format_place(columns: Sequence[Column], place: int) -> Place:
-    """The name, where it is one and no other column has it; else the number from 1."""
+    """The name, if there is one and no other column has it; else the number from 1."""
     name = columns[place].name
     return name if name and [column.name for column in columns].count(name) == 1 else place + 1
 

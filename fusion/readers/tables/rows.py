@@ -58,7 +58,7 @@ WRAPPING_EXPONENTS = (0, 2, 3)
 
 @dataclass(frozen=True, slots=True)
 class TimeColumn:
-    """What the stamps of a table are: microseconds, or numbers of rows or packets.
+    """The kind of a table's stamps: microseconds, or numbers of rows or packets.
 
     ``kind``: "row number" if no column holds a time; "packet counter": the 16-bit number of a packet;
     "number": a number in some unit; "calendar": a date with a time, or a time of day.
@@ -248,7 +248,7 @@ def _choose_stamp(layout: TextLayout) -> tuple[int | None, TimeColumn]:
 
 
 def _find_calendars(layout: TextLayout) -> list[int]:
-    """Return the columns that hold dates with times, or times of day, whatever they are called."""
+    """Return the columns with dates and times, or times of day; their names do not matter."""
     rows = layout.sample_rows
     return [
         k
@@ -266,7 +266,7 @@ def choose_calendar(layout: TextLayout) -> TimeColumn:
 
 
 def read_times(fields: Sequence[str], decimal: str) -> list[float]:
-    """The fields as numbers; an empty list where one of them is no number, or all are absent."""
+    """The fields as numbers; an empty list if one of them is not a number, or all are absent."""
     try:
         times = [float(field.replace(decimal, ".")) for field in fields if field]
     except ValueError:
@@ -385,7 +385,7 @@ def _make_rules(plan: TablePlan) -> csv_lines.Rules:
 
 LOOKED_AT_ROWS = 20_000
 STEADY_PART = 0.05
-"""What is called gravity keeps its length within this part, at nine of ten rows; else it is not used."""
+"""Columns called gravity keep their length within this part in nine of ten rows; else they are not used."""
 NEAR_ONE = 0.1
 CORE_MOTION = "rotationrate"
 """Core Motion's word for the gyroscope. Its gravity points down, and at rest so does the sum."""
@@ -412,7 +412,7 @@ def put_back_gravity(
 ) -> bool:
     """Add gravity to an acceleration that lacks it, in place; return whether it did.
 
-    Both were read by ``scale_g``. The unit does not depend on what it is called: gravity is 1 g long, and the
+    Both were read by ``scale_g``. The unit does not depend on its name: gravity is 1 g long, and the
     acceleration beside it is in the same unit. Rows without gravity are left out. Core Motion's readings, in
     g, are turned over: the sum is then what an accelerometer measures.
 
