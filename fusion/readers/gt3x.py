@@ -522,7 +522,7 @@ class Seconds:
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """Seconds without a break. ``start_s``: from the first second, without the steps of the device's clock."""
+    """Seconds without a break. ``start_s``: from the first second, without steps of the device's clock."""
 
     start_s: int
     first: int

@@ -170,7 +170,10 @@ def _read_table(archive: zipfile.ZipFile, name: str, channel: Literal["acc", "gy
     time_us, values_read = _spread_bursts(np.rint(micros).astype(np.int64), table[:, 1:])
     is_later = np.concatenate([[True], time_us[1:] > np.maximum.accumulate(time_us)[:-1]])
     kept = is_later & np.isfinite(values_read).all(axis=1)
-    started = None if calendar is None else datetime_at_us(round(_read_moment_us(values[calendar])))
+    started = None
+    if calendar is not None:
+        with suppress(ValueError):  # a damaged row may have no such hour
+            started = datetime_at_us(round(_read_moment_us(values[calendar])))
     dropped = len(table) - int(np.count_nonzero(kept))
     return ThreeAxes(time_us[kept], values_read[kept], unit or "", device, dropped, started)
 

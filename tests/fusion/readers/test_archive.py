@@ -181,3 +181,14 @@ def test_a_table_with_times_of_a_calendar_only_is_half_of_a_pair() -> None:
 
 def test_an_arm_band_is_not_taken_for_a_description() -> None:
     assert read_recording(io.BytesIO(metawear())).device == "metawear"
+
+
+def test_a_first_time_that_no_clock_shows_is_left_aside() -> None:
+    heads = "time,time_s," + ",".join(axes("{}"))
+    clock = ["2026-03-02T27:00:00"] * len(TIME_S)
+    members: dict[str, str | bytes] = {
+        "ACC.csv": heads.replace("X", "X (g)") + "\n" + rows(clock, TIME_S, ACC_G),
+        "GYR.csv": heads.replace("X", "X (deg/s)") + "\n" + rows(clock, TIME_S, GYR_DPS),
+    }
+
+    assert read_archive(members).start is None
