@@ -1,1 +1,1 @@
-"""Who asked, where it is kept and how it is shown."""
+"""The Acromion application: accounts, storage, jobs, pages, API and reports."""

@@ -1,8 +1,8 @@
-"""Acromion in Python: ``from acromion import analyse``; and the entry of the command ``acromion``.
+"""The Python module ``acromion`` (``from acromion import analyse``) and the entry of the command.
 
 An installation puts this file beside the packages as the module ``acromion`` (``force-include`` in
-``pyproject.toml``). Its names are those of :mod:`fusion`, each loaded when first asked for. ``app`` and
-``fusion`` are names that another package may have, too: a clash is named before anything of theirs is loaded.
+``pyproject.toml``). It has the names of :mod:`fusion` and loads each one at first use. Other packages may
+also be called ``app`` or ``fusion``, so this module checks for a clash before it loads them.
 """
 
 import sys
@@ -16,26 +16,26 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from fusion import *  # noqa: F403
 
-_MARKS = {"app": "Who asked, where it is kept", "fusion": "What the arm did"}
-"""How the first line of each package begins."""
+_MARKS = {"app": "The Acromion application", "fusion": "What the arm did"}
+"""Text near the start of each package's ``__init__.py``."""
 
-# These words do not stand with the others, which are in `app`: it is not ours where they are needed.
+# This text is not in the wording files: they are in `app`, which is another package when this is needed.
 _CLASH = """\
 acromion cannot start: the package "{name}" that Python finds is not Acromion's.
 Found: {found}
 Cause: {cause}
-Cure: install Acromion into an environment of its own (python3 -m venv), and leave PYTHONPATH empty.
+Cure: install Acromion into a separate environment (python3 -m venv), and leave PYTHONPATH empty.
 
 acromion ne peut pas démarrer : le paquet « {name} » que Python trouve n'est pas celui d'Acromion.
-Remède : installez Acromion dans un environnement à lui (python3 -m venv), et laissez PYTHONPATH vide."""
+Remède : installez Acromion dans un environnement distinct (python3 -m venv), et laissez PYTHONPATH vide."""
 
 
 class PackageClash(ImportError):
-    """Another ``app`` or ``fusion`` comes before ours, or was installed over it."""
+    """Another package called ``app`` or ``fusion`` was found before ours or installed over it."""
 
 
 def check_packages() -> None:
-    """Raise :class:`PackageClash` where ``app`` or ``fusion`` is another's; neither is loaded."""
+    """Raise :class:`PackageClash` if ``app`` or ``fusion`` is another package; load neither."""
     for name, mark in _MARKS.items():
         spec = find_spec(name)
         found = Path(spec.origin) if spec and spec.origin else None
@@ -44,7 +44,7 @@ def check_packages() -> None:
 
 
 def run_command() -> None:
-    """Run the command line; a clash ends it with its cause and cure, and exit code 3."""
+    """Run the command line; on a clash print its cause and cure and exit with code 3."""
     try:
         check_packages()
     except PackageClash as clash:

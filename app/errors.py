@@ -1,4 +1,4 @@
-"""What can go wrong around the science, each class with its code, its facts and what it comes to.
+"""Errors of the application: each class has a code, facts and an outcome.
 
 As in :mod:`fusion.errors`, a class has a code and facts, never a sentence.
 """
@@ -13,7 +13,7 @@ from fusion.errors import Fact, FusionError
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """HTTP status, exit code of the command line, and whether trying again may help."""
+    """HTTP status, exit code of the command line, and whether a retry may help."""
 
     status: int
     exit_code: int
@@ -22,9 +22,9 @@ class Outcome:
 
 BUG = Outcome(500, 3, retryable=True)
 REFUSED_BY_THE_SCIENCE = Outcome(422, 3)
-"""Of every :class:`fusion.errors.FusionError`, which knows neither HTTP nor a command line."""
+"""Outcome of every :class:`fusion.errors.FusionError`: ``fusion`` has neither HTTP nor a command line."""
 
-# Codes that no class carries: nothing raises them.
+# Codes without an exception class: nothing raises them.
 UNREADABLE_PATH = "E-FILE"
 NO_RECORDING = "E-NO-RECORDING"
 NO_SHARDS = "E-NO-SHARDS"
@@ -33,17 +33,15 @@ CANCELLED = "E-CANCELLED"
 
 
 class AppError(Exception):
-    """``code`` says why and ``facts`` fill the sentence.
+    """Base class; ``code`` is the reason and ``facts`` fill the sentence.
 
-    The head of a class declares its code, its outcome (else its parent's) and the facts that it may have,
-    each with its unit or meaning.
+    The class statement declares the code, the outcome (default: the parent's) and the possible facts, each
+    with its unit or meaning.
 
-    Attributes
-    ----------
-    outcome
-        What it comes to, over HTTP and on the command line.
+    Attributes ---------- outcome
+        HTTP status and exit code.
     fact_meanings
-        The names that ``facts`` may hold, each with its unit or meaning.
+        Allowed names in ``facts``, each with its unit or meaning.
     """
 
     code: ClassVar[str]
@@ -61,7 +59,7 @@ class AppError(Exception):
 
 
 class RecordedProblem(Exception):
-    """A refusal that another process met: any code, with its facts."""
+    """A refusal from another process: any code, with its facts."""
 
     def __init__(self, code: str, facts: Mapping[str, Fact]) -> None:
         super().__init__(code, facts)
@@ -72,11 +70,11 @@ class BadParameter(
     AppError,
     code="E-PARAMETER",
     outcome=Outcome(422, 2),
-    name="of the value",
+    name="of the parameter",
     value="as given",
-    allowed="what can be",
+    allowed="accepted values",
 ):
-    """A value that cannot be."""
+    """A parameter has an invalid value."""
 
 
 class UnusableSettings(
@@ -86,8 +84,8 @@ class UnusableSettings(
     name="setting",
     why=TERM,
     value="as written",
-    allowed="what can be",
-    nearest="setting of a like name",
+    allowed="accepted values",
+    nearest="setting with a similar name",
     line="line",
 ):
     """A settings file cannot be used."""
@@ -100,16 +98,16 @@ class UnusableParticipants(
     why=TERM,
     cure=TERM,
     value="as written",
-    allowed="what can be",
+    allowed="accepted values",
     line="line",
     other="line of a second row",
     first="recording",
     second="recording",
-    more="rows not told",
+    more="further rows",
 ):
-    """Rows of a list of participants cannot be used.
+    """Rows of a participant list cannot be used.
 
-    The facts of the second row that cannot be used end in ``_2``, and so on.
+    Facts of the second unusable row end in ``_2``, and so on.
     """
 
 
@@ -120,33 +118,33 @@ class UnusableList(
 
 
 class BadChecksum(
-    BadParameter, code="E-CHECKSUM", outcome=Outcome(400, 2), value="as given", allowed="what can be"
+    BadParameter, code="E-CHECKSUM", outcome=Outcome(400, 2), value="as given", allowed="accepted values"
 ):
-    """No checksum that could be compared."""
+    """The checksum is malformed and cannot be compared."""
 
 
 class UploadRefused(AppError, code="E-UPLOAD", outcome=Outcome(400, 3, retryable=True)):
-    """The bytes were not taken."""
+    """The upload was rejected."""
 
 
 class FileTooLarge(UploadRefused, code="E-BIG", outcome=Outcome(413, 3), n="GB", max="GB"):
-    """More bytes than allowed."""
+    """The file is larger than allowed."""
 
 
 class DiskFull(UploadRefused, code="E-DISK", outcome=Outcome(507, 3, retryable=True), tries="attempts"):
-    """Too little space is left to take a recording."""
+    """There is too little disk space for a recording."""
 
 
 class SlowUpload(UploadRefused, code="E-SLOW", outcome=Outcome(408, 3, retryable=True)):
-    """The bytes came too slowly."""
+    """The upload is too slow."""
 
 
 class BrokenUpload(UploadRefused, code="E-CUT-UPLOAD"):
-    """Fewer bytes came than were announced."""
+    """The upload ended before the announced length."""
 
 
 class WrongOffset(UploadRefused, code="E-OFFSET", outcome=Outcome(409, 3, retryable=True), expected="byte"):
-    """The bytes do not begin where the upload ended."""
+    """The bytes do not start where the upload stopped."""
 
 
 class LockedUpload(UploadRefused, code="E-LOCKED", outcome=Outcome(423, 3, retryable=True)):
@@ -154,7 +152,7 @@ class LockedUpload(UploadRefused, code="E-LOCKED", outcome=Outcome(423, 3, retry
 
 
 class WrongDigest(UploadRefused, code="E-DIGEST", outcome=Outcome(460, 3, retryable=True)):
-    """What arrived is not what was sent."""
+    """The received bytes do not match the checksum."""
 
 
 class WrongLength(UploadRefused, code="E-LENGTH", outcome=Outcome(400, 3)):
@@ -164,157 +162,157 @@ class WrongLength(UploadRefused, code="E-LENGTH", outcome=Outcome(400, 3)):
 class WrongMediaType(
     UploadRefused, code="E-MEDIA", outcome=Outcome(415, 3), found="media type", allowed="media types"
 ):
-    """The body is of a kind that is not taken here."""
+    """The body has an unsupported media type."""
 
 
 class UnknownProtocol(UploadRefused, code="E-PROTOCOL", outcome=Outcome(412, 3), allowed="versions"):
-    """Another version of the upload protocol."""
+    """The client uses an unsupported version of the upload protocol."""
 
 
 class Busy(AppError, code="E-BUSY", outcome=Outcome(503, 3, retryable=True)):
-    """More work waits than is allowed."""
+    """Too many analyses are waiting."""
 
 
 class TooMany(AppError, code="E-TOO-MANY", outcome=Outcome(429, 3, retryable=True), max="uploads at once"):
-    """As many uploads as are taken at once are under way."""
+    """The maximum number of simultaneous uploads is reached."""
 
 
 class TooManySessions(
     AppError, code="E-LIVE-FULL", outcome=Outcome(429, 3, retryable=True), max="sessions at once"
 ):
-    """As many live sessions as one server runs are under way."""
+    """The maximum number of simultaneous live sessions is reached."""
 
 
 class LiveSourceFailed(
     AppError, code="E-LIVE-SOURCE", outcome=Outcome(422, 3, retryable=True), name="of the port", why=TERM
 ):
-    """No samples come from where they were to come from."""
+    """The source of a live session sends no samples."""
 
 
 class PurgedSince(AppError, code="E-PURGED", outcome=Outcome(410, 3)):
-    """The recording of this upload has been deleted for good."""
+    """The recording of this upload has been deleted permanently."""
 
 
 class ForeignWebhook(AppError, code="E-WEBHOOK", outcome=Outcome(422, 2), url="address"):
-    """A webhook may not lead there."""
+    """A webhook must not use this address."""
 
 
 class OnHold(AppError, code="E-HOLD", outcome=Outcome(409, 3), id="of the recording", why=TERM):
-    """The recording is on hold: nothing of it may be deleted for good."""
+    """The recording is on hold and must not be deleted permanently."""
 
 
 class StaleVersion(AppError, code="E-STALE", outcome=Outcome(409, 3)):
-    """Somebody else has changed it meanwhile."""
+    """Another person has changed it in the meantime."""
 
 
-class NotHere(AppError, code="E-NOT-FOUND", outcome=Outcome(404, 3), id="of what was asked for"):
-    """No such page, recording or analysis."""
+class NotHere(AppError, code="E-NOT-FOUND", outcome=Outcome(404, 3), id="of the requested object"):
+    """The page, recording or analysis does not exist."""
 
 
 class NoSuchFile(NotHere, code="E-NO-FILE", name="of the file"):
-    """The analysis ended without this file."""
+    """The analysis finished without this file."""
 
 
 class NoSuchRange(AppError, code="E-RANGE", outcome=Outcome(416, 2), size="bytes"):
-    """A part of a file behind its end."""
+    """The requested byte range starts after the end of the file."""
 
 
 class CannotPair(AppError, code="E-PAIR", outcome=Outcome(422, 3), why=TERM):
-    """Two analyses cannot be set side by side."""
+    """Two analyses cannot be paired."""
 
 
 class CannotCompare(AppError, code="E-COMPARE", outcome=Outcome(422, 3), why=TERM):
-    """Two analyses are no two days of one person, or of one method."""
+    """Two analyses cannot be compared: they are not two days of one person, or their methods differ."""
 
 
 class CannotProfile(
     AppError, code="E-DAYS", outcome=Outcome(422, 3), why=TERM, name="file or folder", other="file or folder"
 ):
-    """Analyses that are no days of one person or of one group."""
+    """The analyses are not days of one person or of one group."""
 
 
 class NotFinished(AppError, code="E-NOT-FINISHED", outcome=Outcome(409, 3, retryable=True), state=TERM):
-    """The analysis has not ended yet."""
+    """The analysis has not finished yet."""
 
 
 class NotAllowed(AppError, code="E-NOT-ALLOWED", outcome=Outcome(403, 2)):
-    """Not for this caller."""
+    """The caller is not allowed to do this."""
 
 
 class NotSignedIn(NotAllowed, code="E-SIGN-IN", outcome=Outcome(401, 2)):
-    """Nobody known: no session, token or secret."""
+    """The caller has no valid session, token or secret."""
 
 
 class NotPermitted(NotAllowed, code="E-PERMISSION", permission=TERM):
-    """Known, but without the permission that this asks for."""
+    """The caller lacks the required permission."""
 
 
 class NotConfirmed(NotAllowed, code="E-CONFIRM"):
-    """Logged in too long ago for what this asks for: the password is asked for again."""
+    """The last sign-in is too long ago for this action: the password is required again."""
 
 
 class LoginRefused(NotAllowed, code="E-LOGIN", outcome=Outcome(401, 2)):
-    """The name and what was given with it do not let anybody in; which of the two is not said."""
+    """The sign-in name or the credential is wrong; the error does not reveal which."""
 
 
 class SecondFactorLost(NotAllowed, code="E-SECOND-FACTOR", outcome=Outcome(503, 2)):
-    """The authenticator's secret cannot be decrypted: the secret of the server is another."""
+    """The authenticator's secret cannot be decrypted because the server secret has changed."""
 
 
 class TooManyTries(NotAllowed, code="E-TRIES", outcome=Outcome(429, 2, retryable=True), wait_s="s"):
-    """Too many wrong tries; the next is looked at after a while."""
+    """Too many failed attempts; the next one is accepted after a delay."""
 
 
 class WeakPassword(
     NotAllowed, code="E-PASSWORD", outcome=Outcome(422, 2), weak=TERM, least="characters", most="characters"
 ):
-    """A password that others try first, or that is too short."""
+    """The password is too common or has the wrong length."""
 
 
 class TicketSpent(NotAllowed, code="E-LINK", outcome=Outcome(410, 2)):
-    """An address that works once was opened before, or too late."""
+    """A single-use link has already been used or has expired."""
 
 
 class TokenInAddress(NotAllowed, code="E-TOKEN-ADDRESS", outcome=Outcome(400, 2)):
-    """A token stands in the address, where logs and histories keep it."""
+    """The address contains a token, which logs and browser histories would keep."""
 
 
 class ProviderRefused(NotAllowed, code="E-PROVIDER", outcome=Outcome(401, 2, retryable=True), said=TERM):
-    """The identity provider does not answer, or what it says is not to be believed."""
+    """The identity provider does not respond, or its response is not valid."""
 
 
 class ForeignOrigin(NotAllowed, code="E-ORIGIN"):
-    """Another web site asks for a change."""
+    """Another website requested a change."""
 
 
 class ForeignHostName(NotAllowed, code="E-HOST-NAME", outcome=Outcome(421, 2), host="name"):
-    """The request names a host that this server is not."""
+    """The request names a host that is not one of this server's."""
 
 
 class WrongVerb(
     NotAllowed, code="E-METHOD", outcome=Outcome(405, 2), method="of the request", allowed="methods"
 ):
-    """The address does not know this method."""
+    """The address does not support this method."""
 
 
 class ServerRefused(AppError, code="E-SERVER", outcome=Outcome(503, 2)):
-    """The server cannot start like this."""
+    """The server cannot start with this configuration or data."""
 
 
-class ForeignAddress(ServerRefused, code="E-HOST", host="address", missing="what keeps strangers out"):
-    """An address that others reach, without what it needs: accounts, names of the host, TLS."""
+class ForeignAddress(ServerRefused, code="E-HOST", host="address", missing="missing protection"):
+    """The server would be reachable from other computers without accounts, host names or TLS."""
 
 
 class ExamplePassword(ServerRefused, code="E-EXAMPLE-PASSWORD", name="setting"):
-    """A password of the example files, which everybody knows."""
+    """The configuration uses a publicly known password from the example files."""
 
 
 class PortTaken(ServerRefused, code="E-PORT", host="address", port="number"):
-    """Another program listens there."""
+    """Another program already uses this address and port."""
 
 
 class FolderTaken(ServerRefused, code="E-FOLDER-IN-USE", folder="path"):
-    """Another server works in this data folder."""
+    """Another server uses this data folder."""
 
 
 class FolderUnusable(ServerRefused, code="E-FOLDER", folder="path", why="by the system"):
@@ -322,27 +320,27 @@ class FolderUnusable(ServerRefused, code="E-FOLDER", folder="path", why="by the 
 
 
 class FolderReadOnly(FolderUnusable, code="E-FOLDER-READ-ONLY", folder="path"):
-    """The data folder is on a disk that can only be read."""
+    """The data folder is on a read-only disk."""
 
 
 class FolderForbidden(FolderUnusable, code="E-FOLDER-PERMISSION", folder="path"):
-    """The user of this process may not write in the data folder."""
+    """The user of this process may not write to the data folder."""
 
 
 class FolderIsFile(FolderUnusable, code="E-FOLDER-FILE", folder="path"):
-    """A file stands where the data folder should be."""
+    """The path of the data folder is a file."""
 
 
 class DatabaseDamaged(ServerRefused, code="E-DATABASE-DAMAGED", file="path", why="by the database"):
-    """The file of the database is damaged; it is never replaced by itself."""
+    """The database file is damaged; it is never replaced automatically."""
 
 
-class DatabaseLocked(ServerRefused, code="E-DATABASE-LOCKED", file="path", pid="process, where known"):
-    """Another process holds the database and does not let go."""
+class DatabaseLocked(ServerRefused, code="E-DATABASE-LOCKED", file="path", pid="process, if known"):
+    """Another process holds the lock on the database and does not release it."""
 
 
 class WrongSchema(ServerRefused, code="E-SCHEMA", found="revision", needed="revision"):
-    """The tables or a backup are of another version; they are left untouched."""
+    """The tables or a backup belong to another version; they are left unchanged."""
 
 
 class StoreMismatch(ServerRefused, code="E-STORE-OTHER", found="store", needed="store"):
@@ -350,43 +348,43 @@ class StoreMismatch(ServerRefused, code="E-STORE-OTHER", found="store", needed="
 
 
 class AccountsLost(ServerRefused, code="E-ACCOUNTS-LOST", file="path"):
-    """The server of this data folder has accounts, and its database holds none."""
+    """The server has accounts, but its database contains none."""
 
 
 class UnknownRecordings(ServerRefused, code="E-UNKNOWN-RECORDINGS", number="recordings", first="key of one"):
-    """The store holds recordings that the database does not know: it is lost, older or foreign."""
+    """The store contains recordings that are missing from the database: it is lost, older or foreign."""
 
 
 class NotEmpty(
     ServerRefused, code="E-NOT-EMPTY", number="rows or files", where="table, or file in the store"
 ):
-    """A backup is restored only where nothing is."""
+    """A backup can only be restored into an empty data folder, store and database."""
 
 
 class BackupRefused(ServerRefused, code="E-BACKUP", why="by the system"):
-    """The backup cannot be written or read as it is."""
+    """The backup cannot be written or read."""
 
 
 class NotInstalled(ServerRefused, code="E-NOT-INSTALLED", name="of the package", extra="of Acromion"):
-    """What a setting needs is not installed."""
+    """A package that a setting requires is not installed."""
 
 
 class StoreAway(AppError, code="E-STORE", outcome=Outcome(503, 3, retryable=True)):
-    """The bucket does not answer."""
+    """The bucket does not respond."""
 
 
 class StoreDamaged(AppError, code="E-STORE-DAMAGED", outcome=Outcome(410, 3)):
-    """The stored bytes are no longer those that came."""
+    """The stored bytes differ from the received ones."""
 
 
 class PurgeUnfinished(
     AppError, code="E-PURGE-UNFINISHED", outcome=Outcome(503, 3), id="of the recording", why="by the system"
 ):
-    """A recording is hidden, but its rows are still in the database: its copies could not be renewed."""
+    """A recording is hidden, but its rows remain because the database copies could not be renewed."""
 
 
 class SecretUnreadable(AppError, code="E-SECRET", outcome=Outcome(503, 3), file="path"):
-    """The secret of this server is gone, or is not the one that encrypted a second factor or a webhook."""
+    """The server secret is missing, or did not encrypt this second factor or webhook."""
 
 
 class ResultDamaged(
@@ -397,13 +395,13 @@ class ResultDamaged(
     analysis="identity",
     again="identity of the analysis that replaces it",
 ):
-    """A file of a finished analysis is missing or not what was made."""
+    """A file of a finished analysis is missing or has changed."""
 
 
 class DatabaseAway(
-    AppError, code="E-DATABASE", outcome=Outcome(503, 3, retryable=True), why="by the system, at a start"
+    AppError, code="E-DATABASE", outcome=Outcome(503, 3, retryable=True), why="from the system, at startup"
 ):
-    """The database does not answer."""
+    """The database does not respond."""
 
 
 class AttemptFailed(AppError, code="E-STOPPED", outcome=Outcome(500, 3)):
@@ -416,11 +414,11 @@ class Interrupted(
     outcome=Outcome(503, 130, retryable=True),
     times="interruptions, on a server",
 ):
-    """The computer or the program ended before this recording was done."""
+    """The computer or the program stopped before this recording was done."""
 
 
 class Crashed(AttemptFailed, code="E-CRASHED", outcome=Outcome(422, 3, retryable=True), attempts="attempts"):
-    """The analysis died as often as is allowed, while its worker lived."""
+    """The analysis process died too often while its worker stayed alive."""
 
 
 class OutOfMemory(AttemptFailed, code="E-MEMORY", outcome=Outcome(422, 3), max="GB"):
@@ -437,7 +435,7 @@ class InternalError(AttemptFailed, code="E-INTERNAL", outcome=BUG, reference="in
 
 @dataclass(frozen=True, slots=True)
 class StudyProblem:
-    """What could not be compared, and why."""
+    """A recording that could not be compared, and the reason."""
 
     name: str
     code: str
@@ -448,20 +446,20 @@ Refusal = TypeVar("Refusal", bound=Exception)
 
 
 def find_outcome(error: type[Exception]) -> Outcome:
-    """Return the outcome of a class of errors; an error that is not a refusal is a bug."""
+    """Return the outcome of an error class; an error that is not a refusal is a bug."""
     if issubclass(error, AppError):
         return error.outcome
     return REFUSED_BY_THE_SCIENCE if issubclass(error, FusionError) else BUG
 
 
 def find_outcome_of_code(code: str) -> Outcome:
-    """Do the same for the code of a refusal that was written down earlier."""
+    """Return the outcome of the stored code of a refusal."""
     named = {kind.code: kind for kind in list_refusals()}
     return find_outcome(named.get(code, InternalError))
 
 
 def list_refusals() -> tuple[type[FusionError] | type[AppError], ...]:
-    """Every class of refusal that has a code, the science's and the shell's."""
+    """Return every error class that has a code, from ``fusion`` and ``app``."""
     return (*_descend(FusionError), *_descend(AppError))
 
 

@@ -1,4 +1,4 @@
-"""The kinds of file that are taken, in words; :data:`fusion.readers.READERS` is what reads them."""
+"""Supported file formats, in words; :data:`fusion.readers.READERS` has the readers."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from fusion.plugins import find_entry_points, find_version
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """A kind of file: the reader's name for it, how its name ends, what it holds."""
+    """A file format: the reader's name, the file name extensions, and the content."""
 
     name: str
     extensions: tuple[str, ...]
@@ -34,10 +34,10 @@ FORMATS = (
     Format(
         "Two tables in a zip",
         (".zip",),
-        "one table of the accelerometer and one of the gyroscope, as apps of phones write them",
+        "one table for the accelerometer and one for the gyroscope, as phone apps write them",
     ),
-    Format("LSM9DS1 registers, binary", (".bin", ".dat"), "registers of the sensor, with the scale known"),
-    Format("LSM9DS1 registers, text", (".csv", ".txt", ".csv.gz"), "registers of the sensor, whole numbers"),
+    Format("LSM9DS1 registers, binary", (".bin", ".dat"), "sensor registers, with a known scale"),
+    Format("LSM9DS1 registers, text", (".csv", ".txt", ".csv.gz"), "sensor registers, whole numbers"),
     Format(
         "CSV with named columns",
         (".csv", ".txt", ".csv.gz", ".zip"),
@@ -47,12 +47,12 @@ FORMATS = (
 
 
 def find_added_formats() -> tuple[Format, ...]:
-    """Name what the readers of other packages add; how their files end only they know."""
+    """Return the formats of reader plug-ins; their file name extensions are unknown."""
     entries = find_entry_points()
     return tuple(Format(one.name, (), f"read by a plug-in, version {find_version(one)}") for one in entries)
 
 
 REFERENCES = (".mvnx",)
-"""Read too, as a recording of the posture and as the reference of a comparison."""
+"""Also supported: as a recording of the posture and as the reference of a comparison."""
 ENDINGS = tuple(dict.fromkeys([*(ending for kind in FORMATS for ending in kind.extensions), *REFERENCES]))
-"""How the names of files end that are looked for in a folder."""
+"""File name extensions to look for in a folder."""

@@ -1,8 +1,8 @@
-"""Intake of recordings that lie on this computer already: those of a watched folder, and a sample.
+"""Import recordings that are already on this computer: from a watched folder, and the sample.
 
-A watched folder is for people who never open the page: a file that is put there, and no longer grows, is
-taken in and moved to ``taken`` within it. A folder inside it is a subject code: ``watched/S012/shift.gt3x``.
-Links are not followed, neither to files nor to folders.
+A watched folder is for people who never open the page. A file that has stopped growing is imported and moved
+to the subfolder ``taken``. The name of any other subfolder is a subject code: ``watched/S012/shift.gt3x``.
+Links to files or folders are not followed.
 """
 
 import logging
@@ -37,10 +37,10 @@ LAST_ENDINGS = frozenset(PurePath(f"log{ending}").suffix for ending in ENDINGS)
 HAS_FOLDER_HANDLES = {os.open, os.rename} <= os.supports_dir_fd
 _NO_LINK = getattr(os, "O_NOFOLLOW", 0)
 _READ = os.O_RDONLY | _NO_LINK | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
-"""A link is refused, and a pipe in place of a file is not waited for."""
+"""Reject links, and do not block on a pipe."""
 
 Signature = tuple[int, int]
-"""What changes of a file while it grows."""
+"""Size and modification time, which change while a file grows."""
 
 logger = logging.getLogger(__name__)
 
@@ -60,14 +60,14 @@ def store_file(storage: Storage, file: BinaryIO, limit_bytes: int) -> StoredReco
 
 @dataclass(frozen=True, slots=True)
 class Intake:
-    """Stores and queues recordings that come without HTTP."""
+    """Stores and queues recordings that do not arrive over HTTP."""
 
     store: JobStore
     storage: Storage
     settings: Settings
 
     def add(self, path: Path, request: ReportRequest, way_in: WayIn) -> Job:
-        """Store a copy of a file and queue its analysis; the same bytes asked alike are not analysed twice.
+        """Store a copy of a file and queue its analysis; reuse one of the same bytes and settings.
 
         Raises FileTooLarge, DiskFull or OSError.
         """
@@ -75,7 +75,7 @@ class Intake:
             return self.add_open(file, request, way_in)
 
     def add_open(self, file: BinaryIO, request: ReportRequest, way_in: WayIn) -> Job:
-        """Do the same with a file that is open. Raises FileTooLarge, DiskFull or OSError."""
+        """Import an open file in the same way as :meth:`add`. Raises FileTooLarge, DiskFull or OSError."""
         self.storage.check_space(os.fstat(file.fileno()).st_size, self.settings.min_free_bytes)
         stored = store_file(self.storage, file, self.settings.max_upload_bytes)
         add = partial(self.store.add, stored, request, way_in)
@@ -99,7 +99,7 @@ class FolderWatch:
     _thread: threading.Thread | None = None
 
     def start(self) -> None:
-        """Start to scan, in a thread of its own."""
+        """Start scanning in a separate thread."""
         self.folder.mkdir(parents=True, exist_ok=True)
         self._thread = threading.Thread(target=self._scan_on, name="folder-watch", daemon=True)
         self._thread.start()
@@ -111,14 +111,14 @@ class FolderWatch:
             self._thread.join(STOP_LIMIT_S)
 
     def scan(self) -> list[Job]:
-        """Take in what has stopped growing since the last scan; gives the analyses."""
+        """Import files that have stopped growing since the last scan; return their analyses."""
         with os.scandir(self.folder) as top:
             entries = list(top)
         for folder in [one for one in entries if one.name != TAKEN and one.is_dir(follow_symlinks=False)]:
             with os.scandir(folder.path) as inside:
                 entries += inside
         links = sum(entry.is_symlink() for entry in entries)
-        if links > self._links:  # said once, as many as there are
+        if links > self._links:  # logged once for each new number of links
             logger.warning("%d links in the watched folder are left alone: links are not followed", links)
         self._links = links
         found = {}
@@ -142,7 +142,7 @@ class FolderWatch:
                 logger.warning("the watched folder cannot be read (%s); trying again", error.strerror)
 
     def _add(self, path: Path) -> Job | None:
-        """Take one file in; one that cannot be taken stays where it is and is logged once, not by name."""
+        """Import one file; leave a failing one in place and log it once, without its name."""
         inside = path.relative_to(self.folder)
         subject = inside.parts[0] if len(inside.parts) > 1 else ""
         try:
@@ -156,7 +156,7 @@ class FolderWatch:
         except (AppError, FusionError, OSError, ValueError) as error:
             self._log_refused(path, error)
             return None
-        logger.info("a file of the watched folder was taken in as %s", job.id)
+        logger.info("imported a file from the watched folder as %s", job.id)
         return job
 
     def _log_refused(self, path: Path, error: Exception) -> None:
@@ -165,16 +165,16 @@ class FolderWatch:
             self._refused.add(refused)
             size_bytes, changed_ns = self._seen[path]
             changed = datetime.fromtimestamp(changed_ns / 1e9, UTC).isoformat(timespec="seconds")
-            trouble = "its name cannot be used"  # no word of the file's
+            trouble = "its name cannot be used"  # do not log text from the file
             if isinstance(error, AppError | FusionError):
                 trouble = error.code
             elif isinstance(error, OSError):
                 trouble = error.strerror or ""
             facts = (size_bytes, changed, trouble)
-            logger.warning("a watched file of %d bytes, changed %s, could not be taken in: %s", *facts)
+            logger.warning("a watched file of %d bytes, changed %s, could not be imported: %s", *facts)
 
     def _move_to_taken(self, path: Path, handle: int | None, job_id: str) -> None:
-        """Move a file aside, out of the very folder that it was read from."""
+        """Move an imported file to ``taken``, from the same folder handle that it was read through."""
         inside = path.relative_to(self.folder)
         place = self.folder / TAKEN / inside.parent / f"{job_id}_{path.name}"
         for folder in (self.folder / TAKEN, place.parent):
@@ -189,7 +189,7 @@ class FolderWatch:
 
 @contextmanager
 def _enter_folder(folder: Path, *, is_watched: bool) -> Iterator[int | None]:
-    """Hold a folder open, so that nothing can be put in its place; only the watched one may be a link."""
+    """Hold a folder open so that it cannot be swapped; only the watched folder itself may be a link."""
     if not HAS_FOLDER_HANDLES:
         yield None
         return
@@ -201,7 +201,7 @@ def _enter_folder(folder: Path, *, is_watched: bool) -> Iterator[int | None]:
 
 
 def _open_plain(path: Path, handle: int | None) -> BinaryIO:
-    """Open a file of a folder that is held; neither a link nor anything else that is no plain file."""
+    """Open a regular file of the open folder; reject links and special files."""
     name = path if handle is None else path.name
     file = os.fdopen(os.open(name, _READ, dir_fd=handle), "rb")
     if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):

@@ -1,4 +1,4 @@
-"""Puts the application together, and serves it."""
+"""Build the application and serve it."""
 
 import asyncio
 import functools
@@ -22,7 +22,7 @@ from starlette.routing import BaseRoute, Match
 
 from app.accounts.accounts import AccountStore
 from app.accounts.gate import Gate, read_or_create_secret
-from app.accounts.logins import Logins
+from app.accounts.sign_in import SignIn
 from app.errors import (
     AppError,
     DatabaseAway,
@@ -90,7 +90,7 @@ MAX_LIVE_MESSAGE_BYTES = 256 * 1024
 GRACE_S = 3
 BACKLOG = 2048
 TLS_CIPHERS = "ECDHE+AESGCM:ECDHE+CHACHA20"
-"""Of TLS 1.2; uvicorn's own choice takes in those without forward secrecy."""
+"""For TLS 1.2; uvicorn's default includes ciphers without forward secrecy."""
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 logger = logging.getLogger(__name__)
@@ -98,7 +98,7 @@ logger = logging.getLogger(__name__)
 
 @functools.cache
 def _build_routes() -> tuple[BaseRoute, ...]:
-    """Return the routes of API and pages, which FastAPI prepares at their first use: once per process."""
+    """Return the routes of API and pages; cached because FastAPI prepares routes at first use."""
     router = APIRouter(generate_unique_id_function=lambda route: route.name)
     for routes in (*ROUTES, *PAGES):
         router.include_router(routes, dependencies=CHECKED)
@@ -107,7 +107,7 @@ def _build_routes() -> tuple[BaseRoute, ...]:
 
 
 def create_app(settings: Settings, clock: Callable[[], float] = time.time) -> FastAPI:
-    """Build the application of database, folder, API and pages; logins end by ``clock``."""
+    """Build the application of database, folder, API and pages; sessions expire by ``clock``."""
     application = FastAPI(
         title="Acromion",
         version=software_version(),
@@ -130,7 +130,7 @@ def create_app(settings: Settings, clock: Callable[[], float] = time.time) -> Fa
         make_folder(settings.data_dir)
         secret = read_or_create_secret(settings.data_dir)
     gate = application.state.gate = Gate(secret, accounts)
-    application.state.logins = Logins(accounts, settings)
+    application.state.sign_in = SignIn(accounts, settings)
     for kind in (FusionError, AppError, RecordedProblem, RequestValidationError, HTTPException, Exception):
         application.add_exception_handler(kind, respond_to_error)
     application.add_middleware(Access, gate=gate, respond=respond_to_error)
@@ -146,10 +146,10 @@ def create_app(settings: Settings, clock: Callable[[], float] = time.time) -> Fa
 
 
 def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT001, FBT002
-    """Serve pages and API on loopback, with workers, until interrupted.
+    """Serve pages and API, with workers, until interrupted.
 
-    Raises ForeignAddress, BadParameter, ExamplePassword, PortTaken, FolderTaken, FolderUnusable,
-    WrongSchema, DatabaseDamaged, DatabaseLocked, DatabaseAway, StoreAway, DiskFull or UnknownRecordings.
+    Raises ForeignAddress, BadParameter, ExamplePassword, PortTaken, FolderTaken, FolderUnusable, WrongSchema,
+    DatabaseDamaged, DatabaseLocked, DatabaseAway, StoreAway, DiskFull or UnknownRecordings.
     """
     check_certificate(settings)
     check_host_names(settings)
@@ -171,7 +171,7 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
     address = f"{'https' if settings.tls_cert else 'http'}://{place}/"
     gate: Gate = application.state.gate
     opened = address
-    if gate.secret is not None and not gate.needs_accounts:  # a browser gets in once by this
+    if gate.secret is not None and not gate.needs_accounts:  # single-use link that signs a browser in
         opened += f"login/once/{gate.secret.make_address()}"
     pool = WorkerPool(settings)
     pool.start()
@@ -184,7 +184,7 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
     if open_browser:
         threading.Timer(1.0, webbrowser.open, (opened,)).start()
     elif opened != address:
-        logger.info("open it once by %s", opened)
+        logger.info("open this address; it works once: %s", opened)
     try:
         _Server(configure_server(application, settings)).run(sockets=[listener])
     finally:
@@ -194,7 +194,7 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
 
 
 def _prepare_database(settings: Settings) -> None:
-    """Bring the tables up to date while no other server works in the folder, and wake who waits for work."""
+    """Upgrade the tables while no other server uses the folder, and notify waiting workers."""
     make_folder(settings.data_dir)
     lock = FolderLock(settings.data_dir)
     try:
@@ -206,7 +206,7 @@ def _prepare_database(settings: Settings) -> None:
         storage = open_storage(settings)
         storage.prepare()
         with closing(JobStore(settings)) as store:
-            check_known(store, storage)  # no start over recordings that the database does not know
+            check_known(store, storage)  # do not start if the database lacks stored recordings
     finally:
         lock.release()
     if settings.engine == "procrastinate":
@@ -214,12 +214,12 @@ def _prepare_database(settings: Settings) -> None:
 
 
 def respond_to_error(request: Request, error: Exception) -> Response:
-    """Respond to any refusal or bug: with a problem document under ``/api``, a page elsewhere."""
+    """Respond to a refusal or a bug: a problem document under ``/api``, a page elsewhere."""
     request = hide_address(request)
     refusal = _find_refusal(request, error)
     path = request.url.path.removeprefix(request.scope.get("root_path", ""))
     accepts_page = "text/html" in request.headers.get("accept", "")
-    # a link or a form asks for a page or a file by itself; a script of a page says that it does
+    # A link or a form navigates to a page or a file; a script of a page sends another fetch mode.
     is_sent = accepts_page and request.headers.get("sec-fetch-mode", "navigate") == "navigate"
     is_opened = is_sent and request.method in ("GET", "HEAD") and not path.startswith("/login")
     if isinstance(refusal, NotSignedIn) and is_opened:
@@ -229,29 +229,29 @@ def respond_to_error(request: Request, error: Exception) -> Response:
     if isinstance(refusal, NotPermitted) and is_opened and path == "/":
         return login.respond_with_place(request)
     is_page = not path.startswith(("/api", "/healthz", "/readyz", "/metrics"))
-    if isinstance(refusal, ResultDamaged | NotHere):  # its page offers what helps
+    if isinstance(refusal, ResultDamaged | NotHere):  # the error page offers the next step
         is_page = is_page or accepts_page
     response = (
         analysis.respond_with_page(request, refusal) if is_page else respond_to_refusal(request, refusal)
     )
-    response.headers.update(SECURITY_HEADERS)  # the response to a bug does not pass the guard
+    response.headers.update(SECURITY_HEADERS)  # the response to a bug bypasses the guard
     if isinstance(refusal, WrongVerb) and refusal.facts["allowed"]:
         response.headers["Allow"] = str(refusal.facts["allowed"])
     return response
 
 
 def _find_refusal(request: Request, error: Exception) -> Refusal:
-    """Tell apart a refusal, a full disk, a database that is damaged or does not answer, and a bug."""
+    """Distinguish a refusal, a full disk, a damaged or unreachable database, and a bug."""
     if isinstance(error, DBAPIError):
         trouble = classify_error(error, find_services(request).settings.database_url)
         if trouble is None or isinstance(trouble, DiskFull):
             return trouble or translate_error(request, error)
-        logger.error("the database does not answer: %s", error.orig)
+        logger.error("the database does not respond: %s", error.orig)
         return DatabaseDamaged() if isinstance(trouble, DatabaseDamaged) else DatabaseAway()
     refusal = translate_error(request, error)
     if not isinstance(refusal, WrongVerb):
         return refusal
-    # every method of the address; the framework names only those of the first route it finds
+    # all methods of the address; the framework lists only those of the first matching route
     known = (route for routes in (*ROUTES, *PAGES) for route in routes.routes)
     here = (route for route in known if route.matches(request.scope)[0] is not Match.NONE)
     methods = {method for route in here for method in getattr(route, "methods", None) or ()}
@@ -260,7 +260,7 @@ def _find_refusal(request: Request, error: Exception) -> Refusal:
 
 @asynccontextmanager
 async def _live(application: FastAPI) -> AsyncIterator[None]:
-    """Look after the server while it runs; first repair what a crash has left."""
+    """Run the background tasks of the server; first repair what a crash has left."""
     services: Services = application.state.services
     with ExitStack() as stack:
         stack.callback(services.store.close)
@@ -269,9 +269,7 @@ async def _live(application: FastAPI) -> AsyncIterator[None]:
         services.inspector.sweep()
         services.pairs.sweep()
         if count := live.import_interrupted_sessions(services):
-            logger.warning(
-                "live sessions cut off by the end of the server: %d; of each at most 2 s are lost", count
-            )
+            logger.warning("the server stopped during %d live sessions; at most 2 s of each are lost", count)
         house = asyncio.create_task(keep_house(services))
         try:
             yield
@@ -284,7 +282,7 @@ async def _live(application: FastAPI) -> AsyncIterator[None]:
 
 
 def listen(settings: Settings) -> socket.socket:
-    """Open the socket that callers connect to, at an address or in the file system. Raises PortTaken."""
+    """Open the listening socket, at an address or in the file system. Raises PortTaken."""
     path = None
     address: str | tuple[str, int] = (settings.host, settings.port)
     if settings.host.startswith(SOCKET_PREFIX):
@@ -292,7 +290,8 @@ def listen(settings: Settings) -> socket.socket:
         path, listener = Path(address), socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     else:
         family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
-        # asyncio sends answers at once (TCP_NODELAY) only where the protocol is named; else each waits 40 ms
+        # asyncio sends responses at once (TCP_NODELAY) only if the protocol is named; otherwise each waits 40
+        # ms
         listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
@@ -300,8 +299,8 @@ def listen(settings: Settings) -> socket.socket:
             path.unlink(missing_ok=True)
         listener.bind(address)
         if path is not None:
-            path.chmod(0o660)  # for its owner and group: a proxy's user
-        listener.listen(BACKLOG)  # so that whoever reads our address may connect at once
+            path.chmod(0o660)  # readable by owner and group, the user of a proxy
+        listener.listen(BACKLOG)  # clients can connect as soon as the address is printed
     except OSError as error:
         listener.close()
         raise PortTaken(host=settings.host, port=settings.port) from error
@@ -309,7 +308,7 @@ def listen(settings: Settings) -> socket.socket:
 
 
 def configure_server(application: FastAPI, settings: Settings) -> uvicorn.Config:
-    """Set the limits that uvicorn leaves open: size and time of a request's header."""
+    """Set limits that uvicorn leaves open: size and time of a request's header."""
     return uvicorn.Config(
         application,
         root_path=settings.root_path.rstrip("/"),
@@ -323,14 +322,14 @@ def configure_server(application: FastAPI, settings: Settings) -> uvicorn.Config
         h11_max_incomplete_event_size=MAX_HEADER_BYTES,
         timeout_graceful_shutdown=GRACE_S,
         server_header=False,
-        proxy_headers=False,  # middleware/guard.py reads what a proxy says, only from the one that is set
+        proxy_headers=False,  # middleware/guard.py reads forwarded headers, only from the configured proxy
         access_log=False,
         log_config=None,
     )
 
 
 class _Server(uvicorn.Server):
-    """Returns when it is stopped, so that we can tidy up (uvicorn's own raises the signal again)."""
+    """Returns when it is stopped, so that we can clean up (uvicorn's own class raises the signal again)."""
 
     @contextmanager
     def capture_signals(self) -> Iterator[None]:

@@ -1,6 +1,6 @@
-"""Requests: one value from page, API and command line to the report.
+"""Requests: the value that page, API and command line pass on to the report.
 
-It knows nothing of the science, so that a process which only takes requests stays small.
+This module does not load ``fusion``, so that a process that only accepts requests stays small.
 """
 
 import json
@@ -15,13 +15,13 @@ from fusion.diary import DiaryEntry, TaskWindow
 
 Stage = Literal["preparing", "reading", "checking", "calibrating", "fusing", "counting", "rendering"]
 Language = Literal["en", "fr", "fr-CA"]
-"""Of a report; the pages are in English and French."""
+"""Language of a report; the pages are in English and French."""
 ReportKind = Literal["html", "pdf"]
 Paper = Literal["a4", "letter"]
 OnStage = Callable[[Stage, float], None]
 
 
-# Control characters, and the marks that turn the direction of text around them.
+# Control characters, and marks that change the text direction.
 _UNPRINTABLE = re.compile(r"[\x00-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
 _LONGEST_NAME = 200
 LONGEST_SUBJECT = 100
@@ -32,7 +32,7 @@ SLIP_HINT = "SECONDS"
 
 
 def clean_file_name(name: str) -> str:
-    """Return the last part of a path as one printable line; it is only shown, never a path on our disk."""
+    """Return the last part of a path as one printable line; it is only displayed, never used as a path."""
     last = re.split(r"[/\\]", name)[-1]
     kept = _UNPRINTABLE.sub("", last).strip()
     stem, dot, ending = kept.rpartition(".")
@@ -42,17 +42,17 @@ def clean_file_name(name: str) -> str:
 
 
 def check_subject(text: str) -> str:
-    """Return a subject code of one printable line, "" if it names nobody. Raises ValueError."""
+    """Return a subject code of one printable line, or "" if it names no person. Raises ValueError."""
     if len(text) > LONGEST_SUBJECT or _UNPRINTABLE.search(text):
         raise ValueError(SUBJECT_HINT)
     return find_code(text)
 
 
 def find_code(subject: str) -> str:
-    """Return the code by which people are told apart, "" if it names nobody.
+    """Return the code that distinguishes people, or "" if it names no person.
 
-    Programs write a missing value as NA, NaN or null, and people write "unknown" or "-": recordings that
-    share such a word are not of one person.
+    Programs write a missing value as NA, NaN or null, and people write "unknown" or "-". Recordings that
+    share such a word are not from one person.
     """
     code = subject.strip()
     is_word = code == "NA" or code.casefold() in _NOBODY
@@ -60,7 +60,7 @@ def find_code(subject: str) -> str:
 
 
 def parse_window(text: str) -> tuple[float, float]:
-    """Read ``START_S,END_S``. Raises ValueError."""
+    """Parse ``START_S,END_S``. Raises ValueError."""
     start_s, end_s = (float(part) for part in text.split(","))
     if not 0 <= start_s < end_s < math.inf:
         raise ValueError(WINDOW_HINT)
@@ -68,10 +68,10 @@ def parse_window(text: str) -> tuple[float, float]:
 
 
 def find_window_hint(pose: Pose, window_count: int, arm_axis: ArmAxis | None) -> str:
-    """Return how many calibration windows may be given, if this many may not; else "".
+    """Return the allowed number of calibration windows if ``window_count`` is not allowed; else "".
 
-    An axis takes the place of a pose; two points have both their windows; any other pose may be held again
-    as often as one likes.
+    A stated axis replaces the pose, so no window is allowed. "two-point" needs two windows; any other pose
+    accepts any number.
     """
     if arm_axis is not None:
         return f"axis: 0 x {WINDOW_HINT}" if window_count else ""
@@ -79,7 +79,7 @@ def find_window_hint(pose: Pose, window_count: int, arm_axis: ArmAxis | None) ->
 
 
 def parse_slip_time(text: str) -> float:
-    """Read when the sensor slipped, or did not, in seconds. Raises ValueError."""
+    """Parse a time in seconds at which the sensor slipped, or did not. Raises ValueError."""
     time_s = float(text)
     if not 0 <= time_s < math.inf:
         raise ValueError(SLIP_HINT)
@@ -87,9 +87,9 @@ def parse_slip_time(text: str) -> float:
 
 
 def write_profile(values: Mapping[str, Any]) -> str:
-    """Write a column profile as a request holds it: without its name and what it leaves open.
+    """Return a column profile as JSON for a request, without its name and its empty values.
 
-    So the same columns are the same setting, however they were named.
+    The name of the profile therefore does not affect the setting.
     """
     stated = {
         name: value for name, value in values.items() if value not in (None, "", (), []) and name != "name"
@@ -102,10 +102,10 @@ def write_profile(values: Mapping[str, Any]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """What a recording is to be compared with: a stored file, and what a person states about the two.
+    """The reference of a comparison: a stored file, and what the person states about the two recordings.
 
-    ``offset_s`` and ``drift_ppm``: the reference's clock, where it is set by hand; ``rate_hz`` for a
-    reference without time.
+    ``offset_s`` and ``drift_ppm``: clock of the reference, if set by hand; ``rate_hz``: sampling rate of a
+    reference without timestamps.
     """
 
     path: str
@@ -121,7 +121,7 @@ LONGEST_CONCLUSION = 1000
 
 @dataclass(frozen=True, slots=True)
 class Conclusion:
-    """What a clinician concludes from a report: typed by a person, with name and date (``2026-11-23``)."""
+    """A clinician's conclusion on a report: typed by a person, with name and date (``2026-11-23``)."""
 
     text: str
     name: str
@@ -130,9 +130,9 @@ class Conclusion:
 
 @dataclass(frozen=True, slots=True)
 class ConclusionDraft:
-    """An earlier conclusion that nobody has confirmed since a correction; no report prints it.
+    """An earlier conclusion that has not been confirmed since a correction; no report prints it.
 
-    ``version``: the version that it was written for; ``changes``: the settings that differ since then, and
+    ``version``: the version it was written for; ``changes``: the settings that have changed since then, and
     "engine" for another version of the software. Without changes the figures are the same.
     """
 
@@ -143,18 +143,19 @@ class ConclusionDraft:
 
 @dataclass(frozen=True, slots=True)
 class ReportRequest:
-    """Everything the person asked.
+    """All settings of a report.
 
-    ``source`` says whether the file holds samples or ready angles; ``profile`` is the JSON of a column
-    profile (:class:`fusion.readers.ColumnProfile`), "" for none; ``joined`` are the paths of the other files
-    of the same shift, which only the command line can name. ``calibration_windows_s``: when the pose was
-    held, once or again; ``pose_held``: "start" if it was held at the start of wear, "no" if what the file
-    states of it does not hold; ``arm_axis``: the sensor's axis along the arm, where none was;
-    ``slip_times_s``: when the sensor slipped, as the person says, ``no_slip_times_s``: when it did not.
-    ``version`` counts the reports of one recording and ``changes`` names what is different from the one
-    before (a setting, "input" or "engine"); ``reason`` is the person's own. ``conclusion`` holds for
-    these figures alone; after a correction it goes on as a ``draft``.
-    With a ``reference``, a comparison is asked for instead of a report.
+    ``source``: the file contains samples or computed angles; ``profile``: JSON of a column profile
+    (:class:`fusion.readers.ColumnProfile`), "" for none; ``joined``: paths of further files of the same shift
+    (command line only). ``calibration_windows_s``: when the pose was held, once or more; ``pose_held``:
+    "start" if it was held at the start of wear, "no" if the file's statement about it is wrong; ``arm_axis``:
+    the sensor's axis along the arm, if no pose was held; ``slip_times_s``: when the sensor slipped, as the
+    person states, ``no_slip_times_s``: when it did not. ``version`` counts the reports of one recording.
+    ``changes`` lists the differences from the previous report (a setting, "input" or "engine"); ``reason`` is
+    the person's reason. ``conclusion`` applies to these figures only; after a correction it becomes a
+    ``draft``.
+
+    With a ``reference``, the request is for a comparison instead of a report.
     """
 
     file_name: str
@@ -188,7 +189,7 @@ class ReportRequest:
 
     @classmethod
     def from_json(cls, text: str) -> "ReportRequest":
-        """Read what :meth:`to_json` wrote; names it does not know are left aside."""
+        """Parse the text of :meth:`to_json`; unknown names are ignored."""
         known = {field.name for field in fields(cls)}
         values = {name: value for name, value in json.loads(text).items() if name in known}
         windows = tuple((float(a), float(b)) for a, b in values.pop("calibration_windows_s", ()))
@@ -207,31 +208,31 @@ class ReportRequest:
         return cls(calibration_windows_s=windows, diary=diary, **values)
 
     def describe_settings(self) -> dict[str, object]:
-        """Return the settings that the figures depend on, without languages and forms of the report."""
+        """Return the settings that affect the figures, without languages and output formats."""
         ignored = {"file_name", "languages", "kinds", "paper", "joined"}
         ignored |= {"version", "changes", "reason", "draft"}
         return {name: value for name, value in asdict(self).items() if name not in ignored}
 
     def select_diary(self) -> tuple[DiaryEntry, ...]:
-        """Return the rows of the diary for this file, named in full, by its stem or by the subject."""
+        """Return the diary rows of this file, matched by full name, stem or subject."""
         names = {"", self.file_name, self.file_name.partition(".")[0], self.subject}
         return tuple(entry for entry in self.diary if entry.file in names)
 
 
 PairKind = Literal["pair", "compare"]
 LONGEST_OFFSET_S = 172_800
-"""Two days: clocks of one shift that lie further apart were never set."""
+"""Two days: clocks of one shift that differ by more were never set."""
 
 
 @dataclass(frozen=True, slots=True)
 class PairRequest:
-    """Everything a person asks of a report of two finished analyses.
+    """All settings of a report on two finished analyses.
 
-    ``kind``: "pair" sets both arms of one shift on one clock, "compare" one day beside an earlier one.
-    ``offset_s``: when the right arm's recording began, seconds after the left arm's; ``trunk_offset_s``:
-    likewise the trunk's. None takes either from the clocks of the devices. ``same_subject``: the person says
-    that all are of one person, where a subject code is missing. ``mixed_methods``: figures of two methods, or
-    versions of one, may stand beside one another.
+    ``kind``: "pair" puts both arms of one shift on one clock; "compare" compares a day with an earlier one.
+    ``offset_s``: start of the right arm's recording, in seconds after the left arm's; ``trunk_offset_s``: the
+    same for the trunk. None uses the clocks of the devices. ``same_subject``: the person states that all
+    recordings are from one person, if a subject code is missing. ``mixed_methods``: allow figures of two
+    methods, or of two versions of one.
     """
 
     kind: PairKind
@@ -245,17 +246,17 @@ class PairRequest:
 
     @property
     def figures_name(self) -> str:
-        """Name of the JSON file that holds the figures."""
+        """Name of the JSON file with the figures."""
         return "pair.json" if self.kind == "pair" else "comparison.json"
 
 
 @dataclass(frozen=True, slots=True)
 class ProfileRequest:
-    """Everything a person asks of a report of several finished analyses.
+    """All settings of a report on several finished analyses.
 
-    ``before_count``: so many of them, the first, are before a change and the rest after it; None without a
-    change. ``same_subject`` and ``mixed_methods`` as in :class:`PairRequest`. ``has_drawings``: the drawings
-    are wanted by themselves, too, as ``drawings.<language>.json``, which the page shows.
+    ``before_count``: the number of analyses, from the first, that are before a change; None without a change.
+    ``same_subject`` and ``mixed_methods``: see :class:`PairRequest`. ``has_drawings``: also write the charts
+    separately as ``drawings.<language>.json`` for the page.
     """
 
     before_count: int | None = None
@@ -268,15 +269,15 @@ class ProfileRequest:
 
     @property
     def kind(self) -> str:
-        """As :attr:`PairRequest.kind`."""
+        """Kind of report, as :attr:`PairRequest.kind`."""
         return "profile"
 
     @property
     def figures_name(self) -> str:
-        """Name of the JSON file that holds the figures."""
+        """Name of the JSON file with the figures."""
         return "profile.json"
 
 
 def compare_settings(before: Mapping[str, object], after: Mapping[str, object]) -> tuple[str, ...]:
-    """Name the settings that differ, of two as :meth:`ReportRequest.describe_settings` gives them."""
+    """Return the names of the settings that differ; see :meth:`ReportRequest.describe_settings`."""
     return tuple(name for name in after if name in before and before[name] != after[name])

@@ -1,4 +1,4 @@
-"""Composition: the stores, folders and settings that every route works with."""
+"""The stores, folders and settings that all routes share."""
 
 import threading
 import time
@@ -20,10 +20,10 @@ from app.library.claims import WayIn
 from app.library.database.connect import check_writable
 from app.library.governance import AggregateStore, ReleaseStore, RetentionStore
 from app.library.jobs import JobStore
-from app.library.kept_pairs import PairReports
 from app.library.listing import SavedViews
 from app.library.mappings import MappingStore
 from app.library.recordings import RecordingStore, UploadStore
+from app.library.report_cache import PairReports
 from app.library.results import ResultReader
 from app.library.side_files import SideWriter
 from app.library.webhooks import WebhookStore
@@ -36,7 +36,7 @@ from app.store.incoming import Incoming, UploadSlots
 if TYPE_CHECKING:
     from app.live.hub import LiveHub
 
-# Readiness: each thing that an upload needs is checked by itself and within a limit.
+# Readiness: each dependency of an upload is checked separately and within a time limit.
 
 
 CHECK_LIMIT_S = 3.0
@@ -48,10 +48,10 @@ GOOD = "ok"
 
 @dataclass(slots=True)
 class Readiness:
-    """Makes the checks, and keeps their outcome for a second: anybody may ask, and often.
+    """Runs the checks and caches their result for a second, because anyone may request it often.
 
-    A check that hangs (a disk or a network that never answers) occupies one thread and is not made again
-    before it ends; meanwhile its outcome is the code of its trouble.
+    A check that hangs (a disk or a network that never responds) occupies one thread and is not started again
+    before it ends; in the meantime its result is its error code.
     """
 
     store: JobStore
@@ -63,9 +63,9 @@ class Readiness:
     _turn: anyio.Lock = field(default_factory=anyio.Lock)
 
     async def check(self) -> Mapping[str, str]:
-        """Return each check by its name, with ``ok`` or the code of what is wrong."""
+        """Return the result of each check by name: ``ok`` or an error code."""
         settings = self.settings
-        # each with the trouble of a failure without a code, and of a check that does not end
+        # each with the error for a failure without a code or for a check that does not end
         checks: Mapping[str, tuple[Callable[[], None], type[AppError]]] = {
             "folder": (lambda: check_folder(settings.data_dir), FolderUnusable),
             "disk": (lambda: self.storage.check_space(0, settings.min_free_bytes), DiskFull),
@@ -111,7 +111,7 @@ LANGUAGE_COOKIE = "acromion_lang"
 
 
 class Services:
-    """The database, the folders and the settings of this server, opened."""
+    """The open database, folders and settings of this server."""
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
@@ -137,34 +137,35 @@ class Services:
         self.retention, self.aggregates = RetentionStore(*rows), AggregateStore(*rows)
         self.upload_slots = UploadSlots(settings.max_uploads_at_once)
         self.quarantined: tuple[str, ...] = ()
-        """Unknown entries among the recordings, as they were last looked up."""
+        """Unknown entries among the recordings, from the last check."""
         self.cache = DecodedCache(settings.data_dir / "cache", settings.max_cache_bytes)
         self.readiness = Readiness(store, storage, settings)
         self.live: LiveHub | None = None
-        """The first live session builds it (:func:`app.http.api.live.find_hub`): it loads the science."""
+        """Built by the first live session (:func:`app.http.api.live.find_hub`) because it loads ``fusion``.
+        """
         self.live_turn = threading.Lock()
 
 
 SUBJECT = "acromion.subject"
-"""The key of whoever asks in the scope of a request."""
+"""Key of the caller's subject in the scope of a request."""
 
 
 def find_services(connection: HTTPConnection) -> Services:
-    """Return the services of the application that answers."""
+    """Return the services of the application that handles the request."""
     return cast("Services", connection.scope["app"].state.services)
 
 
 def choose_language(request: Request) -> Language:
-    """Choose French or English: ``?lang=``, else the choice made on the page, else as the browser prefers."""
+    """Return the language of ``?lang=``, else of the page's cookie, else of the browser."""
     chosen = request.query_params.get("lang") or request.cookies.get(LANGUAGE_COOKIE)
     known = next((language for language in EVERY_LANGUAGE if language == chosen), None)
     return known or prefer_language(request, EVERY_LANGUAGE)
 
 
 def prefer_language(request: Request, among: Sequence[Language]) -> Language:
-    """Choose the language that the browser prefers by ``Accept-Language`` (RFC 9110, 12.5.4); else the first.
+    """Return the browser's preferred language by ``Accept-Language`` (RFC 9110, 12.5.4), else the first.
 
-    French of Québec is asked for by name; French of any other place is French.
+    "fr-CA" is chosen only if the browser names it; any other French is "fr".
     """
     weights = dict.fromkeys(among, 0.0)
     for part in request.headers.get("accept-language", "").split(","):
@@ -191,10 +192,10 @@ UsedLanguage = Annotated[Language, Depends(choose_language)]
 
 
 def get_request_origin(request: Request) -> WayIn:
-    """Return whether a drop on the page, which goes first, or a script sends a recording.
+    """Return whether the page ("web", which has priority) or a script ("api") sends a recording.
 
-    A person's session is a page; a token is a script. At the machine nobody logs in: there the browser says
-    which it is, and the guard has checked it.
+    A session belongs to a page and a token to a script. On a server without accounts the browser's headers
+    decide, which the guard has checked.
     """
     subject: Subject | None = request.scope.get(SUBJECT)
     if subject is not None and subject.kind != "machine":

@@ -1,4 +1,4 @@
-"""Settings of the machine, chosen by the person who runs Acromion; none changes a number."""
+"""Settings of the server, chosen by the administrator; they do not change any figure."""
 
 from pathlib import Path
 from typing import Any, Literal
@@ -17,81 +17,79 @@ def _build_database_url(known: dict[str, Any]) -> str:
 
 
 class Settings(BaseSettings):
-    """Settings of the server and its workers; each may be given as ``ACROMION_<NAME>``.
+    """Settings of the server and its workers; each can be set as ``ACROMION_<NAME>``.
 
-    Attributes
-    ----------
-    data_dir
-        Folder that holds the database, the recordings and the reports, but for what is kept elsewhere.
+    Attributes ---------- data_dir
+        Folder for the database, the recordings and the reports, unless other settings move them elsewhere.
     database_url
-        Where the rows are: SQLite in the data folder or, say, ``postgresql+psycopg://acromion@db/acromion``.
+        Database: SQLite in the data folder or, for example, ``postgresql+psycopg://acromion@db/acromion``.
     object_store
-        Where recordings and reports are: nothing for the data folder, or ``s3://bucket``, whose endpoint,
-        region and keys stand in ``AWS_ENDPOINT``, ``AWS_REGION``, ``AWS_ACCESS_KEY_ID``,
-        ``AWS_SECRET_ACCESS_KEY``.
+        Store for recordings and reports: empty for the data folder, or ``s3://bucket``. Its endpoint, region
+        and keys are in ``AWS_ENDPOINT``, ``AWS_REGION``, ``AWS_ACCESS_KEY_ID``, ``AWS_SECRET_ACCESS_KEY``.
     engine
-        How workers learn of work: ``embedded`` polls the rows; ``procrastinate`` is notified by PostgreSQL,
-        for workers on many machines.
+        How workers find jobs: ``embedded`` polls the database; with ``procrastinate`` PostgreSQL notifies
+        workers on many machines.
     host, port
-        Where the server listens; port 0 takes a free one. Any address but this computer's own needs accounts,
-        ``hosts``, and TLS by ``tls_cert`` or ``proxy``.
+        Address of the server; port 0 picks a free one. Any address other than this computer's needs accounts,
+        ``hosts``, and TLS through ``tls_cert`` or ``proxy``.
     hosts
-        Names by which the server may be asked for, with commas between; this computer's own always are.
+        Host names of the server, separated by commas; those of this computer are always accepted.
     proxy
-        The address from which a proxy on this computer, which ends TLS, forwards requests: ``127.0.0.1`` or
-        ``unix``. What it says of a client's address (the last of ``X-Forwarded-For``) is believed, no login.
+        Address of a proxy on this computer that ends TLS and forwards requests: ``127.0.0.1`` or ``unix``.
+        The server trusts the client address that it sends (the last one in ``X-Forwarded-For``), but never a
+        sign-in.
     second_factor
-        ``required``: a password needs an authenticator's code, too; ``offered``: for those who want to.
+        ``required``: a password also needs an authenticator code; ``offered``: each person may turn it on.
     oidc_issuer, oidc_client_id, oidc_client_secret
-        An identity provider by which people log in (OpenID Connect), and what it knows this server by.
+        Identity provider for sign-in (OpenID Connect), and the client registered there for this server.
     oidc_claim, oidc_roles
-        The claim of the ID token that says somebody's roles, and its values as ``value=role`` with commas
-        between; without ``oidc_roles`` the values are the names of the roles.
+        The claim of the ID token that lists a person's roles, and its values as ``value=role``, separated by
+        commas; without ``oidc_roles`` the values are the names of the roles.
     no_secret
-        Whether anybody on this computer may use a server without accounts: a stated choice.
+        Whether everyone on this computer may use a server without accounts; must be chosen explicitly.
     tls_cert, tls_key
         Certificate (PEM, with its chain) and key for HTTPS; both or neither.
     workers
-        Worker processes that ``serve`` keeps alive.
+        Number of worker processes that ``serve`` keeps running.
     max_upload_bytes, min_free_bytes
-        Largest recording taken; free space below which no upload is taken.
+        Maximum size of a recording; free disk space below which uploads are rejected.
     max_uploads_at_once
-        Uploads whose bytes are taken at the same time (each costs about a megabyte of memory); more are
-        refused for the moment.
+        Maximum number of simultaneous uploads (each uses about a megabyte of memory); further ones are
+        rejected and can be retried.
     max_cache_bytes
-        Space for decoded samples, which make a second analysis of a recording quick.
+        Disk space for decoded samples, which speed up a second analysis of a recording.
     root_path
-        Where a proxy serves us, as "/acromion" (it is to take this away before it asks us); empty at the
-        root of a host.
+        Path under which a proxy serves Acromion, such as "/acromion"; the proxy must remove it from requests.
+        Empty at the root of a host.
     watch_dir
-        A folder whose recordings are taken in without the page; None: none is watched.
+        Folder from which recordings are imported automatically; None: no folder.
     watch_pose_held
         "start": the pose was held at the start of wear in every recording of the watched folder.
     lease_s
-        A worker renews its hold on a job every second; it loses the job after two leases without that.
+        A worker renews its lease on a job every second; it loses the job after two lease periods without
+        renewal.
     max_attempts
-        Deaths of the analysis, while its worker lives, after which a recording is given up.
+        How often the analysis may die while its worker is alive before a recording is given up.
     max_interruptions
-        Ends of the worker or its computer during one analysis after which it is set aside (E-INTERRUPTED).
+        How often the worker or its computer may stop during an analysis before it fails (E-INTERRUPTED).
     max_put_backs
-        Times that an analysis waits for room on a full disk, 2 s at first and 60 s at most (20: a quarter of
-        an hour in all), before it fails with E-DISK.
+        How often an analysis waits for space on a full disk before it fails with E-DISK. The waits are 2 s
+        at first and 60 s at most (20 waits: a quarter of an hour in all).
     memory_limit_bytes
-        Address space of one analysis (numba and BLAS map far more than they touch).
+        Address space of one analysis (numba and BLAS map far more than they use).
     wall_limit_s, wall_limit_s_per_gb
-        Longest time for one analysis: the larger of the first and the second times the file's size. One
-        without progress is ended after half of it.
+        Time limit for one analysis: the larger of the first and the second times the file size. An analysis
+        without progress is stopped after half of it.
     min_body_rate_bytes_per_s, body_patience_s, header_patience_s
-        A client that sends more slowly than this, for longer than this, is sent away.
+        A client that sends more slowly than this, for longer than this, is disconnected.
     webhooks_may_be_private
-        Whether a webhook may lead into a private network or to this computer.
+        Whether a webhook may use an address in a private network or on this computer.
     paper
-        Paper of the PDFs where a request names none: ``a4`` or ``letter``.
+        Default paper size of PDFs: ``a4`` or ``letter``.
     max_queued
-        Analyses that may wait; more are refused until some are done.
+        Maximum number of waiting analyses; further ones are rejected until some are done.
     upload_term_s, trash_term_s
-        How long the server keeps, while it runs, an upload that nobody goes on with, and what is
-        in the trash.
+        How long an unfinished upload and the trash are kept; only time while the server runs counts.
     """
 
     model_config = SettingsConfigDict(env_prefix="ACROMION_", frozen=True)
@@ -139,15 +137,15 @@ class Settings(BaseSettings):
 
     @property
     def host_names(self) -> frozenset[str]:
-        """Names by which the server may be asked for, beside this computer's own."""
+        """Host names of the server, in addition to this computer's."""
         return frozenset(filter(None, (name.strip().lower() for name in self.hosts.split(","))))
 
     @property
     def is_database_inside(self) -> bool:
-        """Whether the rows are in the data folder."""
+        """Whether the database is in the data folder."""
         return self.database_url == _build_database_url({"data_dir": self.data_dir})
 
     def as_environment(self) -> dict[str, str]:
-        """Return every setting that was chosen, as a worker process reads it, but for how people log in."""
+        """Return the chosen settings as environment variables for a worker, without the sign-in settings."""
         chosen = {name: getattr(self, name) for name in self.model_fields_set if not name.startswith("oidc_")}
         return {f"ACROMION_{name.upper()}": str(value) for name, value in chosen.items() if value is not None}

@@ -1,7 +1,7 @@
-"""The entry of the command ``acromion``: the fork server starts first, because it takes longest.
+"""The entry of the command ``acromion``; it starts the fork server first because that takes longest.
 
-The fork server loads the science while this process loads the command line. This module is all that a child
-loads of the command line. The garbage collector is off meanwhile: modules are never freed.
+The fork server loads ``fusion`` while this process loads the command line. A child process loads only this
+module of the command line. The garbage collector is off during loading because modules are never freed.
 """
 
 import gc

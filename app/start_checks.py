@@ -1,4 +1,4 @@
-"""Whom a start would let reach the server: refused where anything is missing that keeps strangers out."""
+"""Checks before the server starts: it must not be reachable by strangers without protection."""
 
 import os
 import re
@@ -10,16 +10,16 @@ from app.errors import BadParameter, ExamplePassword, ForeignAddress
 from app.settings import Settings
 
 SOCKET_PREFIX = "unix:"
-"""Before the path of a socket in place of a host."""
+"""Prefix of a socket path that replaces a host."""
 HOST_NAMES_HINT = "arm.clinic.example, 192.0.2.7"
 EXAMPLE_PASSWORD = "change-me"  # noqa: S105 - of the example files
 _HOST_NAME = re.compile(r"[a-z0-9_]([a-z0-9._-]*[a-z0-9_])?", re.ASCII)
 
 
 def check_exposure(settings: Settings, *, has_accounts: bool) -> None:
-    """Refuse an address that others reach where anything is missing that keeps strangers out.
+    """Reject an address that other computers can reach if accounts, host names or TLS are missing.
 
-    A proxy on this computer reaches a loopback address or a socket; others reach it through the proxy.
+    A proxy on this computer uses a loopback address or a socket; other computers reach it through the proxy.
     Raises ForeignAddress.
     """
     is_own = is_own_address(settings.host)
@@ -36,7 +36,7 @@ def check_exposure(settings: Settings, *, has_accounts: bool) -> None:
 
 
 def is_own_address(host: str) -> bool:
-    """Return whether only this computer reaches an address."""
+    """Return whether an address is reachable only from this computer."""
     try:
         return host == "localhost" or host.startswith(SOCKET_PREFIX) or ip_address(host).is_loopback
     except ValueError:
@@ -44,7 +44,7 @@ def is_own_address(host: str) -> bool:
 
 
 def check_host_names(settings: Settings) -> None:
-    """Refuse a name by which no browser asks: a pattern, a port, an address with its scheme.
+    """Reject a host name that no browser sends: a pattern, a port, or an address with its scheme.
 
     Raises BadParameter.
     """
@@ -57,7 +57,7 @@ def check_host_names(settings: Settings) -> None:
 
 
 def check_passwords(settings: Settings, environment: Mapping[str, str] = os.environ) -> None:
-    """Refuse the passwords of the example files (``docker/*.example``). Raises ExamplePassword."""
+    """Reject the passwords of the example files (``docker/*.example``). Raises ExamplePassword."""
     known = {
         "ACROMION_DATABASE_URL": settings.database_url,
         "AWS_SECRET_ACCESS_KEY": environment.get("AWS_SECRET_ACCESS_KEY", ""),
@@ -68,7 +68,7 @@ def check_passwords(settings: Settings, environment: Mapping[str, str] = os.envi
 
 
 def check_certificate(settings: Settings) -> None:
-    """Refuse a certificate without its key, and files that are none. Raises BadParameter."""
+    """Reject a certificate without its key, and unreadable files. Raises BadParameter."""
     cert, key = settings.tls_cert, settings.tls_key
     if cert is None and key is None:
         return
@@ -76,7 +76,7 @@ def check_certificate(settings: Settings) -> None:
         if cert is None or key is None:
             raise FileNotFoundError
         ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(cert, key)
-    except OSError as error:  # SSLError is one
+    except OSError as error:  # SSLError is an OSError
         given = ", ".join(str(path) for path in (cert, key) if path)
         allowed = "--tls-cert CERT.pem --tls-key KEY.pem"
         raise BadParameter(name="--tls-cert, --tls-key", value=given, allowed=allowed) from error

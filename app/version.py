@@ -1,4 +1,4 @@
-"""The software that made a report: its version, a fingerprint of the code that ran, and its plug-ins."""
+"""The software behind a report: its version, a fingerprint of its code, and its plug-ins."""
 
 import hashlib
 import json
@@ -22,10 +22,10 @@ def software_version() -> str:
 
 @cache
 def software_revision() -> str:
-    """Fingerprint the Python files of ``fusion/`` and ``app/report/``: 12 hexadecimal digits.
+    """Return a fingerprint of the Python files of ``fusion/`` and ``app/report/``: 12 hexadecimal digits.
 
-    A hash of the source files instead of a version-control revision: it is the same in a checkout, a wheel
-    and a container, and it cannot disagree with the code that ran.
+    It is a hash of the source files instead of a version-control revision, so that it is the same in a
+    checkout, a wheel and a container, and always matches the code that ran.
     """
     digest = hashlib.sha256()
     for path in _source_files():
@@ -36,13 +36,13 @@ def software_revision() -> str:
 
 @cache
 def installed_readers() -> tuple[tuple[str, str], ...]:
-    """Return the name and the version of every reader that another package adds."""
+    """Return the name and version of every reader plug-in."""
     return tuple((entry.name, find_version(entry)) for entry in find_entry_points())
 
 
 @cache
 def identify_engine() -> str:
-    """Identify all that may change a figure: version, revision, and the readers of other packages."""
+    """Return an id of everything that may change a figure: version, revision and reader plug-ins."""
     return json.dumps([software_version(), software_revision(), *installed_readers()])
 
 

@@ -10,8 +10,8 @@ from pathlib import Path
 from statistics import median
 
 from app.accounts.accounts import AccountStore
-from app.accounts.logins import Caller, Logins
 from app.accounts.passwords import hash_password, verify_password
+from app.accounts.sign_in import Caller, SignIn
 from app.errors import LoginRefused
 from app.settings import Settings
 
@@ -23,11 +23,11 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         settings = Settings(data_dir=Path(folder) / "data")
         settings.data_dir.mkdir()
-        logins = Logins(AccountStore(settings), settings)
-        add_people(logins)
+        sign_in = SignIn(AccountStore(settings), settings)
+        add_people(sign_in)
         kept = hash_password(PASSWORD)
         one_hash_s = median(time_it(lambda: verify_password(kept, WRONG)) for _ in range(20))
-        known_s, unknown_s = measure_names(logins)
+        known_s, unknown_s = measure_names(sign_in)
     difference = abs(known_s - unknown_s) / one_hash_s
     print(f"one hash: {1000 * one_hash_s:.1f} ms")
     print(f"known name, wrong password: {1000 * known_s:.1f} ms (median of {PAIRS})")
@@ -35,15 +35,15 @@ def main() -> None:
     print(f"difference: {100 * difference:.1f} % of one hash (goal: less than 5 %)")
 
 
-def add_people(logins: Logins) -> None:
+def add_people(sign_in: SignIn) -> None:
     """Add as many people as are tried, each once, so that nobody waits."""
     kept = hash_password(PASSWORD)
     for number in range(PAIRS + 1):
-        person = logins.accounts.add_person(f"known{number}", "Somebody", ["clinician"])
-        logins.credentials.set_password(person.id, kept)
+        person = sign_in.accounts.add_person(f"known{number}", "Somebody", ["clinician"])
+        sign_in.credentials.set_password(person.id, kept)
 
 
-def measure_names(logins: Logins) -> tuple[float, float]:
+def measure_names(sign_in: SignIn) -> tuple[float, float]:
     """Return the median times for known and unknown names, tried alternately."""
     known_s: list[float] = []
     unknown_s: list[float] = []
@@ -51,13 +51,13 @@ def measure_names(logins: Logins) -> tuple[float, float]:
         pair = [(known_s, f"known{number}"), (unknown_s, f"nobody{number}")]
         for place, (times, name) in enumerate(reversed(pair) if number % 2 else pair):
             caller = Caller(f"198.{number}.{place}.1", "")
-            times.append(time_it(lambda name=name, caller=caller: fail(logins, name, caller)))  # type: ignore[misc]
+            times.append(time_it(lambda name=name, caller=caller: fail(sign_in, name, caller)))  # type: ignore[misc]
     return median(known_s[1:]), median(unknown_s[1:])
 
 
-def fail(logins: Logins, name: str, caller: Caller) -> None:
+def fail(sign_in: SignIn, name: str, caller: Caller) -> None:
     try:
-        logins.give_password(name, WRONG, caller)
+        sign_in.submit_password(name, WRONG, caller)
     except LoginRefused:
         return
     raise AssertionError(name)

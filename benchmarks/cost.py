@@ -1,8 +1,8 @@
-"""What a shift costs, and what many would: ``python -m benchmarks.cost [--hours 8]``.
+"""Measure the cost of a shift and plan for many: ``python -m benchmarks.cost [--hours 8]``.
 
-Measures one analysis in a process that has done one before (processor, memory, bytes, objects, stages told),
-and prints from it the plan of docs/scaling.md: machines and money for 1,000, 100,000 and 10 million shifts a
-day. The plan is arithmetic; every assumption stands in :class:`Prices` and :class:`Plan`.
+Measures the second analysis of a process (processor, memory, bytes, objects, reported stages) and prints a
+plan (docs/it/many-machines.md): machines and money for 1,000, 100,000 and 10 million shifts a day. The plan
+is arithmetic; its assumptions are in :class:`Prices` and :class:`Plan`.
 """
 
 import argparse
@@ -26,7 +26,7 @@ PART_BYTES = 8 << 20
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """What one shift was measured to take."""
+    """The measured cost of one shift."""
 
     cpu_s: float
     peak_bytes: int
@@ -63,7 +63,7 @@ class Prices:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What is planned with beside the measured line; also assumptions."""
+    """Assumptions of the plan, besides the measured costs."""
 
     shifts_a_day: int
     peak: float = 4.0
@@ -77,7 +77,7 @@ class Plan:
         return each * self.shifts_a_day / DAY_S * self.peak
 
     def count_cores(self, cost: Cost) -> dict[str, int]:
-        """Return the cores of workers, web servers and database that bear the peak."""
+        """Return the cores of workers, web servers and database at the peak."""
         if self.shifts_a_day <= ONE_MACHINE:
             return {"worker": 2, "web": 2, "database": 0}
         webs = math.ceil(self.per_s(cost.recording_bytes) / self.web_bytes_s)
@@ -89,7 +89,7 @@ class Plan:
 
 
 def simulate(folder: Path, hours: float) -> None:
-    """Write the shift, in a process of its own: its memory is not the analysis's."""
+    """Write the shift, in a separate process: its memory must not count as that of the analysis."""
     write_shift(folder, simulate_shift("gt9x", hours, seed=1), actilife_csv=False)
 
 

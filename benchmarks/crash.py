@@ -1,7 +1,8 @@
-"""The long round of the crash matrix: ``python -m benchmarks.crash --kills 200 --power-cuts 50``.
+"""Run the crash tests for long: ``python -m benchmarks.crash --kills 200 --power-cuts 50``.
 
-Every second kill is of everything at once (server, workers, helpers, children) while analyses run. Writes
-``docs/reliability.md`` with what was really run. Power cuts need root (a loop-mounted ext4).
+Every second kill ends everything at once (server, workers, helpers, children) while analyses run. The
+table in ``docs/reference/reliability.md`` shows the rounds that were run. Power cuts need root (a
+loop-mounted ext4).
 """
 
 import argparse
@@ -16,14 +17,14 @@ from pathlib import Path
 
 from tests.crash.rounds import Result, can_cut_power, kill_rounds, power_cut
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "reliability.md"
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "reference" / "reliability.md"
 CONTROLS = 5
-KILLS_AT_ONCE = 20  # then the store is checked, and a new one is begun
+KILLS_AT_ONCE = 20  # then the store is checked and a new one created
 
 
 @dataclass
 class Tally:
-    """What one kind of round came to."""
+    """Results of one kind of round."""
 
     what: str
     rounds: int = 0
@@ -36,7 +37,7 @@ class Tally:
     seconds: float = 0.0
 
     def add(self, rounds: int, result: Result, started_s: float) -> None:
-        """Count some more rounds, and tell."""
+        """Add the results of some rounds and print them."""
         self.rounds += rounds
         self.acknowledged += result.acknowledged
         self.cut += result.cut
@@ -59,7 +60,7 @@ class Tally:
 
 
 def run_kills(number: int, seed: int) -> Tally:
-    tally = Tally("kill -9, by turns of everything while analyses run, and of web, worker or child")
+    tally = Tally("kill -9, alternately of everything during analyses and of web, worker or child")
     while tally.rounds < number:
         rounds, started_s = min(KILLS_AT_ONCE, number - tally.rounds), time.monotonic()
         with tempfile.TemporaryDirectory() as folder:
@@ -77,11 +78,11 @@ def run_power_cuts(number: int, seed: int, sync: str, what: str) -> Tally:
 
 
 def write_page(tallies: list[Tally], seed: int) -> None:
-    """Put the table into the page, between its marks."""
+    """Write the table between its marks in the page."""
     stamp = datetime.now(UTC).strftime("%Y-%m-%d")
     head = (
-        "| fault | rounds | uploads acknowledged | analyses cut | of them set aside, then done | E-CRASHED "
-        "| invariants broken | rounds with a break | s |"
+        "| fault | rounds | uploads acknowledged | analyses cut | of them E-INTERRUPTED, then retried "
+        "| E-CRASHED | invariants broken | rounds with a break | s |"
     )
     lines = [
         f"Run on {stamp}: {platform.system()} {platform.release()}, {os.cpu_count()} cores, seed {seed}.",
@@ -96,11 +97,13 @@ def write_page(tallies: list[Tally], seed: int) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Kill, cut the power, check the invariants.")
+    parser = argparse.ArgumentParser(description="Kill processes, cut the power, check the invariants.")
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--power-cuts", type=int, default=50)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--print-only", action="store_true", help="leave docs/reliability.md as it is")
+    parser.add_argument(
+        "--print-only", action="store_true", help="leave docs/reference/reliability.md as it is"
+    )
     wished = parser.parse_args()
     cuts = run_power_cuts(wished.power_cuts, wished.seed, "synced", "power cut")
     control = run_power_cuts(

@@ -1,8 +1,8 @@
 """The damage matrix: ``python -m benchmarks.damage`` (about 280 cells; some minutes of an idle machine).
 
-Builds a small store with a real server once; for each cell copies it, damages one part, does one thing by the
-real command line or over HTTP, and checks what may never happen. Prints the table as Markdown, between its
-marks in ``docs/reliability.md`` with ``--write``; exits 1 with a list when anything was broken.
+A real server builds a small store once. Each cell copies it, damages one part, does one thing by the real
+command line or over HTTP, and checks the result. The table is printed as Markdown; ``--write`` puts it
+between its marks in ``docs/reference/reliability.md``. Exit code 1 with a list if anything was broken.
 ``--part``, ``--damage`` and ``--action`` choose cells.
 """
 
@@ -29,7 +29,7 @@ from tests.crash.damage import (
     observe,
 )
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "reliability.md"
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "reference" / "reliability.md"
 BEGIN, END = "<!-- damage -->", "<!-- end of damage -->"
 
 Table = dict[Cell, Seen]
@@ -39,7 +39,7 @@ def try_cell(stock: Stock, cell: Cell) -> Seen:
     with tempfile.TemporaryDirectory() as folder:
         try:
             seen = observe(stock, cell, Path(folder))
-        except Exception as error:  # noqa: BLE001 - an answer that nobody expected is a break like others
+        except Exception as error:  # noqa: BLE001 - an unexpected error counts as a break
             seen = Seen("broken off", type(error).__name__, [str(error).strip()[-200:]])
     print(f"{cell.part} {cell.damage}, {cell.action}: {format_seen(seen)}", flush=True)
     for line in seen.broken:
@@ -74,7 +74,7 @@ def _format_cell(table: Table, cell: Cell) -> str:
 
 
 def write_page(text: str) -> None:
-    """Put the table into the page, between its marks."""
+    """Write the table between its marks in the page."""
     before, _, rest = PAGE.read_text("utf-8").partition(BEGIN)
     after = rest.partition(END)[2]
     PAGE.write_text(f"{before}{BEGIN}\n{text}\n{END}{after}", "utf-8")
@@ -92,12 +92,14 @@ def choose_cells(wished: argparse.Namespace) -> Sequence[Cell]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Damage a store in every way, and see what follows.")
+    parser = argparse.ArgumentParser(description="Damage a store in every way and check what follows.")
     parser.add_argument("--part", choices=PARTS)
     parser.add_argument("--damage", choices=DAMAGES)
     parser.add_argument("--action", choices=ACTIONS)
     parser.add_argument("-j", "--jobs", type=int, default=2, help="cells at once")
-    parser.add_argument("--write", action="store_true", help="put the table into docs/reliability.md")
+    parser.add_argument(
+        "--write", action="store_true", help="put the table into docs/reference/reliability.md"
+    )
     wished = parser.parse_args()
     cells = choose_cells(wished)
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(wished.jobs) as pool:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from app.http.pages.help import find_example
 from app.report.export.results import encode_results, identify_report
-from app.report.findings import Findings, ReportSubject, Software, take_findings
+from app.report.findings import Findings, ReportSubject, Software, build_findings
 from app.version import software_revision, software_version
 from fusion.diary import read_diary
 from fusion.pipeline import analyse
@@ -35,7 +35,7 @@ def analyse_example() -> Findings:
     with tempfile.TemporaryDirectory() as folder:
         shift = simulate_shift("gt9x", HOURS, seed=SEED)
         log = write_shift(Path(folder), shift, actilife_csv=False)[0]
-        return take_findings(analyse(log, SETTINGS))
+        return build_findings(analyse(log, SETTINGS))
 
 
 def main() -> None:

@@ -21,6 +21,7 @@ from app.settings import Settings
 from benchmarks.codes import write_document as write_codes
 from benchmarks.devices import draw_devices
 from benchmarks.public_files import COLUMNS, FOUND
+from benchmarks.settings import write_document as write_settings
 
 REFERENCE = Path(__file__).resolve().parents[1] / "docs" / "reference"
 MADE = "Made from the code: `python -m benchmarks.reference`"
@@ -84,6 +85,7 @@ def build_pages() -> dict[str, str]:
         "codes.md": write_codes(),
         "dictionary.md": write_dictionary(),
         "formats.md": write_formats(),
+        "settings.md": write_settings(),
     }
 
 

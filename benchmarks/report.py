@@ -19,7 +19,7 @@ from app.analysis.run import describe_subject
 from app.report.export.all import export_results
 from app.report.export.results import build_results, encode_results
 from app.report.figures import round_all
-from app.report.findings import Findings, ReportSubject, take_findings
+from app.report.findings import Findings, ReportSubject, build_findings
 from app.report.render.html import render_html
 from app.report.render.pdf import render_pdf
 from app.report.render.write import RESULTS
@@ -42,7 +42,7 @@ rewrite_reports(folder, ReportRequest("", languages=("en",)), folder / "again")
 def keep_shift(folder: Path, hours: float) -> tuple[Findings, ReportSubject]:
     """Simulate a shift, analyse it and keep its results."""
     log = write_shift(folder, simulate_shift("gt9x", hours, seed=1), actilife_csv=False)[0]
-    findings = take_findings(analyse(read_recording(io.BytesIO(log.read_bytes()), file_name=log.name)))
+    findings = build_findings(analyse(read_recording(io.BytesIO(log.read_bytes()), file_name=log.name)))
     subject = describe_subject(ReportRequest(log.name, "S012", "right"))
     (folder / RESULTS).write_bytes(encode_results(findings, subject))
     (folder / "again").mkdir()

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Run by the image of MinIO's client, with the root key: the bucket, and a user who may use it and nothing else.
+# Create the bucket and a user who can use this bucket only. MinIO's client image runs it with the root key.
 set -eu
 until mc alias set store http://objects:9000 "$MINIO_ROOT_USER" "$MINIO_ROOT_PASSWORD"; do sleep 1; done
 mc mb --ignore-existing store/acromion

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Run once by the image of PostgreSQL, as its owner: a role without privileges that owns the one database.
+# Create the database and the role that owns it, without other privileges. The PostgreSQL image runs it once.
 set -eu
 psql --set ON_ERROR_STOP=1 --username "${POSTGRES_USER:-postgres}" --set "password=$DATABASE_PASSWORD" <<'SQL'
 CREATE ROLE acromion LOGIN PASSWORD :'password';

@@ -1,1 +1,1 @@
-"""Who asks, and what they may do: people, tokens, roles, and the secret of the start."""
+"""Accounts and permissions: people, tokens, roles, and the start secret."""

@@ -1,4 +1,4 @@
-"""The accounts: people, their sessions and tokens."""
+"""The account store: people, their sessions and tokens."""
 
 import hashlib
 import json
@@ -41,15 +41,15 @@ from app.store.server_secret import ServerSecret
 
 
 def hash_secret(secret: str) -> str:
-    """Return the digest of a long and random secret, as rows hold it: it needs no salt."""
+    """Return the digest of a long random secret, as stored; such a secret needs no salt."""
     return hashlib.sha256(secret.encode()).hexdigest()
 
 
-_LOCK = 0x61636374  # an arbitrary number: whoever holds this advisory lock writes accounts
+_LOCK = 0x61636374  # arbitrary number of the advisory lock for writing accounts
 
 
 class AccountDatabase:
-    """Reads and writes accounts; ``engine`` is that of a server, else the database is opened at first use."""
+    """Reads and writes accounts; uses the server's ``engine`` or opens the database at first use."""
 
     def __init__(self, settings: Settings, engine: Engine | None = None) -> None:
         self._url, self._engine, self._is_lent = settings.database_url, engine, engine is not None
@@ -57,13 +57,13 @@ class AccountDatabase:
 
     @contextmanager
     def write(self) -> Iterator[Connection]:
-        """Open a transaction that alone writes accounts: nobody changes what it reads before it ends."""
-        with self._open().begin() as connection:  # SQLite has locked the database by this
+        """Open a transaction with the lock for writing accounts: nobody else changes the rows it reads."""
+        with self._open().begin() as connection:  # SQLite locks the database here
             lock_tables(connection, _LOCK)
             yield connection
 
     def has_people(self) -> bool:
-        """Return whether there is any account; to look makes neither file nor table."""
+        """Return whether an account exists, without creating a file or a table."""
         query = select(func.count()).select_from(people)
         if self._engine is not None:
             return bool(self.read_value(query))
@@ -94,7 +94,7 @@ class AccountDatabase:
             return connection.execute(query).scalar()
 
     def close(self) -> None:
-        """Let go of the database, unless it is a server's."""
+        """Close the database, unless it belongs to a server."""
         with self._turn:
             if self._engine is not None and not self._is_lent:
                 self._engine.dispose()
@@ -110,22 +110,22 @@ class AccountDatabase:
 IDLE_S = 30 * 60.0
 LONGEST_S = 12 * 3600.0
 CONFIRMED_S = 10 * 60.0
-"""So long after a login, or after the password was given again, what cannot be undone is not asked about."""
+"""Time after a sign-in or a confirmation during which an irreversible action needs no password."""
 MARKER = "has_accounts"
-"""The file that says that the server of a data folder has accounts, whatever became of its database."""
-LOOK_S = 1.0
-"""How long the existence of accounts is not looked up again."""
-NOTE_S = 30.0
-"""How often the use of a session or token is noted at most."""
+"""The file that marks a server with accounts, even if its database is lost."""
+CHECK_PERIOD_S = 1.0
+"""Minimum time between two checks for accounts."""
+RECORD_PERIOD_S = 30.0
+"""Minimum time between two recorded uses of a session or token."""
 SESSION_BYTES = 32
-TOKEN_PREFIX = "acr_"  # noqa: S105 - the prefix by which scanners know a token
+TOKEN_PREFIX = "acr_"  # noqa: S105 - the prefix that secret scanners recognise
 LOGIN_SIGNS = frozenset("abcdefghijklmnopqrstuvwxyz0123456789.-_+@")
 LONGEST_LOGIN, LONGEST_NAME = 100, 200
 
 
 @dataclass(frozen=True, slots=True)
 class Person:
-    """An account. ``ended_at``: since when it may not log in any more; ``issuer``: who says that it may."""
+    """An account. ``ended_at``: when it was disabled; ``issuer``: the identity provider that manages it."""
 
     id: str
     login: str
@@ -140,7 +140,7 @@ class Person:
 
 @dataclass(frozen=True, slots=True)
 class Token:
-    """A token as its person sees it; the token itself was shown once."""
+    """A token as its owner sees it; the token itself was shown only once."""
 
     id: str
     name: str
@@ -152,7 +152,7 @@ class Token:
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """A session as its person sees it."""
+    """A session as its owner sees it."""
 
     id: str
     began_s: float
@@ -160,7 +160,7 @@ class Session:
 
 
 class AccountStore:
-    """Rows of accounts."""
+    """Accounts in the database."""
 
     def __init__(
         self, settings: Settings, clock: Callable[[], float] = time.time, engine: Engine | None = None
@@ -168,12 +168,12 @@ class AccountStore:
         self.database, self.clock = AccountDatabase(settings, engine), clock
         self._marker = settings.data_dir / MARKER
         self.secrets = ServerSecret(settings.data_dir)
-        self._looked_s, self._exist = -LOOK_S, False
+        self._looked_s, self._exist = -CHECK_PERIOD_S, False
 
     def exist(self) -> bool:
-        """Return whether there is any account, or ever was; looked up once a second until there is one."""
+        """Return whether an account exists or ever existed; checked once a second until there is one."""
         now_s = time.monotonic()
-        if not self._exist and now_s - self._looked_s >= LOOK_S:
+        if not self._exist and now_s - self._looked_s >= CHECK_PERIOD_S:
             self._looked_s = now_s
             if self.database.has_people():
                 self.mark()
@@ -181,7 +181,7 @@ class AccountStore:
         return self._exist
 
     def mark(self) -> None:
-        """Note durably, in the data folder, that there are accounts."""
+        """Record durably in the data folder that accounts exist."""
         if not self._marker.exists():
             make_folder(self._marker.parent)
             with suppress(FileExistsError), create_file(self._marker) as file:
@@ -189,7 +189,7 @@ class AccountStore:
             sync_folder(self._marker.parent)
 
     def check_kept(self) -> None:
-        """Refuse a database that has lost every account: without accounts a server lets others in.
+        """Reject a database that has lost every account, because a server without accounts lets others in.
 
         Raises AccountsLost.
         """
@@ -198,24 +198,22 @@ class AccountStore:
 
     # People.
 
-    def note_reading(self) -> None:
-        """Note that the people were read, where no request leaves the line."""
+    def record_people_read(self) -> None:
+        """Record that the list of people was read outside a request."""
         with self.database.write() as connection:
-            note_act(connection, "people.read", "")
+            record_act(connection, "people.read", "")
 
     def add_person(self, login: str, name: str, roles: Collection[Role]) -> Person:
-        """Add a person, who cannot log in before a way to is set.
+        """Add a person, who cannot sign in before a password is set.
 
-        Raises
-        ------
-        BadParameter
-            A login that has other signs than an e-mail address, or that somebody has; a name that is none.
+        Raises ------ BadParameter
+            The sign-in name is taken or has characters that no e-mail address has; or the name is invalid.
         """
         check_name(name)
         return self._insert_person(check_login(login), name, roles, {})
 
     def add_person_of(self, issuer: str, subject: str, about: Person) -> Person:
-        """Add a person who logs in by a provider: known by its name and the subject's, by nothing else."""
+        """Add a person who signs in through a provider, identified only by issuer and subject."""
         of_issuer = {"issuer": issuer, "issuer_subject": subject}
         return self._insert_person(about.login, about.name, about.roles, of_issuer)
 
@@ -227,14 +225,14 @@ class AccountStore:
         return person
 
     def find_name(self, who: str) -> str:
-        """Return the name of a person, or of a token with its person's; "" where the account is gone."""
+        """Return the name of a person, or of a token with its owner's; "" if the account is gone."""
         person, token = self.find_person_name(who), ""
         if person and who.startswith("tok_"):
             token = str(self.database.read_value(select(tokens.c.name).where(tokens.c.id == who)))
         return f"{person} ({token})" if token else person
 
     def find_person_name(self, who: str) -> str:
-        """Return the name of a person or of a token's person; "" where the account is gone."""
+        """Return the name of a person or of a token's owner; "" if the account is gone."""
         if not self.exist():
             return ""
         person_id: Any = who
@@ -244,25 +242,25 @@ class AccountStore:
         return row.name if row is not None else ""
 
     def find_person(self, login: str) -> Person | None:
-        """Find the person of a login name."""
+        """Find a person by sign-in name."""
         return self._find_person(people.c.login == normalise_login(login))
 
     def find_person_of(self, issuer: str, subject: str) -> Person | None:
-        """Find the person whom a provider knows as ``subject``."""
+        """Find a person by issuer and subject."""
         return self._find_person(people.c.issuer == issuer, people.c.issuer_subject == subject)
 
     def find_people(self) -> Sequence[Person]:
-        """Return everybody, those who may log in first."""
+        """Return all people, active accounts first."""
         query = select(people).order_by(people.c.ended_at.is_not(None), people.c.login)
         return [_read_person(row) for row in self.database.read_all(query)]
 
     def set_roles(self, person_id: str, roles: Collection[Role]) -> None:
-        """Set the roles of a person; they hold from the next request on."""
+        """Set the roles of a person, valid from the next request."""
         given = json.dumps(sorted(roles))
         with self.database.write() as connection:
             others = update(people).where(people.c.id == person_id, people.c.roles != given)
             if connection.execute(others.values(roles=given)).rowcount:
-                note_act(connection, "person.changed", person_id, roles="+".join(sorted(roles)))
+                record_act(connection, "person.changed", person_id, roles="+".join(sorted(roles)))
 
     def set_name(self, person_id: str, name: str) -> None:
         """Set the name of a person."""
@@ -270,34 +268,34 @@ class AccountStore:
             return
         with self.database.write() as connection:
             connection.execute(update(people).where(people.c.id == person_id).values(name=name))
-            note_act(connection, "person.changed", person_id, what="name")
+            record_act(connection, "person.changed", person_id, what="name")
 
     def end_person(self, person_id: str) -> None:
-        """Let a person log in no more, and end every session, token and open link at once."""
+        """Disable an account, and end all its sessions, tokens and open links at once."""
         with self.database.write() as connection:
             connection.execute(update(people).where(people.c.id == person_id).values(ended_at=format_now()))
             for table in (sessions, known_browsers, tickets):
                 connection.execute(delete(table).where(table.c.person_id == person_id))
             ended = update(tokens).where(tokens.c.person_id == person_id, tokens.c.ended_at.is_(None))
             connection.execute(ended.values(ended_at=format_now()))
-            note_act(connection, "person.ended", person_id)
+            record_act(connection, "person.ended", person_id)
 
     def resume_person(self, person_id: str) -> None:
-        """Let a person log in again; sessions and tokens stay ended."""
+        """Enable an account again; its sessions and tokens stay ended."""
         with self.database.write() as connection:
             connection.execute(update(people).where(people.c.id == person_id).values(ended_at=None))
-            note_act(connection, "person.changed", person_id, what="resumed")
+            record_act(connection, "person.changed", person_id, what="resumed")
 
     # Sessions.
 
     def begin_session(self, person_id: str) -> str:
-        """Begin a session; gives the value of its cookie, of which only the digest is kept."""
+        """Begin a session and return the value of its cookie; only the digest is stored."""
         cookie, now_s = secrets.token_urlsafe(SESSION_BYTES), self.clock()
         row = {"hash": hash_secret(cookie), "person_id": person_id, "began_s": now_s, "used_s": now_s}
         with self.database.write() as connection:
             connection.execute(delete(sessions).where(sessions.c.began_s <= now_s - LONGEST_S))
             connection.execute(insert(sessions).values(row | {"confirmed_s": now_s}))
-            note_act(connection, "login.succeeded", person_id, who=person_id)
+            record_act(connection, "login.succeeded", person_id, who=person_id)
         return cookie
 
     def end_session(self, cookie: str) -> None:
@@ -305,23 +303,23 @@ class AccountStore:
         self._end_sessions(sessions.c.hash == hash_secret(cookie))
 
     def end_session_of(self, person_id: str, session: str) -> None:
-        """End a session of a person by its id; one that is not theirs, or over, stays as it is."""
+        """End a session of a person by its id; ignore an id of another person or of an ended session."""
         self._end_sessions(sessions.c.person_id == person_id, sessions.c.hash == session)
 
     def end_sessions(self, person_id: str, but: str = "") -> None:
-        """End every session of a person but one (of this id)."""
+        """End every session of a person except the one with this id."""
         self._end_sessions(sessions.c.person_id == person_id, sessions.c.hash != but)
 
     def find_sessions(self, person_id: str) -> Sequence[Session]:
-        """Return the sessions of a person that go on, the newest first."""
-        about = select(sessions).where(sessions.c.person_id == person_id, *_go_on(self.clock()))
+        """Return the active sessions of a person, newest first."""
+        about = select(sessions).where(sessions.c.person_id == person_id, *_is_active(self.clock()))
         rows = self.database.read_all(about.order_by(sessions.c.began_s.desc()))
         return [Session(row.hash, row.began_s, row.used_s) for row in rows]
 
     def confirm_session(self, session: str) -> str:
-        """Note that the person of a session gave the password again just now; gives its new cookie.
+        """Record that the person has just confirmed the password; return the new cookie.
 
-        Whoever has the cookie from before has nothing any more. The session lasts no longer than it did.
+        The previous cookie stops working. The session does not last longer.
         """
         cookie = secrets.token_urlsafe(SESSION_BYTES)
         with self.database.write() as connection:
@@ -330,18 +328,18 @@ class AccountStore:
         return cookie
 
     def is_confirmed(self, subject: Subject) -> bool:
-        """Return whether the person of a session gave the password a short time ago."""
+        """Return whether the person of a session confirmed the password recently."""
         query = select(sessions.c.confirmed_s).where(sessions.c.hash == subject.session)
         confirmed_s = self.database.read_value(query)
         return confirmed_s is not None and self.clock() - confirmed_s < CONFIRMED_S
 
     def find_by_session(self, cookie: str, *, is_use: bool = True) -> Subject | None:
-        """Find the subject of an active session; record its use if it is a use."""
+        """Find the subject of an active session; record its use if ``is_use``."""
         digest, now_s = hash_secret(cookie), self.clock()
         row = self.database.read_one(_select_sessions(now_s).where(sessions.c.hash == digest))
         if row is None:
             return None
-        if is_use and now_s - row.used_s >= NOTE_S:
+        if is_use and now_s - row.used_s >= RECORD_PERIOD_S:
             with self.database.write() as connection:
                 connection.execute(update(sessions).where(sessions.c.hash == digest).values(used_s=now_s))
         permissions = collect_permissions(_read_roles(row.roles))
@@ -352,7 +350,7 @@ class AccountStore:
     def add_token(
         self, person_id: str, name: str, permissions: Collection[Permission], expires_s: float
     ) -> str:
-        """Add a token with at most its person's permissions; gives it, to be shown once."""
+        """Add a token with at most the owner's permissions; return it, to be shown once."""
         bearer = TOKEN_PREFIX + secrets.token_urlsafe(SESSION_BYTES)
         row = {
             "id": f"tok_{secrets.token_hex(8)}",
@@ -366,11 +364,11 @@ class AccountStore:
         with self.database.write() as connection:
             connection.execute(insert(tokens).values(row))
             may = "+".join(sorted(permissions))
-            note_act(connection, "token.added", person_id, token=str(row["id"]), permissions=may)
+            record_act(connection, "token.added", person_id, token=str(row["id"]), permissions=may)
         return bearer
 
     def find_tokens(self, person_id: str) -> Sequence[Token]:
-        """Return the tokens of a person that hold, the newest first."""
+        """Return the valid tokens of a person, newest first."""
         holds = (tokens.c.ended_at.is_(None), tokens.c.expires_s > self.clock())
         mine = select(tokens).where(tokens.c.person_id == person_id, *holds)
         rows = self.database.read_all(mine.order_by(tokens.c.created_at.desc(), tokens.c.id))
@@ -389,18 +387,18 @@ class AccountStore:
             mine = (tokens.c.id == token_id, tokens.c.person_id == person_id, tokens.c.ended_at.is_(None))
             ended = connection.execute(update(tokens).where(*mine).values(ended_at=format_now()))
             if ended.rowcount:
-                note_act(connection, "token.ended", person_id, token=token_id)
+                record_act(connection, "token.ended", person_id, token=token_id)
         if not ended.rowcount:
             raise NotHere(id=token_id)
 
     def find_by_token(self, bearer: str) -> Subject | None:
-        """Return the token, if it is neither revoked nor expired and its person may still log in."""
+        """Return the token's subject if it is neither revoked nor expired and its owner may sign in."""
         digest = hash_secret(bearer)
         row = self.database.read_one(_select_tokens(self.clock()).where(tokens.c.hash == digest))
         if row is None:
             return None
         now_s = self.clock()
-        if row.used_at is None or now_s - datetime.fromisoformat(row.used_at).timestamp() >= NOTE_S:
+        if row.used_at is None or now_s - datetime.fromisoformat(row.used_at).timestamp() >= RECORD_PERIOD_S:
             used = datetime.fromtimestamp(now_s, UTC).isoformat(timespec="seconds")
             with self.database.write() as connection:
                 connection.execute(update(tokens).where(tokens.c.hash == digest).values(used_at=used))
@@ -409,7 +407,7 @@ class AccountStore:
         return Subject("token", row.token_id, row.token_name, held & granted, row.token_id)
 
     def is_alive(self, subject: Subject) -> bool:
-        """Return whether the subject's session or token still holds; counts as no use of it."""
+        """Return whether the subject's session or token is still valid, without recording a use."""
         if subject.kind == "token":
             query: Select[Any] = _select_tokens(self.clock()).where(tokens.c.id == subject.session)
         else:
@@ -423,7 +421,7 @@ class AccountStore:
         try:
             with self.database.write() as connection:
                 connection.execute(insert(people).values(row))
-                note_act(connection, "person.added", row["id"], roles="+".join(sorted(roles)))
+                record_act(connection, "person.added", row["id"], roles="+".join(sorted(roles)))
         except IntegrityError:
             raise BadParameter(name="login", value=login, allowed="a free one") from None
         self.mark()
@@ -437,34 +435,32 @@ class AccountStore:
     def _end_sessions(self, *which: ColumnElement[bool]) -> None:
         with self.database.write() as connection:
             for (person_id,) in connection.execute(select(sessions.c.person_id).where(*which)).all():
-                note_act(connection, "login.ended", person_id)
+                record_act(connection, "login.ended", person_id)
             connection.execute(delete(sessions).where(*which))
 
-    def note_refusal(self, person_id: str) -> None:
-        """Note that a login was refused; ``person_id``: whose name was tried, "" for none that is known."""
+    def record_refused_sign_in(self, person_id: str) -> None:
+        """Record a refused sign-in; ``person_id``: the person of the given name, "" if unknown."""
         with self.database.write() as connection:
-            note_act(connection, "login.failed", person_id, who=NOBODY)
+            record_act(connection, "login.failed", person_id, who=NOBODY)
 
 
-def note_act(
+def record_act(
     connection: Connection, act: Act, person_id: str, *, who: str | None = None, **codes: str
 ) -> None:
-    """Note an act in its transaction; ``person_id`` is "" if it is about nobody."""
+    """Record an act within its transaction; ``person_id`` is "" if it concerns no person."""
     record(connection, act, other={"person": person_id} | codes if person_id else codes, who=who)
 
 
 def normalise_login(login: str) -> str:
-    """Write a login name as it is kept."""
+    """Return a sign-in name as it is stored."""
     return login.strip().lower()
 
 
 def check_name(name: str) -> None:
     """Check the name of a person or a token.
 
-    Raises
-    ------
-    BadParameter
-        Nothing, too long, or holding what cannot be printed.
+    Raises ------ BadParameter
+        It is empty, too long or not printable.
     """
     if not name.strip() or len(name) > LONGEST_NAME or not name.isprintable():
         shown = name[:60].encode("ascii", "backslashreplace").decode()
@@ -472,21 +468,21 @@ def check_name(name: str) -> None:
 
 
 def check_login(login: str) -> str:
-    """Check a new login name; gives it as it is kept. Raises BadParameter."""
+    """Check a new sign-in name and return it as it is stored. Raises BadParameter."""
     name = normalise_login(login)
     if not name or len(name) > LONGEST_LOGIN or not set(name) <= LOGIN_SIGNS:
         raise BadParameter(name="login", value=login[:LONGEST_LOGIN], allowed="a-z 0-9 . - _ + @")
     return name
 
 
-def _go_on(now_s: float) -> tuple[Any, ...]:
+def _is_active(now_s: float) -> tuple[Any, ...]:
     return (sessions.c.used_s > now_s - IDLE_S, sessions.c.began_s > now_s - LONGEST_S)
 
 
 def _select_sessions(now_s: float) -> Select[Any]:
-    """Select the sessions that go on, with their people."""
+    """Select the active sessions with their people."""
     joined = select(people, sessions.c.used_s).join(sessions, sessions.c.person_id == people.c.id)
-    return joined.where(*_go_on(now_s), people.c.ended_at.is_(None))
+    return joined.where(*_is_active(now_s), people.c.ended_at.is_(None))
 
 
 def _select_tokens(now_s: float) -> Select[Any]:
@@ -510,7 +506,7 @@ def _read_token(row: Row[Any]) -> Token:
     return Token(row.id, row.name, permissions, row.created_at, row.expires_s, row.used_at)
 
 
-# Tokens of a person.
+# Personal tokens.
 
 
 DAYS, MOST_DAYS = 90, 365
@@ -520,12 +516,10 @@ DAY_S = 24 * 3600.0
 def make_token(
     accounts: AccountStore, person: Subject, name: str, permissions: Collection[Permission], days: int
 ) -> tuple[Token, str]:
-    """Make a token of a person; gives it, and what is to be shown once.
+    """Create a personal token; return it and the secret that is shown once.
 
-    Raises
-    ------
-    BadParameter, NotPermitted
-        ``permissions`` holds one that the person has not.
+    Raises ------ BadParameter, NotPermitted
+        The person lacks one of the ``permissions``.
     """
     if not 1 <= days <= MOST_DAYS:
         raise BadParameter(name="days", value=days, allowed=f"1 … {MOST_DAYS}")
@@ -540,5 +534,5 @@ def make_token(
 
 
 def format_end(token: Token) -> str:
-    """Write when a token ends (ISO 8601, UTC)."""
+    """Format the end of a token (ISO 8601, UTC)."""
     return datetime.fromtimestamp(token.expires_s, UTC).isoformat(timespec="seconds")

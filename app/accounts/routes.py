@@ -1,15 +1,15 @@
-"""What each route asks for and leaves in the audit log, in one table; a route without a line fails a test.
+"""The required permission and the audit act of each route, in one table; a test fails for a missing route.
 
-A line names method, path and act. ``public`` routes are answered to anybody. A WebSocket's method is written
-``WS``. If the trash keeps nothing, deleting asks for ``erase`` as well
+A line has method, path and act. ``public`` routes are open to everyone. A WebSocket has the method ``WS``. If
+the trash is turned off, deleting also needs ``erase``
 (:func:`app.http.api.library.recordings.check_may_erase`).
 
-The act is what the answer leaves in the audit log (:mod:`app.http.middleware.access`). ``rows``: what the
-route changes leaves its lines in its own transaction. ``none``: nothing about a person is read.
+The act is what the response adds to the audit log (:mod:`app.http.middleware.access`). ``rows``: the change
+itself adds its lines, in its own transaction. ``none``: no personal data is read.
 
-``again``: a person gives the password again first: to erase; to take out the data of many recordings; to open
-a way out that stays (a token, a webhook); to let people in. The files of one recording, the original and its
-ZIP included, are downloads like its PDF.
+``again``: the person must confirm the password first: to erase, to export the data of many recordings, to
+open a lasting way out (a token, a webhook), or to manage accounts. The files of one recording, including the
+original and its ZIP, are ordinary downloads like its PDF.
 """
 
 from collections.abc import Iterator, Mapping
@@ -243,7 +243,7 @@ _ROUTES: Mapping[Needed, str] = {
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """What a route asks for; ``act``: what its answer leaves, None for nothing."""
+    """Requirements of a route; ``act``: the act that the response adds to the audit log, None for none."""
 
     needed: Needed
     act: Act | None
@@ -259,4 +259,4 @@ def _read_routes() -> Iterator[tuple[tuple[str, str], Route]]:
 
 
 ROUTE_TABLE: Mapping[tuple[str, str], Route] = MappingProxyType(dict(_read_routes()))
-"""By method and path, as the route is declared."""
+"""By method and path, as declared in the route."""

@@ -1,18 +1,18 @@
-"""Who asks: a person, a token of a person, or whoever sits at the machine; and what each may do."""
+"""Who makes a request: a person, a token of a person, or the machine; and what each may do."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, get_args
 
 Granted = Literal["upload", "read", "correct", "release", "export", "erase", "aggregate", "people", "trail"]
-"""The permissions that a token can have."""
+"""Permissions that a token can have."""
 Permission = Literal[Granted, "own"]
-"""What a route asks for.
+"""Permission that a route requires.
 
-``upload`` a recording and ask for its analysis; ``read`` figures and reports on the page; ``correct`` what is
-said of a recording; ``release`` a report under one's name; ``export`` files; ``erase`` for good;
+``upload`` a recording and request its analysis; ``read`` figures and reports on the page; ``correct`` the
+details of a recording; ``release`` a report under one's name; ``export`` files; ``erase`` permanently;
 ``aggregate``: figures of five people or more, never of one; ``people``: accounts, which show no health data;
-``trail``: who did what; ``own``: one's own login, which everybody has.
+``trail``: the audit log; ``own``: one's account, which everyone has.
 """
 PERMISSIONS: tuple[Permission, ...] = get_args(Permission)
 Role = Literal["clinician", "assistant", "researcher", "employer", "manager", "auditor"]
@@ -32,9 +32,9 @@ SubjectKind = Literal["person", "token", "machine"]
 
 @dataclass(frozen=True, slots=True)
 class Subject:
-    """Who asks. ``id`` stands in rows and in the audit log: ``per_…``, ``tok_…`` or ``machine``.
+    """Who makes a request. ``id`` in the database and audit log: ``per_…``, ``tok_…`` or ``machine``.
 
-    ``session``: what ends the moment the login ends: an id of the session or token, "" for the machine.
+    ``session``: id of the session or token, which ends with the sign-in; "" for the machine.
     """
 
     kind: SubjectKind
@@ -49,10 +49,10 @@ class Subject:
 
 
 AT_THE_MACHINE = Subject("machine", MACHINE, MACHINE, frozenset(PERMISSIONS))
-"""Whoever holds the secret of the start, or runs the command line."""
+"""A caller with the start secret, or the command line."""
 
 
 def collect_permissions(roles: frozenset[Role]) -> frozenset[Permission]:
-    """Return the permissions of several roles together, "own" included."""
+    """Return the combined permissions of several roles, including "own"."""
     own: frozenset[Permission] = frozenset({"own"})
     return own | {permission for role in roles for permission in ROLES[role]}

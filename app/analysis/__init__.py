@@ -1,1 +1,1 @@
-"""From stored files to results: one pipeline for page, API and command line."""
+"""The analysis pipeline from stored files to results, for page, API and command line."""

@@ -1,4 +1,4 @@
-"""One attempt at a job, in a child process: its limits, its messages and its outcomes."""
+"""One attempt at a job in a child process: its limits, messages and outcomes."""
 
 import importlib
 import json
@@ -20,7 +20,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from app.analysis.fork_server import NotStarted, choose_context, end_child, start_child, tell_preparing
+from app.analysis.fork_server import NotStarted, choose_context, end_child, report_preparing, start_child
 from app.errors import (
     AppError,
     AttemptFailed,
@@ -33,10 +33,10 @@ from app.errors import (
 )
 from app.logs import start_logging
 from app.request import OnStage, ReportRequest, Stage
-from app.store.folder import NOTHING_KNOWN, KnownLogs, ResultFile, describe_files, translate_disk_full
+from app.store.folder import NOTHING_KNOWN, KnownFiles, ResultFile, describe_files, translate_disk_full
 from fusion.errors import Fact, FusionError
 
-if TYPE_CHECKING:  # a child loads this module too, and has no use for pydantic
+if TYPE_CHECKING:  # a child also loads this module, and does not need pydantic
     from app.settings import Settings
 
 if sys.platform != "win32":
@@ -55,7 +55,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """The resources that one attempt may use; one without progress is ended after half of ``wall_s``."""
+    """The resources of one attempt; an attempt without progress is ended after half of ``wall_s``."""
 
     memory_bytes: int
     wall_s: float
@@ -63,12 +63,12 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class Attempt:
-    """The input of one attempt: the file, the request, and the folder for its output.
+    """The input of one attempt: the file, the request, and the output folder.
 
-    ``gives_way``: it runs at a lower priority than the pages and uploads of the same machine.
+    ``gives_way``: run at a lower priority than the pages and uploads of the same machine.
     """
 
-    log: Path
+    recording_path: Path
     request: ReportRequest
     out: Path
     make_report: MakeReport
@@ -78,14 +78,14 @@ class Attempt:
 
 @dataclass(frozen=True, slots=True)
 class Finished:
-    """The files are written; whoever keeps them makes them durable."""
+    """The files are written; the caller makes them durable."""
 
     files: tuple[ResultFile, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """No report can be made of this file; another attempt would end in the same way."""
+    """No report can be made from this file; another attempt would end in the same way."""
 
     code: str
     facts: Mapping[str, Fact]
@@ -100,38 +100,42 @@ class Died:
 
 @dataclass(frozen=True, slots=True)
 class Stopped:
-    """The worker ended the process: its result is no longer wanted."""
+    """The worker ended the process because its result is no longer wanted."""
 
 
 @dataclass(frozen=True, slots=True)
 class Unstarted:
-    """No child could be started: the machine is at fault, not the file."""
+    """No child could be started because of the machine, not the file."""
 
 
 Outcome = Finished | Refused | Died | Stopped | Unstarted
 
 
 def load_and_make_report(
-    log: Path, request: ReportRequest, out: Path, on_stage: OnStage, known: KnownLogs = NOTHING_KNOWN
+    recording_path: Path,
+    request: ReportRequest,
+    out: Path,
+    on_stage: OnStage,
+    known: KnownFiles = NOTHING_KNOWN,
 ) -> None:
-    """Make a report; the science is loaded only here, in the child process."""
+    """Make a report; the child process loads ``fusion`` only here."""
     if request.reference is not None:
         importlib.import_module("app.analysis.validate").make_validation(
-            log, request, out, on_stage, has_curves=known.cache is not None
+            recording_path, request, out, on_stage, has_curves=known.cache is not None
         )
     else:
-        importlib.import_module("app.analysis.run").make_report(log, request, out, on_stage, known)
+        importlib.import_module("app.analysis.run").make_report(recording_path, request, out, on_stage, known)
 
 
 def load_and_render_again(
-    finished: Path, _log: Path, request: ReportRequest, out: Path, on_stage: OnStage
+    finished: Path, _recording_path: Path, request: ReportRequest, out: Path, on_stage: OnStage
 ) -> None:
-    """Set the report of a finished analysis in another language, without analysing again."""
+    """Render the report of a finished analysis in another language, without a new analysis."""
     importlib.import_module("app.analysis.run").make_report_again(finished, request, out, on_stage)
 
 
 def choose_limits(settings: "Settings", size_bytes: int) -> Limits:
-    """Choose the limits of an attempt: a large file gets more time."""
+    """Return the limits of an attempt: a large file gets more time."""
     wall_s = max(settings.wall_limit_s, settings.wall_limit_s_per_gb * size_bytes / 1e9)
     return Limits(settings.memory_limit_bytes, wall_s)
 
@@ -139,7 +143,7 @@ def choose_limits(settings: "Settings", size_bytes: int) -> Limits:
 def run_attempt(attempt: Attempt, on_progress: OnProgress) -> Outcome:
     """Make the attempt in a child process and wait for it.
 
-    ``on_progress`` is called several times a second with the stage and the fraction done; when it returns
+    ``on_progress`` is called several times a second with the stage and the completed fraction; if it returns
     False the child is killed.
     """
     context = choose_context()
@@ -161,7 +165,7 @@ def run_attempt(attempt: Attempt, on_progress: OnProgress) -> Outcome:
 
 
 def run_beside(act: Callable[[], T], on_wait: Callable[[], object]) -> T:
-    """Run what may block in a thread; ``on_wait`` is called several times a second until it ends."""
+    """Run a blocking call in a thread; call ``on_wait`` several times a second until it ends."""
     with ThreadPoolExecutor(1, "beside") as pool:
         work = pool.submit(act)
         while wait_for_futures([work], TICK_S).not_done:
@@ -169,12 +173,10 @@ def run_beside(act: Callable[[], T], on_wait: Callable[[], object]) -> T:
         return work.result()
 
 
-def make_now(attempt: Attempt) -> tuple[ResultFile, ...]:
-    """Make an attempt that somebody waits for; gives the files that were made.
+def run_and_wait(attempt: Attempt) -> tuple[ResultFile, ...]:
+    """Make an attempt while the caller waits; return the files.
 
-    Raises
-    ------
-    RecordedProblem
+    Raises ------ RecordedProblem
         With the code and facts of the refusal.
     Crashed, Interrupted
         The child died, or none could be started.
@@ -188,7 +190,7 @@ def make_now(attempt: Attempt) -> tuple[ResultFile, ...]:
 
 
 def _follow(child: BaseProcess, pipe: Connection, limits: Limits, on_progress: OnProgress) -> Outcome:
-    """Read what the child says. It is JSON: a child that has read hostile bytes is not trusted."""
+    """Read the child's messages. They are JSON: a child that has read hostile bytes is not trusted."""
     progress: tuple[str | None, float] = (None, 0.0)
     now_s = time.monotonic()
     end_s, still_end_s = now_s + limits.wall_s, now_s + limits.wall_s / 2.0
@@ -202,9 +204,9 @@ def _follow(child: BaseProcess, pipe: Connection, limits: Limits, on_progress: O
             return Finished(tuple(ResultFile(*file) for file in message["files"]))
         if "code" in message:
             return Refused(message["code"], message["facts"])
-        told = (message["stage"], message["fraction"]) if message else progress
-        if told != progress:
-            progress, still_end_s = told, time.monotonic() + limits.wall_s / 2.0
+        latest = (message["stage"], message["fraction"]) if message else progress
+        if latest != progress:
+            progress, still_end_s = latest, time.monotonic() + limits.wall_s / 2.0
         if not on_progress(*progress):
             return Stopped()
     return _refuse(OutOfTime(s=round(limits.wall_s if end_s <= still_end_s else limits.wall_s / 2.0)))
@@ -216,14 +218,14 @@ def _run_child(attempt: Attempt, pipe: Connection, level: int) -> None:
     threading.Thread(target=_exit_with_parent, daemon=True).start()
     _apply_limits(attempt.limits)
     start_logging(logging.WARNING)
-    logging.getLogger("app").setLevel(level)  # ours alone: what a library tells may name a file
+    logging.getLogger("app").setLevel(level)  # only ours: a library's messages may contain a file name
     if attempt.gives_way and sys.platform != "win32":
         os.nice(NICENESS)
 
     def send_stage(stage: Stage, fraction: float) -> None:
         _send(pipe, {"stage": stage, "fraction": fraction})
 
-    result = _make_files(attempt, tell_preparing(send_stage))
+    result = _make_files(attempt, report_preparing(send_stage))
     if isinstance(result, Finished):
         _send(pipe, {"files": [(file.name, file.sha256, file.size_bytes) for file in result.files]})
     else:
@@ -234,13 +236,13 @@ def _run_child(attempt: Attempt, pipe: Connection, level: int) -> None:
 def _make_files(attempt: Attempt, on_stage: OnStage) -> Finished | Refused:
     try:
         with translate_disk_full():
-            attempt.make_report(attempt.log, attempt.request, attempt.out, on_stage)
+            attempt.make_report(attempt.recording_path, attempt.request, attempt.out, on_stage)
             return Finished(describe_files(attempt.out))
     except (FusionError, AppError) as refusal:
         return Refused(refusal.code, refusal.facts)
     except MemoryError:
         return _refuse(OutOfMemory(max=round(attempt.limits.memory_bytes / 1e9, 1)))
-    except Exception:  # the one place where a bug becomes a failed job
+    except Exception:  # the only place that turns a bug into a failed job
         reference = secrets.token_hex(4)
         logger.exception("analysis failed, reference %s", reference)
         return _refuse(InternalError(reference=reference))
@@ -263,7 +265,7 @@ def _exit_with_parent() -> None:
 
 
 def _apply_limits(limits: Limits) -> None:
-    """Have the system enforce the limits, in case the worker cannot."""
+    """Set limits in the operating system, in case the worker cannot enforce them."""
     if sys.platform == "win32":
         return
     cpu_s = round(limits.wall_s * (os.cpu_count() or 1)) + 1

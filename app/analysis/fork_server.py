@@ -1,9 +1,9 @@
-"""The fork server: it loads the science once, and starts every child process.
+"""The fork server: it loads ``fusion`` once and starts every child process.
 
 The module is small, so that the command line can start the fork server before it has loaded itself.
 
-The fork server may itself be killed, or hang. A running child does not need it: the child continues, and its
-result counts. A process that waits in vain for the fork server (to start a child, to report its end) ends it
+The fork server itself may be killed or hang. A running child does not need it: the child continues, and its
+result counts. A process that waits too long for the fork server (to start a child or report its end) kills it
 and starts another.
 """
 
@@ -30,11 +30,10 @@ MODULES = ("app.analysis.attempt", "app.analysis.run", "app.analysis.inspect")
 
 
 def load() -> None:
-    """Load what every child needs, and the part of the compiler that reads the cache of compiled code.
+    """Load what every child needs, including the compiler part that reads cached compiled code.
 
-    The garbage collector is off meanwhile: nothing that is loaded here is ever freed, and the collections
-    take a sixth of the time. Frozen objects are not visited in the children either, so that the memory
-    shared with them stays shared.
+    The garbage collector is off during loading: loaded modules are never freed, and collections take a sixth
+    of the time. Frozen objects are not visited in the children either, so that their memory stays shared.
     """
     gc.disable()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # numpy's matrices here are small; threads wait busily
@@ -48,25 +47,25 @@ def load() -> None:
 
 
 OBJECTS_BETWEEN_COLLECTIONS = 50_000
-"""A child lives for seconds: Python's 700 would have it look for waste hundreds of times."""
+"""A child lives for seconds: with Python's 700 it would run hundreds of collections."""
 
 PRELOAD = "app.analysis.preloaded"
 """The module that the fork server loads first."""
 
 TICK_S = 1.0
 START_TICKS, START_TRIES = 180, 3
-"""Loading the science takes seconds, and minutes on a very busy machine."""
+"""Loading ``fusion`` takes seconds, and minutes on a very busy machine."""
 END_TICKS = 10
 
 logger = logging.getLogger(__name__)
 
 
 class NotStarted(Exception):
-    """No child could be started: the machine is at fault, never a file."""
+    """No child could be started because of the machine, never because of a file."""
 
 
 def choose_context() -> Any:
-    """Choose the fork server where there is one: it has imported the science, and has no threads of ours."""
+    """Return the fork server's context if available; it has ``fusion`` but none of our threads."""
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
@@ -75,13 +74,13 @@ def choose_context() -> Any:
 
 
 def warm_up() -> None:
-    """Start the fork server, which imports the science, so that the first job need not wait for it."""
+    """Start the fork server, which imports ``fusion``, so that the first job need not wait."""
     if choose_context().get_start_method() == "forkserver":
         forkserver.ensure_running()
 
 
 def warm_up_and_wait() -> None:
-    """Start the fork server and wait until it has imported the science, so that no claimed job waits."""
+    """Start the fork server and wait until it has imported ``fusion``, so that no claimed job waits."""
     child = choose_context().Process(target=int, daemon=True)
     with suppress(NotStarted):
         start_child(child)
@@ -89,10 +88,10 @@ def warm_up_and_wait() -> None:
 
 
 def start_child(child: BaseProcess) -> None:
-    """Start a child, by a new fork server where the first is dead or does not answer. Raises NotStarted."""
+    """Start a child, with a new fork server if the current one is dead or hangs. Raises NotStarted."""
     for _ in range(START_TRIES):
         try:
-            with _ending_hung_server():
+            with _killing_hung_server():
                 child.start()
                 return
         except (EOFError, OSError) as error:
@@ -102,13 +101,13 @@ def start_child(child: BaseProcess) -> None:
 
 
 def end_child(child: BaseProcess) -> None:
-    """Kill a child, and wait until its end is reported; a fork server that does not report it is ended."""
+    """Kill a child and wait until its end is reported; kill a fork server that does not report it."""
     child.kill()
     for _ in range(END_TICKS):
         child.join(TICK_S)
         if child.exitcode is not None:
             return
-    logger.error("the end of child %s is not reported; the fork server is ended", child.pid)
+    logger.error("the end of child %s is not reported; killing the fork server", child.pid)
     end_fork_server()
     child.join(TICK_S)
 
@@ -119,19 +118,19 @@ def end_fork_server() -> None:
     if pid is not None:
         with suppress(ProcessLookupError, ChildProcessError):
             os.kill(pid, signal.SIGKILL)
-            os.waitid(os.P_PID, pid, os.WEXITED | os.WNOWAIT)  # dead for sure; multiprocessing collects it
+            os.waitid(os.P_PID, pid, os.WEXITED | os.WNOWAIT)  # certainly dead; multiprocessing collects it
 
 
 @contextmanager
-def _ending_hung_server() -> Iterator[None]:
-    """End the fork server when the block takes too long, in ticks of our own running time."""
+def _killing_hung_server() -> Iterator[None]:
+    """Kill the fork server if the block takes too long, counted in ticks while this process runs."""
     done = threading.Event()
 
     def watch() -> None:
         for _ in range(START_TICKS):
             if done.wait(TICK_S):
                 return
-        logger.error("the fork server does not answer and is ended")
+        logger.error("the fork server does not respond; killing it")
         end_fork_server()
 
     threading.Thread(target=watch, name="start-watch", daemon=True).start()
@@ -141,21 +140,20 @@ def _ending_hung_server() -> Iterator[None]:
         done.set()
 
 
-# The kernels are compiled once after an installation: beside the first analysis, and people are told.
-#
-# The fork server starts a process that compiles from the end of an analysis (:mod:`fusion.prepare`), while
-# the first analysis compiles what it comes to. Until both have met, every stage is told as "preparing".
+# The kernels are compiled once after installation, beside the first analysis; people see its progress. The
+# fork server starts a process that compiles in reverse order of use (:mod:`fusion.prepare`), while the first
+# analysis compiles the kernels it needs. Until both have met, every stage is reported as "preparing".
 
 
-TELL_S = 0.5
+REPORT_PERIOD_S = 0.5
 LOCK = "preparing.lock"
 
 
 def prepare_beside() -> None:
-    """Compile in a process of its own where that is still to be done, and return at once.
+    """Compile in a separate process if needed, and return at once.
 
-    The process is the grandchild of a fork, so that nobody waits for it; it outlives this one. Call this
-    before any thread has begun, with :mod:`fusion.numba_kernels` loaded.
+    The process is the grandchild of a fork, so that no process waits for it; it outlives this one. Call this
+    before any thread has started, with :mod:`fusion.numba_kernels` loaded.
     """
     if not hasattr(os, "fork") or _measure_progress() >= 1.0:
         return
@@ -167,10 +165,10 @@ def prepare_beside() -> None:
         if os.fork() == 0:
             os.setsid()
             nothing = os.open(os.devnull, os.O_RDWR)
-            for stream in range(3):  # keep no output open whose end somebody may wait for
+            for stream in range(3):  # close inherited output: a reader may wait for its end
                 os.dup2(nothing, stream)
             folder: Path = importlib.import_module("fusion.numba_kernels").make_kernel_folder()
-            if _take_turn(folder):
+            if _lock_preparation(folder):
                 importlib.import_module("fusion.prepare").prepare()
     finally:
         os._exit(0)
@@ -181,8 +179,8 @@ def _measure_progress() -> float:
     return progress
 
 
-def _take_turn(folder: Path) -> bool:
-    """Hold the lock on preparing a folder until this process ends; False where another holds it."""
+def _lock_preparation(folder: Path) -> bool:
+    """Lock the preparation of a folder until this process ends; return False if another process has it."""
     fcntl = importlib.import_module("fcntl")
     turn = os.open(folder / LOCK, os.O_CREAT | os.O_RDWR, 0o600)
     try:
@@ -192,13 +190,13 @@ def _take_turn(folder: Path) -> bool:
     return True
 
 
-def tell_preparing(on_stage: OnStage) -> OnStage:
-    """Return a listener that tells "preparing" and how far it is, for as long as kernels are compiled."""
+def report_preparing(on_stage: OnStage) -> OnStage:
+    """Return a listener that reports "preparing" and its progress while kernels are being compiled."""
     return on_stage if _measure_progress() >= 1.0 else _Preparing(on_stage)
 
 
 class _Preparing:
-    """Tells "preparing" in place of each stage before the last, several times a second."""
+    """Reports "preparing" instead of each stage before the last, several times a second."""
 
     def __init__(self, on_stage: OnStage) -> None:
         self._on_stage = on_stage
@@ -210,17 +208,17 @@ class _Preparing:
     def __call__(self, stage: Stage, fraction: float) -> None:
         with self._lock:
             self._stage = (stage, fraction)
-            self._tell()
+            self._report()
 
     def _tick(self) -> None:
         pause = threading.Event()
-        while not pause.wait(TELL_S):
+        while not pause.wait(REPORT_PERIOD_S):
             with self._lock:
                 if self._over:
                     return
-                self._tell()
+                self._report()
 
-    def _tell(self) -> None:
+    def _report(self) -> None:
         if self._stage is None:
             return
         progress = _measure_progress()

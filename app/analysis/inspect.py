@@ -1,4 +1,4 @@
-"""Read a file as a request asks, and inspect it: what it is, without analysing it."""
+"""Read the file of a request and describe it without an analysis."""
 
 import json
 import logging
@@ -10,7 +10,7 @@ import numpy as np
 
 from app.request import OnStage, ReportRequest
 from app.store.decoded import hash_entry_key
-from app.store.folder import KnownLogs, hash_file
+from app.store.folder import KnownFiles, hash_file
 from app.version import identify_engine
 from fusion.angle_files import AngleFile, read_angle_file, recognise_layout, resample_file
 from fusion.caveats import Caveat
@@ -27,12 +27,12 @@ _FAILED = "the reader plug-in %s %s failed: %s"
 logger = logging.getLogger(__name__)
 
 
-def read_logs(log: Path, request: ReportRequest, known: KnownLogs) -> Recording:
-    """Read the log of a request and those joined to it; or take what an earlier reading of the bytes kept."""
-    paths = (log, *map(Path, request.joined))
+def read_joined(recording_path: Path, request: ReportRequest, known: KnownFiles) -> Recording:
+    """Read the recording of a request and the files joined to it, from the cache if possible."""
+    paths = (recording_path, *map(Path, request.joined))
     recordings = []
     for path, digest in zip(paths, known.digests or ("",) * len(paths), strict=True):
-        asked = request if path is log else replace(request, file_name=path.name)
+        asked = request if path is recording_path else replace(request, file_name=path.name)
         if known.cache is None:
             recordings.append(read_file(path, asked, digest))
             continue
@@ -48,10 +48,10 @@ def read_logs(log: Path, request: ReportRequest, known: KnownLogs) -> Recording:
 
 
 def read_file(path: Path, request: ReportRequest, sha256: str = "") -> Recording:
-    """Read one file as a request asks, and log every plug-in that failed: a line, and the traceback as INFO.
+    """Read the file of a request; log every failed plug-in on one line, with its traceback at INFO level.
 
-    Raises fusion.errors.FusionError as :func:`fusion.readers.read_recording`; where the file is a table, its
-    facts identify the header.
+    Raises fusion.errors.FusionError as :func:`fusion.readers.read_recording`; for a table its facts identify
+    the header.
     """
     profile = parse_profile(request.profile) if request.profile else None
     with path.open("rb") as file:
@@ -62,7 +62,7 @@ def read_file(path: Path, request: ReportRequest, sha256: str = "") -> Recording
         except FusionError as refusal:
             if isinstance(refusal, FailedReader):
                 logger.error(_FAILED, *refusal.facts.values())
-                logger.info("its traceback", exc_info=True)
+                logger.info("traceback of the plug-in", exc_info=True)
             header = identify_header(file)
             refusal.facts |= {"header": header} if header else {}
             raise
@@ -78,11 +78,11 @@ MOST_ROUNDING_US = 2
 def inspect_file(
     path: Path, rate_hz: float | None = None, profile: str = "", file_name: str = ""
 ) -> dict[str, Any]:
-    """Read the file and describe what it holds, with proposals for the calibration window.
+    """Read the file and describe its content, with proposed calibration windows.
 
-    ``profile``: JSON of a column profile, "" for none. ``file_name``: "" takes the path's own.
+    ``profile``: JSON of a column profile, "" for none. ``file_name``: "" uses the name in the path.
 
-    Raises fusion.errors.FusionError if it is not a recording.
+    Raises fusion.errors.FusionError if the file is not a recording.
     """
     name = file_name or path.name
     with path.open("rb") as file:
@@ -108,7 +108,7 @@ def inspect_file(
 
 
 def _inspect_capture(capture: AngleFile) -> dict[str, Any]:
-    """Describe a motion capture under the names of a recording; it holds angles, and no samples."""
+    """Describe a motion capture with the keys of a recording; it contains angles but no samples."""
     recording, angles = resample_file(capture, np.zeros(len(capture.time_s)))
     runs = [
         (run.start_us, run.start_us + round(len(run) / run.rate_hz * MICROSECONDS)) for run in angles.segments
@@ -129,29 +129,29 @@ def _inspect_capture(capture: AngleFile) -> dict[str, Any]:
     }
 
 
-def write_inspection(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
-    """Inspect the file for somebody who waits in another process: ``inspection.json`` in ``out``."""
+def write_inspection(recording_path: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Inspect the file for a waiting process: write ``inspection.json`` to ``out``."""
     on_stage("reading", 0.0)
-    found = inspect_file(log, request.rate_hz, request.profile, request.file_name)
+    found = inspect_file(recording_path, request.rate_hz, request.profile, request.file_name)
     (out / "inspection.json").write_text(json.dumps(found), "utf-8")
 
 
-def write_preview(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
-    """Inspect the first bytes of a file that is still on its way."""
+def write_preview(recording_path: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Inspect the first bytes of a file that is still being uploaded."""
     on_stage("reading", 0.0)
-    facts = preview_head(log.read_bytes(), request.file_name, request.rate_hz)
+    facts = preview_head(recording_path.read_bytes(), request.file_name, request.rate_hz)
     start = facts.start.isoformat() if facts.start else None
     found = {"file": request.file_name, **asdict(facts), "start": start}
     (out / "inspection.json").write_text(json.dumps(found), "utf-8")
 
 
-def write_column_proposal(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
-    """Write ``columns.json``: a table's header and its identity, its first rows, and what they may be.
+def write_column_proposal(recording_path: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Write ``columns.json``: a table's header and its identity, first rows and proposed columns.
 
-    Raises fusion.errors.FusionError if it is no table of numbers.
+    Raises fusion.errors.FusionError if the file is not a table of numbers.
     """
     on_stage("reading", 0.0)
-    with log.open("rb") as file:
+    with recording_path.open("rb") as file:
         proposal = asdict(propose_file_profile(file, request.file_name))
         header = identify_header(file)
     proposal |= {"header": header}

@@ -1,4 +1,4 @@
-"""Inspections and other short tasks for which a person waits: in a child process, but not queued."""
+"""Inspections and other short tasks for which a person waits: in a child process, without the queue."""
 
 import importlib
 import json
@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from app.analysis.attempt import Attempt, MakeReport, choose_limits, make_now
+from app.analysis.attempt import Attempt, MakeReport, choose_limits, run_and_wait
 from app.analysis.fork_server import warm_up
 from app.request import OnStage, ReportRequest
 from app.settings import Settings
@@ -20,10 +20,10 @@ PREFIX = "look_"
 
 
 def load_and_call(
-    module: str, function: str, log: Path, request: ReportRequest, out: Path, on_stage: OnStage
+    module: str, function: str, recording_path: Path, request: ReportRequest, out: Path, on_stage: OnStage
 ) -> None:
-    """Call a function of a module that is loaded only here, in the child process."""
-    getattr(importlib.import_module(module), function)(log, request, out, on_stage)
+    """Call a function of a module that only the child process loads."""
+    getattr(importlib.import_module(module), function)(recording_path, request, out, on_stage)
 
 
 INSPECT = partial(load_and_call, "app.analysis.inspect", "write_inspection")
@@ -34,7 +34,7 @@ WRITE_ANGLES = partial(load_and_call, "app.analysis.run", "write_elevation_csv")
 
 @dataclass(frozen=True, slots=True)
 class Inspector:
-    """Runs a few of these tasks at once; further callers wait."""
+    """Runs a few of these tasks at a time; further callers wait."""
 
     settings: Settings
     folder: Path
@@ -46,7 +46,7 @@ class Inspector:
     _warm: threading.Event = field(default_factory=threading.Event)
 
     def prepare(self) -> None:
-        """Create the folder for the files that pass from child to parent."""
+        """Create the folder for the files that the child passes to the parent."""
         self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
 
     def sweep(self) -> None:
@@ -57,14 +57,14 @@ class Inspector:
                 left.unlink()
 
     def get_ready(self) -> None:
-        """Load the science now, in the fork server: a recording has been announced."""
+        """Load ``fusion`` into the fork server now, because a recording has been announced."""
         if not self._warm.is_set():
             self._warm.set()
             threading.Thread(target=warm_up, name="warm-up", daemon=True).start()
 
-    def look(self, log: Path, request: ReportRequest) -> dict[str, Any]:
-        """Inspect a whole recording. Raises RecordedProblem, with the code of the refusal."""
-        return _read(self._run(log, request, self.inspect, "inspection.json"))
+    def look(self, recording_path: Path, request: ReportRequest) -> dict[str, Any]:
+        """Inspect a whole recording. Raises RecordedProblem with the code of the refusal."""
+        return _read(self._run(recording_path, request, self.inspect, "inspection.json"))
 
     def preview(self, head: bytes, request: ReportRequest) -> dict[str, Any]:
         """Inspect the first bytes of a recording. Raises RecordedProblem."""
@@ -73,20 +73,20 @@ class Inspector:
             file.flush()
             return _read(self._run(Path(file.name), request, self.make_preview, "inspection.json"))
 
-    def propose_columns(self, log: Path, request: ReportRequest) -> dict[str, Any]:
-        """Return the names of a table's columns, and what they may be. Raises RecordedProblem."""
-        return _read(self._run(log, request, PROPOSE_COLUMNS, "columns.json"))
+    def propose_columns(self, recording_path: Path, request: ReportRequest) -> dict[str, Any]:
+        """Return the names of a table's columns and their proposed meanings. Raises RecordedProblem."""
+        return _read(self._run(recording_path, request, PROPOSE_COLUMNS, "columns.json"))
 
     def write_angles(self, parquet: Path) -> bytes:
-        """Write the angles as CSV in gzip."""
+        """Return the angles as gzipped CSV."""
         return self._run(parquet, ReportRequest(""), WRITE_ANGLES, "elevation.csv.gz")
 
-    def _run(self, log: Path, request: ReportRequest, make: MakeReport, name: str) -> bytes:
-        """Return the content of the file of this name that the child has written."""
+    def _run(self, recording_path: Path, request: ReportRequest, make: MakeReport, name: str) -> bytes:
+        """Return the content of the named file that the child wrote."""
         with self._turns, tempfile.TemporaryDirectory(prefix=PREFIX, dir=self.folder) as folder:
             out = Path(folder)
-            limits = choose_limits(self.settings, log.stat().st_size)
-            make_now(Attempt(log, request, out, make, limits))
+            limits = choose_limits(self.settings, recording_path.stat().st_size)
+            run_and_wait(Attempt(recording_path, request, out, make, limits))
             return (out / name).read_bytes()
 
 

@@ -1,7 +1,7 @@
-"""From finished analyses to a report of several: of two (both arms, or two days), or of many days.
+"""Reports on several finished analyses: on two (both arms, or two days), or on many days.
 
-It starts from the folders that finished analyses leave; nothing is fused again. Page, API and command line
-all take it.
+They start from the folders of finished analyses; nothing is computed again from samples. Page, API and
+command line share this pipeline.
 """
 
 import json
@@ -11,23 +11,23 @@ from pathlib import Path
 from typing import Any, Literal
 
 from app.errors import AppError, CannotPair, CannotProfile
-from app.report.findings import Kept
+from app.report.findings import FinishedAnalysis
 from app.report.model import Report, Table
 from app.report.pairs import (
     ArmPair,
     TrunkClock,
-    are_mixed,
     build_comparison,
     build_pair,
+    check_comparable,
     describe_comparison,
     describe_pair,
     encode_document,
+    has_mixed_methods,
     is_confirmed,
     judge_person,
     read_code,
-    refuse_no_comparison,
 )
-from app.report.render.write import read_kept, write_report
+from app.report.render.write import read_finished, write_report
 from app.report.several.document import describe_profile, encode_day_table, encode_overlay_table
 from app.report.several.people import MeasuredDay, Stage, group_days
 from app.report.several.report import build_days
@@ -44,16 +44,15 @@ ELEVATION = "elevation.parquet"
 
 
 def make_report_of_two(folders: Sequence[Path], request: PairRequest, out: Path) -> None:
-    """Make the report of two, or for a pair three, finished analyses into the existing folder ``out``.
+    """Write the report on two finished analyses (a pair may have three) to the existing folder ``out``.
 
-    ``folders``: left, right and, where there is one, trunk; or before and after. Writes ``pair.json`` or
+    ``folders``: left, right and optionally trunk; or before and after. Writes ``pair.json`` or
     ``comparison.json`` and, for each language, ``report.<language>.<kind>`` and ``answer.<language>.txt``.
 
-    Raises CannotPair if a folder holds no finished analysis, if two are not both arms of one shift, if
-    nothing says that they are of one person, if neither clocks nor request give their offset, or if
-    methods are mixed unasked.
-    Raises CannotCompare if two are of different people or of the same hours of one arm, if nothing says
-    that they are of one person, or if methods are mixed unasked.
+    Raises CannotPair if a folder has no finished analysis, if two are not both arms of one shift, if nothing
+    states that they are from one person, if neither clocks nor request give their offset, or if methods are
+    mixed without permission. Raises CannotCompare if two are from different people or from the same hours of
+    one arm, if nothing states that they are from one person, or if methods are mixed without permission.
     """
     if request.kind == "pair":
         left, right, *trunk = folders
@@ -63,7 +62,7 @@ def make_report_of_two(folders: Sequence[Path], request: PairRequest, out: Path)
     else:
         before, after = (_read(folder, CannotPair(why="kept")) for folder in folders)
         same = request.same_subject
-        refuse_no_comparison(before, after, same_subject=same, mixed_methods=request.mixed_methods)
+        check_comparable(before, after, same_subject=same, mixed_methods=request.mixed_methods)
         reports = [
             build_comparison(before, after, language, same_subject=same) for language in request.languages
         ]
@@ -73,19 +72,19 @@ def make_report_of_two(folders: Sequence[Path], request: PairRequest, out: Path)
 def _pair_arms(arms: tuple[Path, Path], trunk: Path | None, request: PairRequest) -> ArmPair:
     left, right = (_read(arm, CannotPair(why="kept")) for arm in arms)
     body = _read(trunk, CannotPair(why="kept")) if trunk else None
-    _refuse_strangers(left, right)
+    _check_same_person(left, right)
     if left.subject.side == "right" or right.subject.side == "left":
         raise CannotPair(why="side")
     every = tuple(filter(None, (left, right, body)))
     one_person = judge_person(every, is_stated=request.same_subject)
     if one_person == "unknown":
         raise CannotPair(why="person")
-    if are_mixed(every) and not request.mixed_methods:
+    if has_mixed_methods(every) and not request.mixed_methods:
         raise CannotPair(why="methods")
     offset_s = find_offset_s(left, right) if request.offset_s is None else request.offset_s
     angles = read_analysed(arms[0], left), read_analysed(arms[1], right)
     first, second = (kept.findings.exposure.angle_sigma_deg for kept in (left, right))
-    sigmas_deg = (first, second) if first and second else None  # known of both, or of none
+    sigmas_deg = (first, second) if first and second else None  # known for both, or for none
     try:
         shared = pair_arms(*angles, offset_s, sigmas_deg)
         if trunk is None or body is None:
@@ -99,10 +98,10 @@ def _pair_arms(arms: tuple[Path, Path], trunk: Path | None, request: PairRequest
     return ArmPair(left, right, offset_s, stated_by, shared, relative, clock, one_person)
 
 
-def find_offset_s(left: Kept, right: Kept) -> float:
-    """Find by how many seconds the right recording began after the left, by their clocks.
+def find_offset_s(left: FinishedAnalysis, right: FinishedAnalysis) -> float:
+    """Return the start of the right recording in seconds after the left, by their clocks.
 
-    Where only one file states its zone, both are taken for clocks of the same place.
+    If only one file states its time zone, both clocks are taken as local to the same place.
 
     Raises CannotPair if one of them has no clock.
     """
@@ -114,28 +113,28 @@ def find_offset_s(left: Kept, right: Kept) -> float:
     return (second - first).total_seconds()
 
 
-def read_analysed(folder: Path, kept: Kept) -> Elevation:
-    """Read the angle series of a finished analysis; what its report leaves out is not valid."""
+def read_analysed(folder: Path, kept: FinishedAnalysis) -> Elevation:
+    """Read the angle series of a finished analysis; spans that its report excludes are not valid."""
     return leave_out(read_elevation(folder / ELEVATION), kept.findings.exclusions)
 
 
-def _read(folder: Path, refusal: AppError) -> Kept:
+def _read(folder: Path, refusal: AppError) -> FinishedAnalysis:
     try:
-        return read_kept(folder)
+        return read_finished(folder)
     except (OSError, ValueError):
         raise refusal from None
 
 
-def _refuse_strangers(one: Kept, other: Kept) -> None:
-    """Refuse one recording twice, which would look like a perfectly even worker, and two people."""
+def _check_same_person(one: FinishedAnalysis, other: FinishedAnalysis) -> None:
+    """Reject the same recording twice, which would look like perfect symmetry, and two people."""
     if one.findings.recording.sha256 == other.findings.recording.sha256:
         raise CannotPair(why="same")
     if len({read_code(one), read_code(other)} - {""}) > 1:
         raise CannotPair(why="subjects")
 
 
-def widen_unconfirmed(shared: PairedArms, left: Kept, right: Kept) -> PairedArms:
-    """Widen the ranges of an arm with an unconfirmed pose to include those of its own report.
+def widen_unconfirmed(shared: PairedArms, left: FinishedAnalysis, right: FinishedAnalysis) -> PairedArms:
+    """Widen the ranges of an arm with an unconfirmed pose to include those of its single report.
 
     Those cover the other stillnesses that may be the pose. A figure that cannot be widened has no range.
     """
@@ -163,17 +162,17 @@ def widen_unconfirmed(shared: PairedArms, left: Kept, right: Kept) -> PairedArms
 
 def _relate(
     angles: tuple[Elevation, Elevation],
-    trunk: tuple[Path, Kept],
-    arms: tuple[Kept, Kept],
+    trunk: tuple[Path, FinishedAnalysis],
+    arms: tuple[FinishedAnalysis, FinishedAnalysis],
     offset_s: float,
     trunk_offset_s: float | None,
 ) -> tuple[tuple[TrunkRelative, TrunkRelative], TrunkClock]:
     """Relate each arm to the trunk, all three on the clock of the left recording.
 
-    ``trunk_offset_s``: the trunk's offset after the left arm as a person stated it.
+    ``trunk_offset_s``: start of the trunk's recording after the left arm's, as a person stated it.
     """
     for arm in arms:
-        _refuse_strangers(arm, trunk[1])
+        _check_same_person(arm, trunk[1])
     body = read_analysed(*trunk)
     if trunk_offset_s is None:
         clock = TrunkClock(find_offset_s(arms[0], trunk[1]), "clocks")
@@ -197,14 +196,14 @@ _NO_TABLE = Table("", (), ())
 
 
 def make_profile(folders: Sequence[Path], request: ProfileRequest, out: Path) -> None:
-    """Make the report of several finished analyses into the existing folder ``out``.
+    """Write the report on several finished analyses to the existing folder ``out``.
 
-    ``folders``: the first ``request.before_count`` of them are before a change, the rest after it; all of
-    them are days of the same time where it is None. Writes ``profile.json``, ``profile.csv``,
-    ``overlay.csv`` and, for each language, ``report.<language>.<kind>`` and ``answer.<language>.txt``.
+    ``folders``: the first ``request.before_count`` are before a change, the rest after it; if it is None, all
+    are days of one period. Writes ``profile.json``, ``profile.csv``, ``overlay.csv`` and, for each language,
+    ``report.<language>.<kind>`` and ``answer.<language>.txt``.
 
-    Raises CannotProfile if a folder holds no finished analysis, or the analyses are no days to be set
-    together (:func:`app.report.several.people.group_days`).
+    Raises CannotProfile if a folder has no finished analysis, or if the analyses are not days that can be
+    combined (:func:`app.report.several.people.group_days`).
     """
     days = []
     for rank, folder in enumerate(folders):
@@ -216,7 +215,7 @@ def make_profile(folders: Sequence[Path], request: ProfileRequest, out: Path) ->
     grouped = group_days(days, same_subject=request.same_subject, mixed_methods=request.mixed_methods)
     arms = []
     for arm in grouped.arms:
-        clocked = [  # a day of more than 24 h would lie over itself
+        clocked = [  # a day of more than 24 h would overlap itself
             lay_on_clock(read_analysed(Path(day.place), day.kept), day.start)
             for day in arm.days
             if day.start and day.left_out != "long" and (Path(day.place) / ELEVATION).exists()

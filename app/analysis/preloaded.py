@@ -1,4 +1,4 @@
-"""Imported only by the fork server: it loads the science for all children."""
+"""Loaded only by the fork server: imports ``fusion`` for all children."""
 
 from app.analysis.fork_server import load
 

@@ -1,4 +1,4 @@
-"""From a stored file to a report: the one pipeline of page, API and command line."""
+"""The one pipeline from a stored file to a report, for page, API and command line."""
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -8,17 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from app.analysis.inspect import read_logs
+from app.analysis.inspect import read_joined
 from app.errors import BadParameter
 from app.report.export.all import encode_elevation_csv, export_results, write_elevation
 from app.report.export.fhir import encode_fhir
 from app.report.export.results import encode_results, identify_report
 from app.report.figures import load_results
-from app.report.findings import ReportSubject, Software, take_findings
+from app.report.findings import ReportSubject, Software, build_findings
 from app.report.render.write import RESULTS, rewrite_reports, write_reports
 from app.request import OnStage, ReportRequest, Stage
 from app.store.day_file import DAY_NAME, DaySegment, write_day
-from app.store.folder import NOTHING_KNOWN, KnownLogs, sync_file
+from app.store.folder import NOTHING_KNOWN, KnownFiles, sync_file
 from app.version import software_revision, software_version
 from fusion.angle_files import AngleFile, AngleFileOptions, holds_samples, read_angle_file, recognise_layout
 from fusion.caveats import Caveat
@@ -35,11 +35,11 @@ from fusion.sensor.self_calibration import calibrate_accelerometer
 from fusion.sensor.stillness import find_still_moments, reduce_run
 from fusion.settings import AnalysisSettings
 
-# The day of an analysis, for the page on which a person looks at it and corrects it.
+# The day of an analysis, for the page on which a person reviews and corrects it.
 
 
 def write_day_of(analysis: Analysis, path: Path) -> None:
-    """Write the day of an analysis (:mod:`app.store.day_file`); ready angles have no samples to reduce."""
+    """Write the day of an analysis (:mod:`app.store.day_file`); computed angles have no samples to reduce."""
     by_start = {segment.start_us: segment for segment in analysis.recording.segments}
     days = []
     for run in analysis.elevation.segments:
@@ -58,7 +58,7 @@ def _describe_facts(analysis: Analysis) -> dict[str, Any]:
     not_worn = propose_nonwear(recording, analysis.exclusions) if calibration else ()
     used = calibration.windows if calibration else ()
     questions: dict[str, Any] = {"asked": []}
-    if calibration is not None:  # what only a person knows: which stillness was the pose, did the sensor move
+    if calibration is not None:  # questions for a person: which stillness was the pose, did the sensor move
         questions = {
             "asked": [[still.start_s, still.end_s] for still in calibration.proposals],
             "spread_deg": calibration.spread_deg,
@@ -81,7 +81,7 @@ def _describe_facts(analysis: Analysis) -> dict[str, Any]:
 
 
 def _list_unread(analysis: Analysis) -> Iterator[list[Any]]:
-    """Return each stretch that waits for a pose, with the stillnesses at its beginning that may be one."""
+    """Return each stretch without a pose, with the stillnesses at its start that may be one."""
     duration_s = analysis.recording.duration_us / MICROSECONDS
     left_out = [part for part in analysis.axis_parts if part.arm_axis is None]
     parts = [part for part in left_out if awaits_pose(part.start_s, part.end_s)]
@@ -104,7 +104,7 @@ def _bound(span: Span) -> list[float]:
 
 FHIR = "fhir.json"
 
-# How far along each stage begins, from the share of time each takes on a long shift.
+# Start of each stage as a fraction, from its share of the time on a long shift.
 _BEGINS: dict[Stage, float] = {
     "reading": 0.0,
     "checking": 0.45,
@@ -116,41 +116,40 @@ _BEGINS: dict[Stage, float] = {
 
 
 CAPTURES = ("mvnx", "dot")
-"""Layouts whose angle needs no fusion of ours."""
+"""Layouts with computed angles, which need no fusion."""
 
 
 def ignore_stage(_stage: Stage, _fraction: float) -> None:
-    """Take the place of a listener where nobody listens."""
+    """Do nothing: the default listener."""
 
 
 def make_report(
-    log: Path,
+    recording_path: Path,
     request: ReportRequest,
     out: Path,
     on_stage: OnStage = ignore_stage,
-    known: KnownLogs = NOTHING_KNOWN,
+    known: KnownFiles = NOTHING_KNOWN,
 ) -> None:
-    """Analyse the file and write every product into the existing folder ``out``.
+    """Analyse the file and write every product to the existing folder ``out``.
 
-    ``known``: SHA-256 of the log and of the files joined to it, where the caller has taken them already, and
-    where decoded samples are kept.
+    ``known``: SHA-256 of the recording and of the files joined to it, if already computed, and the cache of
+    decoded samples.
 
     Writes ``results.json``, ``elevation.parquet``, the tables of :func:`export_results` and, for each
-    language, ``report.<language>.<kind>`` and the answer in five lines, ``answer.<language>.txt``; where a
-    PDF is asked for, ``fhir.json`` too. With a cache, as the server has one, the day is written for the page.
-
-    Raises fusion.errors.FusionError if no number can be given; then nothing has been written.
+    language, ``report.<language>.<kind>`` and the answer in five lines, ``answer.<language>.txt``; with a PDF
+    also ``fhir.json``. With a cache (on a server) it also writes the day for the page. Raises
+    fusion.errors.FusionError if no figure can be computed; then nothing has been written.
     """
-    analysis = _analyse_file(log, request, known, lambda stage: on_stage(stage, _BEGINS[stage]))
+    analysis = _analyse_file(recording_path, request, known, lambda stage: on_stage(stage, _BEGINS[stage]))
     on_stage("rendering", _BEGINS["rendering"])
-    findings, subject = take_findings(analysis), describe_subject(request)
+    findings, subject = build_findings(analysis), describe_subject(request)
     subject = replace(subject, report_id=identify_report(analysis.settings, findings, subject))
     content = encode_results(findings, subject)
     (out / RESULTS).write_bytes(content)
     results = load_results(content)
 
     def write_angle(path: Path) -> None:
-        """Have the disk take the angle while the pages are drawn."""
+        """Write the angles to disk while the pages are rendered."""
         write_elevation(analysis.elevation, path)
         sync_file(path)
 
@@ -158,12 +157,12 @@ def make_report(
         for name, table in export_results(results).items():
             (out / name).write_bytes(table)
 
-    with ThreadPoolExecutor(1) as writer:  # packing angles releases the interpreter, as drawing pages does
+    with ThreadPoolExecutor(1) as writer:  # both release the interpreter lock
         written = [writer.submit(write_angle, out / "elevation.parquet"), writer.submit(write_tables)]
         write_reports(findings, subject, request, out)
         for work in written:
             work.result()
-    if "pdf" in request.kinds:  # with the PDFs as they stand there, and a conclusion in the first language
+    if "pdf" in request.kinds:  # with the PDFs as written, and a conclusion in the first language
         pdfs = {language: (out / f"report.{language}.pdf").read_bytes() for language in request.languages}
         conclusion = (out / f"answer.{request.languages[0]}.txt").read_text("utf-8")
         (out / FHIR).write_bytes(encode_fhir(results, pdfs, conclusion, request.version))
@@ -172,7 +171,7 @@ def make_report(
 
 
 def write_elevation_csv(parquet: Path, _request: ReportRequest, out: Path, on_stage: OnStage) -> None:
-    """Write the angles of the file ``parquet`` as ``elevation.csv.gz`` in ``out``."""
+    """Write the angles of the file ``parquet`` as ``elevation.csv.gz`` to ``out``."""
     on_stage("rendering", 0.0)
     (out / "elevation.csv.gz").write_bytes(encode_elevation_csv(parquet))
 
@@ -180,13 +179,13 @@ def write_elevation_csv(parquet: Path, _request: ReportRequest, out: Path, on_st
 def make_report_again(
     finished: Path, request: ReportRequest, out: Path, on_stage: OnStage = ignore_stage
 ) -> None:
-    """Write the reports of the finished analysis in the folder ``finished``, in the languages asked."""
+    """Write the reports of the finished analysis in the folder ``finished`` in the requested languages."""
     on_stage("rendering", _BEGINS["rendering"])
     rewrite_reports(finished, request, out)
 
 
 def describe_subject(request: ReportRequest) -> ReportSubject:
-    """Build the subject of a report: whose arm it is, and which software analysed it."""
+    """Build the subject of a report: the person's arm, and the software of the analysis."""
     software = Software(software_version(), software_revision())
     return ReportSubject(
         file_name=request.file_name,
@@ -202,25 +201,28 @@ def describe_subject(request: ReportRequest) -> ReportSubject:
 
 
 def _analyse_file(
-    log: Path, request: ReportRequest, known: KnownLogs, begin: Callable[[Stage], None]
+    recording_path: Path, request: ReportRequest, known: KnownFiles, begin: Callable[[Stage], None]
 ) -> Analysis:
-    told = request.select_diary()
-    diary, windows_s = tuple(entry for entry in told if entry.kind != "pose"), request.calibration_windows_s
+    entries = request.select_diary()
+    diary, windows_s = (
+        tuple(entry for entry in entries if entry.kind != "pose"),
+        request.calibration_windows_s,
+    )
     begin("reading")
     if request.source == "angles":
-        with log.open("rb") as file:
+        with recording_path.open("rb") as file:
             return analyse_angles(file, begin, diary)
-    captured = _read_capture(log, request)
+    captured = _read_capture(recording_path, request)
     if captured is not None:
         duration_us = round((captured.last_s - captured.first_s) * MICROSECONDS)
-        windows_s = windows_s or find_diary_poses(told, captured.start, duration_us)
+        windows_s = windows_s or find_diary_poses(entries, captured.start, duration_us)
         return analyse_angle_file(captured, begin, diary, windows_s)
-    recording = read_logs(log, request, known)
+    recording = read_joined(recording_path, request, known)
     settings = AnalysisSettings(
         request.method,
         request.pose,
         windows_s,
-        told,
+        entries,
         request.arm_axis,
         request.slip_times_s,
         request.no_slip_times_s,
@@ -234,9 +236,9 @@ def _analyse_file(
     return analyse(recording, settings, begin)
 
 
-def _read_capture(log: Path, request: ReportRequest) -> AngleFile | None:
+def _read_capture(recording_path: Path, request: ReportRequest) -> AngleFile | None:
     """Read a motion capture; None for a file with samples of an inertial sensor."""
-    with log.open("rb") as file:
+    with recording_path.open("rb") as file:
         if holds_device_format(file):
             return None
         layout = recognise_layout(file, request.file_name)

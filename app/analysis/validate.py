@@ -1,4 +1,4 @@
-"""From a recording and a reference to how far they agree."""
+"""Compare a recording with a reference: how well they agree."""
 
 import json
 import re
@@ -22,8 +22,8 @@ from app.report.agreement import (
     encode_agreement_table,
     encode_cells,
     encode_entries,
+    encode_sentences,
     encode_validation,
-    tell_agreement,
 )
 from app.report.export.tables import Row, encode_table
 from app.report.findings import Software
@@ -53,32 +53,31 @@ from fusion.settings import AnalysisSettings
 
 NO_QUIET = np.empty((0, 6), np.float32)
 ANGLES_ONLY = ("mvnx", "parquet")
-"""Layouts that never hold samples of an inertial sensor."""
+"""Layouts that never contain samples of an inertial sensor."""
 
 
 def make_validation(
-    log: Path,
+    recording_path: Path,
     request: ReportRequest,
     out: Path,
     on_stage: OnStage = ignore_stage,
     *,
     has_curves: bool = False,
 ) -> None:
-    """Compare the recording with the request's reference and write every product into the folder ``out``.
+    """Compare the recording with the request's reference and write every product to the folder ``out``.
 
-    ``has_curves``: for the page, write both angles (:mod:`app.store.day_file`) and the plot of
-    Bland and Altman, too.
+    ``has_curves``: also write both angles (:mod:`app.store.day_file`) and the Bland-Altman plot for the page.
 
     Raises fusion.errors.FusionError if the two cannot be compared; then nothing has been written.
     """
-    comparison = compare_files(log, request, on_stage)
+    comparison = compare_files(recording_path, request, on_stage)
     on_stage("rendering", 0.9)
     subject = describe_comparison(comparison, request)
     validation = build_validation(comparison, subject)
     encoded = write_comparison(validation, out)
     for language in request.languages:
         report = build_agreement(comparison, subject, validation, language)
-        (out / f"answer.{language}.txt").write_bytes(tell_agreement(validation, language))
+        (out / f"answer.{language}.txt").write_bytes(encode_sentences(validation, language))
         (out / f"validation.{language}.html").write_bytes(render_html(report))
         document = render_pdf(report, {"validation.json": encoded}, request.paper)
         (out / f"validation.{language}.pdf").write_bytes(document)
@@ -98,20 +97,22 @@ def make_validation(
 
 
 def write_comparison(validation: Mapping[str, Any], out: Path) -> bytes:
-    """Write ``validation.json`` and ``validation.csv``; gives the former's bytes."""
+    """Write ``validation.json`` and ``validation.csv``; return the bytes of the first."""
     encoded = encode_validation(validation)
     (out / "validation.json").write_bytes(encoded)
     (out / "validation.csv").write_bytes(encode_agreement_table(validation))
     return encoded
 
 
-def compare_files(log: Path, request: ReportRequest, on_stage: OnStage = ignore_stage) -> Comparison:
-    """Read both files, fuse what is to be fused, and compare."""
+def compare_files(
+    recording_path: Path, request: ReportRequest, on_stage: OnStage = ignore_stage
+) -> Comparison:
+    """Read both files, fuse samples if needed, and compare."""
     reference = request.reference
     if reference is None:
         raise ValueError("no reference")
     on_stage("reading", 0.0)
-    ours = read_side(log, request, on_stage)
+    ours = read_side(recording_path, request, on_stage)
     options = AngleFileOptions(request.side, reference.rate_hz)
     with Path(reference.path).open("rb") as file:
         other = read_angle_file(file, reference.file_name, options)
@@ -120,16 +121,16 @@ def compare_files(log: Path, request: ReportRequest, on_stage: OnStage = ignore_
     return compare_sides(ours, other, ComparisonSettings(clock, reference.tasks))
 
 
-def read_side(log: Path, request: ReportRequest, on_stage: OnStage = ignore_stage) -> Side:
-    """Read one side of the comparison: a recording, which is fused, or else a file with its angle."""
-    with log.open("rb") as file:
+def read_side(recording_path: Path, request: ReportRequest, on_stage: OnStage = ignore_stage) -> Side:
+    """Read one side of the comparison: a recording, which is fused, or else a file with angles."""
+    with recording_path.open("rb") as file:
         layout = recognise_layout(file, request.file_name)
         if layout not in ANGLES_ONLY:
             settings = AnalysisSettings(
                 request.method, request.pose, request.calibration_windows_s, pose_held=request.pose_held
             )
             try:
-                recording = read_file(log, request)
+                recording = read_file(recording_path, request)
                 on_stage("fusing", 0.5)
                 return take_recording(fuse_recording(recording, settings))
             except UnknownFormat:
@@ -175,25 +176,24 @@ _PAPER_TASK = re.compile(r"task[-_ ]?0*(10|[1-9])(?!\d)", re.IGNORECASE)
 
 @dataclass(frozen=True, slots=True)
 class StudyFile:
-    """One recording of a study: its reference, its person, and the task that its folder stands for."""
+    """One recording of a study: its reference, its person, and the task of its folder."""
 
-    log: Path
+    recording_path: Path
     reference: Path
     person: str
     task: str
     paper_task: int | None
 
     def name(self, study: Path) -> str:
-        """Return its place within the study."""
-        return self.log.relative_to(study).as_posix()
+        """Return its path within the study."""
+        return self.recording_path.relative_to(study).as_posix()
 
 
 def find_study_files(study: Path, out: Path) -> tuple[StudyFile, ...]:
     """Find the recordings that have a reference in their folder, in a stable order.
 
-    Those that have none: :func:`find_lonely_recordings`.
-
-    Raises UnusableStudy if there is none.
+    :func:`find_recordings_without_reference` returns the others. Raises UnusableStudy if no recording has a
+    reference.
     """
     references = sorted(
         path for path in study.rglob("reference.*") if path.is_file() and not _is_in(path, out)
@@ -204,17 +204,17 @@ def find_study_files(study: Path, out: Path) -> tuple[StudyFile, ...]:
         person, task = (places[0] if places else study.name), " / ".join(places[1:])
         found = _PAPER_TASK.match(places[-1]) if places[1:] else None
         files += [
-            StudyFile(log, reference, person, task, int(found[1]) if found else None)
-            for log in sorted(reference.parent.iterdir())
-            if log.is_file() and _is_recording(log)
+            StudyFile(recording_path, reference, person, task, int(found[1]) if found else None)
+            for recording_path in sorted(reference.parent.iterdir())
+            if recording_path.is_file() and _is_recording(recording_path)
         ]
     if not files:
         raise UnusableStudy(why="study-empty")
     return tuple(files)
 
 
-def find_lonely_recordings(study: Path, out: Path) -> tuple[StudyProblem, ...]:
-    """List the recordings of people without a reference in their folder, in a stable order."""
+def find_recordings_without_reference(study: Path, out: Path) -> tuple[StudyProblem, ...]:
+    """Return the recordings of people without a reference in their folder, in a stable order."""
     return tuple(
         describe_failure(path.relative_to(study).as_posix(), NoReference())
         for path in sorted(study.glob("*/**/*"))
@@ -242,11 +242,11 @@ def build_request(file: StudyFile, request: ReportRequest) -> ReportRequest:
 
     Raises UnusableTasks if its list of tasks cannot be read.
     """
-    names = (f"{file.log.name.partition('.')[0]}.tasks.csv", "tasks.csv")
-    lists = (path for path in map(file.log.with_name, names) if path.is_file())
+    names = (f"{file.recording_path.name.partition('.')[0]}.tasks.csv", "tasks.csv")
+    lists = (path for path in map(file.recording_path.with_name, names) if path.is_file())
     tasks = next((read_tasks(path.read_bytes()) for path in lists), ())
     return ReportRequest(
-        file.log.name,
+        file.recording_path.name,
         file.person,
         request.side,
         request.method,
@@ -258,34 +258,32 @@ def build_request(file: StudyFile, request: ReportRequest) -> ReportRequest:
 
 
 def describe_failure(name: str, error: FusionError | OSError) -> StudyProblem:
-    """Turn an exception into a problem of the study."""
+    """Convert an exception to a problem of the study."""
     if isinstance(error, FusionError):
         return StudyProblem(name, error.code, error.facts)
     return StudyProblem(name, UNREADABLE_PATH, {"why": error.strerror or ""})
 
 
-# Every recording is compared as :mod:`app.analysis.validate` does it; then the table over people is made.
+# The study: compare every recording, then build the table over people.
 
 
 WHOLE = "all"
-"""Name of the task where nothing states one."""
+"""Name of the task if none is stated."""
 
 
 def make_study(
     study: Path, request: ReportRequest, out: Path, on_file: Callable[[str], None]
 ) -> tuple[StudyProblem, ...]:
-    """Compare every recording of the study, and write the table over people into the existing folder ``out``.
+    """Compare every recording of the study, and write the table over people to the existing folder ``out``.
 
-    Returns what could not be compared.
+    Returns the recordings that could not be compared. Writes ``study.json``, ``table.csv`` (task by device),
+    ``comparisons.csv`` (person by task by device), ``problems.csv``, ``study.<language>.html`` and ``.pdf``.
+    Each comparison has a separate folder with ``validation.json`` and ``validation.csv``.
 
-    Writes ``study.json``, ``table.csv`` (task by device), ``comparisons.csv`` (person by task by device),
-    ``problems.csv``, ``study.<language>.html`` and ``.pdf``, and each comparison's ``validation.json`` and
-    ``validation.csv`` in a folder of its own.
-
-    Raises UnusableStudy if no recording with a reference, or none that could be compared.
+    Raises UnusableStudy if no recording has a reference, or none could be compared.
     """
     entries: list[AgreementEntry] = []
-    problems = list(find_lonely_recordings(study, out))
+    problems = list(find_recordings_without_reference(study, out))
     for file in find_study_files(study, out):
         on_file(file.name(study))
         try:
@@ -295,8 +293,8 @@ def make_study(
     rows: list[Row] = []
     for problem in problems:
         words = describe_problem(problem.code, problem.facts, request.languages[0])
-        told = {"title": words.title, "detail": words.detail, "fix": words.fix}
-        rows.append({"file": problem.name, "code": problem.code, **told})
+        texts = {"title": words.title, "detail": words.detail, "fix": words.fix}
+        rows.append({"file": problem.name, "code": problem.code, **texts})
     (out / "problems.csv").write_bytes(encode_table(("file", "code", "title", "detail", "fix"), rows))
     if not entries:
         raise UnusableStudy(why="study-failed")
@@ -306,7 +304,7 @@ def make_study(
 
 def _compare(file: StudyFile, request: ReportRequest, folder: Path) -> list[AgreementEntry]:
     asked = build_request(file, request)
-    comparison = compare_files(file.log, asked)
+    comparison = compare_files(file.recording_path, asked)
     subject = describe_comparison(comparison, asked)
     folder.mkdir(parents=True, exist_ok=True)
     write_comparison(build_validation(comparison, subject), folder)

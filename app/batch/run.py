@@ -44,7 +44,7 @@ from app.batch.folder import (
 )
 from app.errors import UNREADABLE_PATH, Crashed, Interrupted
 from app.request import ReportRequest
-from app.store.folder import KnownLogs, write_durably
+from app.store.folder import KnownFiles, write_durably
 from fusion.errors import Fact
 
 # How many recordings this machine analyses at once.
@@ -169,7 +169,7 @@ def _do(task: Task, before: Marker | None, asked: Marker | None, go_on: GoOn) ->
             version, changes = version + 1, find_changes(before, asked)
     request = replace(task.request, version=version, changes=changes)
     with open_staging(task.folder) as staging:
-        known = KnownLogs(tuple(asked.input.split()) if asked else ())
+        known = KnownFiles(tuple(asked.input.split()) if asked else ())
         outcome = _attempt(task, request, staging, partial(load_and_make_report, known=known), go_on)
         if outcome.code:
             return outcome

@@ -20,6 +20,7 @@ from app.report.export.tables import (
     PROBLEM_COLUMNS,
     Row,
     add_origin,
+    build_problem_row,
     describe_periods,
     encode_datapackage,
     encode_dictionary,
@@ -27,7 +28,6 @@ from app.report.export.tables import (
     encode_table,
     summarise_failure,
     summarise_results,
-    tell_problem,
 )
 from app.report.export.xlsx import encode_workbook
 from app.report.figures import load_results
@@ -82,7 +82,7 @@ def _encode_tables(
         for one, results in every
     ]
     done = [results for results in found if results is not None]
-    problems = [tell_problem(o.task.origin, o.code, o.facts, language) for o in outcomes if o.code]
+    problems = [build_problem_row(o.task.origin, o.code, o.facts, language) for o in outcomes if o.code]
     periods = [row for results in done for row in describe_periods(results)]
     index = [_build_index_row(one, row, language) for one, row in zip(outcomes, rows, strict=True)]
     run = {

@@ -32,7 +32,7 @@ from fusion.conventions import PoseHeld
 
 if TYPE_CHECKING:
     from app.accounts.accounts import Person
-    from app.accounts.logins import Logins
+    from app.accounts.sign_in import SignIn
     from app.library.jobs import JobStore
     from app.ops.backup import Copied
     from app.ops.place import Accounts
@@ -225,7 +225,7 @@ def verify(
     from app.library.database.connect import check_whole  # noqa: PLC0415  the database, and only this needs it
     from app.ops.backup import find_damage  # noqa: PLC0415
     from app.ops.place import check_used, record_command  # noqa: PLC0415
-    from app.ops.verify import find_faults, find_kept  # noqa: PLC0415
+    from app.ops.verify import find_expected, find_faults  # noqa: PLC0415
 
     with _refusals_printed(lang, find_settings(data)):
         settings = find_settings(data)
@@ -233,7 +233,7 @@ def verify(
             check_used(settings)
             check_whole(settings.database_url)
             record_command(settings, "store.verified")
-            kept = find_kept(settings)
+            kept = find_expected(settings)
             number, faults = len(kept), tuple(find_faults(settings, kept))
         else:
             copied = find_damage(file, identity)
@@ -363,7 +363,7 @@ def show_trail(
     lang: LanguageOption = "en",
 ) -> None:
     """Answer who touched a subject, or what somebody did, between two moments; the newest first."""
-    from app.library.audit_log import AuditQuestion, find_lines, record_alone  # noqa: PLC0415
+    from app.library.audit_log import AuditFilter, find_lines, record_alone  # noqa: PLC0415
     from app.library.recordings import RecordingStore  # noqa: PLC0415
 
     for option, value in (("--subject", subject), ("--recording", recording), ("--who", who)):
@@ -373,7 +373,7 @@ def show_trail(
         ids = frozenset({recording}) if recording else None
         if subject and ids is None:
             ids = RecordingStore(store.engine, store.reader).find_of_subject(subject)
-        question = AuditQuestion(ids, who, "", _read_moment(begin), _read_moment(end))
+        question = AuditFilter(ids, who, "", _read_moment(begin), _read_moment(end))
         record_alone(store.engine, "trail.read")
         _print_lines(
             form, map(asdict, find_lines(store.reader, question, most=MOST_SHOWN * (form == "text"))), lang
@@ -409,7 +409,7 @@ def end_hold(
     from app.library.recordings import RecordingStore  # noqa: PLC0415
 
     with _opened(lang, data) as (_, store):
-        RecordingStore(store.engine, store.reader).let_go(recording)
+        RecordingStore(store.engine, store.reader).release_hold(recording)
     print_sentence(lang, "trail", "let_go", id=recording)
 
 
@@ -555,7 +555,7 @@ RolesOption = Annotated[list[str], typer.Option("--role", metavar="|".join(ROLES
 class _Desk:
     """The accounts of an installation, and the language in which they are told of."""
 
-    logins: "Logins"
+    sign_in: "SignIn"
     language: Language
 
     def say(self, sentence: str, **facts: str) -> None:
@@ -563,13 +563,13 @@ class _Desk:
         typer.echo(fill(load_wording(self.language, "access")["command"][sentence], shown))
 
     def find(self, login: str) -> "Person":
-        person = self.logins.accounts.find_person(login)
+        person = self.sign_in.accounts.find_person(login)
         if person is None:
             raise NotHere(id=login)
         return person
 
     def give_link(self, person: "Person", term_s: float) -> None:
-        link = f"/login/link/{self.logins.make_link(person.id, term_s)}"
+        link = f"/login/link/{self.sign_in.make_link(person.id, term_s)}"
         self.say("link", hours=str(int(term_s // 3600)), link=link)
         self.say("link_path")
 
@@ -580,8 +580,8 @@ class _Desk:
             password = typer.prompt(str(words["ask"]), hide_input=True, confirmation_prompt=True)
         else:
             password = sys.stdin.readline().rstrip("\r\n")
-        self.logins.check_password(person, password)
-        self.logins.set_password(person, password)
+        self.sign_in.check_password(person, password)
+        self.sign_in.set_password(person, password)
         self.say("password", login=person.login)
 
 
@@ -595,11 +595,11 @@ def add(
     lang: LanguageOption = "en",
 ) -> None:
     """Add a person; prints an address that works once, by which a password is chosen."""
-    from app.accounts.logins import INVITED_S  # noqa: PLC0415  the database, and only this needs it
+    from app.accounts.sign_in import INVITED_S  # noqa: PLC0415  the database, and only this needs it
 
     with _open(data, lang, may_begin=True) as desk:
         roles = frozenset(_read_known("--role", role, ROLES))
-        person = desk.logins.accounts.add_person(login, name or login, roles)
+        person = desk.sign_in.accounts.add_person(login, name or login, roles)
         desk.say("added", login=person.login, roles=", ".join(sorted(roles)))
         if password:
             desk.ask_password(person)
@@ -611,9 +611,9 @@ def add(
 def list_people(data: DataOption = None, lang: LanguageOption = "en") -> None:
     """List the people."""
     with _open(data, lang) as desk:
-        desk.logins.accounts.note_reading()
+        desk.sign_in.accounts.record_people_read()
         words = load_wording(lang, "access")
-        for person in desk.logins.accounts.find_people():
+        for person in desk.sign_in.accounts.find_people():
             state = words["ended"] if person.ended_at else words["command"]["open"]
             about = {"id": person.id, "login": person.login, "name": person.name, "state": state}
             roles = ", ".join(sorted(person.roles))
@@ -627,7 +627,7 @@ def roles(
     """Return a person these roles in place of those before."""
     with _open(data, lang) as desk:
         given = frozenset(_read_known("--role", role, ROLES))
-        desk.logins.accounts.set_roles(desk.find(login).id, given)
+        desk.sign_in.accounts.set_roles(desk.find(login).id, given)
         desk.say("roles", login=login, roles=", ".join(sorted(given)))
 
 
@@ -642,12 +642,12 @@ def reset(
     lang: LanguageOption = "en",
 ) -> None:
     """Let a person choose a new password by an address that works once, for an hour."""
-    from app.accounts.logins import FORGOTTEN_S  # noqa: PLC0415  the database, and only this needs it
+    from app.accounts.sign_in import FORGOTTEN_S  # noqa: PLC0415  the database, and only this needs it
 
     with _open(data, lang) as desk:
         person = desk.find(login)
         if second_factor:
-            desk.logins.drop_second_factor(person.id)
+            desk.sign_in.drop_second_factor(person.id)
             desk.say("second", login=person.login)
         if password:
             desk.ask_password(person)
@@ -659,7 +659,7 @@ def reset(
 def end(login: LoginArgument, data: DataOption = None, lang: LanguageOption = "en") -> None:
     """Let a person log in no more; sessions and tokens end at once."""
     with _open(data, lang) as desk:
-        desk.logins.accounts.end_person(desk.find(login).id)
+        desk.sign_in.accounts.end_person(desk.find(login).id)
         desk.say("ended", login=login)
 
 
@@ -681,7 +681,7 @@ def token(
         person, chosen = desk.find(login), _read_known("--may", permission, PERMISSIONS)
         may = collect_permissions(person.roles)
         subject = Subject("person", person.id, person.name, may)
-        made, bearer = make_token(desk.logins.accounts, subject, name, chosen, days)
+        made, bearer = make_token(desk.sign_in.accounts, subject, name, chosen, days)
         typer.echo(bearer)
         desk.say("token_once", end=format_end(made))
 
@@ -697,7 +697,7 @@ def _read_known(option: str, given: list[str], known: Collection[T]) -> list[T]:
 def _open(data: DataOption, lang: Language, *, may_begin: bool = False) -> Iterator[_Desk]:
     """Open the accounts; ``may_begin``: the installation may begin with them."""
     from app.accounts.accounts import AccountStore  # noqa: PLC0415  the database, and only this needs it
-    from app.accounts.logins import Logins  # noqa: PLC0415
+    from app.accounts.sign_in import SignIn  # noqa: PLC0415
     from app.library.audit_log import AT_MACHINE, acting  # noqa: PLC0415
     from app.ops.place import check_used  # noqa: PLC0415
     from app.store.permissions import make_folder  # noqa: PLC0415
@@ -710,6 +710,6 @@ def _open(data: DataOption, lang: Language, *, may_begin: bool = False) -> Itera
         accounts = AccountStore(settings)
         try:
             with acting(AT_MACHINE):
-                yield _Desk(Logins(accounts, settings), lang)
+                yield _Desk(SignIn(accounts, settings), lang)
         finally:
             accounts.database.close()

@@ -1,1 +1,1 @@
-"""Jobs: their rows, the queue, the workers, and the child processes that analyse."""
+"""The stored data: recordings, analyses, batches, and the queue of jobs."""

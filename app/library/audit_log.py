@@ -1,9 +1,9 @@
-"""The audit log: one line for each act.
+"""The audit log: one line per act.
 
-A line is in the same transaction as its act. :func:`record` notes it on the connection; the engine inserts
-what was noted when the transaction commits, and a rollback drops it with the act. A line holds ids and codes:
-no figure, name or subject code. Each line is also logged as one JSON line, so that the log of the system
-carries it to another machine.
+A line is in the same transaction as its act. :func:`record` stores it on the connection, the engine inserts
+it when the transaction commits, and a rollback drops it with the act. A line contains ids and codes, but no
+figure, name or subject code. Each line is also logged as one JSON line, so that the system log can carry it
+to another machine.
 """
 
 import json
@@ -92,7 +92,7 @@ Act = Literal[
 ]
 ACTS: frozenset[str] = frozenset(get_args(Act))
 SYSTEM, AT_MACHINE, NOBODY = "system", "machine", "nobody"
-"""Who acts if no person or token does: workers and housekeeping, the command line, somebody unknown."""
+"""Actors other than persons and tokens: workers and housekeeping, the command line, unknown callers."""
 
 _NOTED = "acromion.audit_log"
 _CODE = re.compile(r"[\w./:{}=+*~-]{0,120}", re.ASCII)
@@ -104,13 +104,13 @@ logger = logging.getLogger(AUDIT_LOGGER)
 
 
 def set_actor(who: str) -> None:
-    """Set who acts in this task, and in the threads it starts."""
+    """Set the actor of this task and of the threads it starts."""
     _actor.set(who)
 
 
 @contextmanager
 def acting(who: str) -> Iterator[None]:
-    """Set who acts for a while."""
+    """Set the actor for the block."""
     token = _actor.set(who)
     try:
         yield
@@ -118,20 +118,20 @@ def acting(who: str) -> Iterator[None]:
         _actor.reset(token)
 
 
-def find_actor() -> str:
-    """Return who acts here."""
+def get_actor() -> str:
+    """Return the current actor."""
     return _actor.get()
 
 
-def begin_touching() -> dict[str, str]:
-    """Begin to collect the analyses whose files this task reads: recording by analysis."""
+def begin_collecting_reads() -> dict[str, str]:
+    """Start collecting the analyses whose files this task reads: recording id by analysis id."""
     found: dict[str, str] = {}
     _touched.set(found)
     return found
 
 
 def touch(recording_id: str, analysis_id: str) -> None:
-    """Collect an analysis whose files are read now."""
+    """Collect an analysis whose files are read."""
     found = _touched.get()
     if found is not None:
         found[analysis_id] = recording_id
@@ -146,16 +146,16 @@ def record(
     other: Mapping[str, str | int] | None = None,
     who: str | None = None,
 ) -> None:
-    """Note an act; its line is written when the transaction of the connection commits.
+    """Record an act; its line is written when the transaction of the connection commits.
 
-    Raises ValueError: the act is not on the list, or ``other`` holds more than ids and codes.
+    Raises ValueError if the act is unknown, or ``other`` contains anything except ids and codes.
     """
     codes = dict(sorted((other or {}).items()))
     if act not in ACTS or not all(_CODE.fullmatch(str(code)) for code in codes.values()):
         raise ValueError(act)
     line = {
         "at": datetime.now(UTC).isoformat(timespec="microseconds"),
-        "who": find_actor() if who is None else who,
+        "who": get_actor() if who is None else who,
         "act": act,
         "recording_id": recording_id,
         "analysis_id": analysis_id,
@@ -163,7 +163,7 @@ def record(
     }
     transaction = connection.get_transaction()
     noted_in, lines = connection.info.get(_NOTED, (None, []))
-    if noted_in is not transaction:  # lines of one that was rolled back are dropped
+    if noted_in is not transaction:  # drop lines of a rolled-back transaction
         lines = []
     lines.append(line)
     connection.info[_NOTED] = (transaction, lines)
@@ -203,8 +203,8 @@ def _find_recording(connection: Connection, analysis_id: str) -> str:
     return str(connection.execute(query).scalar() or "") if analysis_id else ""
 
 
-def keep_audit_log(engine: Engine) -> None:
-    """Let an engine write what was noted with each commit."""
+def attach_audit_log(engine: Engine) -> None:
+    """Make an engine write the recorded lines with each commit."""
     event.listen(engine, "commit", _write_noted)
 
 
@@ -217,17 +217,17 @@ def _write_noted(connection: Connection) -> None:
         logger.info(json.dumps({"audit": line["act"]} | line | {"other": json.loads(line["other"] or "{}")}))
 
 
-# Questions: who touched a recording, what did somebody do.
+# Queries: who accessed a recording, what did a person do.
 
 MOST_IDS = 500
 
 
 @dataclass(frozen=True, slots=True)
-class AuditQuestion:
-    """Which lines are asked for; what is left out lets any through.
+class AuditFilter:
+    """A filter for lines; empty fields match any.
 
-    ``begin`` and ``end`` are moments, ISO 8601 in UTC; one at ``end`` is left out. ``recording_ids``: None
-    for any.
+    ``begin`` and ``end`` are timestamps, ISO 8601 in UTC; ``end`` itself is excluded. ``recording_ids``: None
+    matches any.
     """
 
     recording_ids: frozenset[str] | None = None
@@ -253,10 +253,8 @@ class AuditLine:
 AUDIT_COLUMNS = tuple(AuditLine.__dataclass_fields__)
 
 
-def find_lines(
-    reader: Engine, asked: AuditQuestion, *, before: int = 0, most: int = 0
-) -> Iterator[AuditLine]:
-    """Return the lines of a question, the newest first; ``before`` goes on after a page of them."""
+def find_lines(reader: Engine, asked: AuditFilter, *, before: int = 0, most: int = 0) -> Iterator[AuditLine]:
+    """Return the matching lines, newest first; ``before`` continues after a page of them."""
     query = select(*(audit_log.c[name] for name in AUDIT_COLUMNS)).order_by(audit_log.c.seq.desc())
     for name, value in {"who": asked.who, "act": asked.act}.items():
         query = query.where(audit_log.c[name] == value) if value else query
@@ -272,7 +270,7 @@ def find_lines(
 
 
 def parse_moment(text_: str) -> str:
-    """Parse a moment of a question to the form of the lines, in UTC; without a zone it is UTC.
+    """Convert a timestamp of a query to UTC in the format of the lines; without a zone it is UTC.
 
     Raises ValueError.
     """

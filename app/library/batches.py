@@ -1,8 +1,8 @@
 """Batches: many analyses under one name.
 
-A batch that a script asks for as a whole keeps the analyses it asked for. A study is a batch that goes by its
-name and holds each recording once, by its latest analysis: it grows with each recording that is added under
-its name, and follows a recording that is corrected.
+A batch that a script requests keeps the analyses that it requested. A study is a batch identified by its
+name; it contains the latest analysis of each of its recordings. It grows with each recording added under its
+name, and follows corrections of its recordings.
 """
 
 import hashlib
@@ -32,9 +32,9 @@ if TYPE_CHECKING:  # it imports this module
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """A batch and how many of its analyses are in each state; one that was repeated counts once.
+    """A batch and the number of its analyses in each state; a repeated analysis counts once.
 
-    ``duplicate_count``: how many of the requested analyses existed already and were not made again.
+    ``duplicate_count``: requested analyses that already existed and were reused.
     """
 
     id: str
@@ -45,12 +45,12 @@ class Batch:
 
     @property
     def item_count(self) -> int:
-        """How many analyses are in it now."""
+        """Current number of analyses."""
         return sum(self.counts.values())
 
     @property
     def is_over(self) -> bool:
-        """Nothing more will happen to it, unless failed ones are tried again."""
+        """Whether every analysis has ended; failed ones may still be retried."""
         return not self.counts[JobState.QUEUED] and not self.counts[JobState.RUNNING]
 
 
@@ -62,10 +62,9 @@ class BatchStore(RowStore):
     ) -> Batch:
         """Queue an analysis for each item, in one commit.
 
-        The same bytes with the same settings are analysed once: an item that stands twice counts once, and
-        an earlier analysis of the same bytes and settings by this engine is reused unless ``again`` is set.
-        A batch of the same name, items, settings and order that is whole is returned as it is, unless
-        ``again`` is set.
+        The same bytes with the same settings are analysed once: a repeated item counts once, and an earlier
+        analysis of the same bytes and settings by this engine is reused. A complete batch of the same name,
+        items, settings and order is returned as it is. With ``again`` everything is analysed again.
         """
         batch_id = f"ba_{secrets.token_hex(8)}"
         parts = [name, *([recording.id, identify_work(recording.sha256, wish)] for recording, wish in items)]
@@ -109,12 +108,12 @@ class BatchStore(RowStore):
         return Batch(row.id, row.name, row.duplicate_count, row.created_at, counts)
 
     def find_newest(self, limit: int) -> tuple[Batch, ...]:
-        """Return the batches asked for last, the newest first."""
+        """Return the most recently requested batches, newest first."""
         newest = select(batches.c.id).order_by(batches.c.created_at.desc(), batches.c.id.desc()).limit(limit)
         return tuple(self.get(row.id) for row in self._read_all(newest))
 
     def find_jobs(self, batch_id: str) -> tuple[Job, ...]:
-        """Return the analyses that count, in the order in which they were asked for."""
+        """Return the current analyses in the requested order."""
         rows = self._read_all(_select_jobs_of(batch_id).order_by(batch_items.c.place))
         return tuple(read_job(row) for row in rows)
 
@@ -125,7 +124,7 @@ class BatchStore(RowStore):
         return {row.analysis_id: row.verdict for row in rows}
 
     def retry_failed(self, batch_id: str) -> int:
-        """Queue every failed analysis of the batch again, in one commit; gives how many."""
+        """Queue every failed analysis of the batch again, in one commit; return their number."""
         failed = _select_jobs_of(batch_id).where(analyses.c.state == JobState.FAILED)
         with self._engine.begin() as connection:
             jobs = [read_job(row) for row in connection.execute(failed.with_for_update(of=analyses))]
@@ -143,8 +142,8 @@ def _select_jobs_of(batch_id: str) -> Select[Any]:
 
 
 def _take_key(connection: Connection, key: str) -> str | None:
-    """Find the whole batch of a key; one that has lost an analysis gives the key up."""
-    lock_tables(connection)  # two requests at once make one batch
+    """Find the complete batch of a key; an incomplete one loses the key."""
+    lock_tables(connection)  # two simultaneous requests create one batch
     row = connection.execute(select(batches.c.id, batches.c.item_count).where(batches.c.key == key)).first()
     if row is None:
         return None
@@ -156,7 +155,7 @@ def _take_key(connection: Connection, key: str) -> str | None:
 
 
 def _find_known(connection: Connection, keys: Sequence[str]) -> dict[str, str]:
-    """Return the analysis of each key that has one, the oldest."""
+    """Return the oldest analysis of each key that has one."""
     found: dict[str, str] = {}
     for first in range(0, len(keys), KEYS_PER_QUERY):
         query = select_same(keys[first : first + KEYS_PER_QUERY])
@@ -169,12 +168,12 @@ def _find_known(connection: Connection, keys: Sequence[str]) -> dict[str, str]:
 
 
 def identify_study(name: str) -> str:
-    """Return the id of the batch that is the study of this name: two that begin it at once begin the same."""
+    """Return the id of the study of this name, the same for simultaneous requests."""
     return "ba_" + hashlib.sha256(f"study\n{name}".encode()).hexdigest()[:16]
 
 
 def join_study(connection: Connection, name: str, analysis_id: str) -> str:
-    """Add an analysis to the study of a name, which begins with its first; return the study's id."""
+    """Add an analysis to the study of a name, created if needed; return the study's id."""
     study_id = identify_study(name)
     make_insert = postgresql.insert if connection.dialect.name == "postgresql" else sqlite.insert
     study = {"id": study_id, "name": name, "item_count": 0, "created_at": format_now(), "duplicate_count": 0}
@@ -190,8 +189,8 @@ def join_study(connection: Connection, name: str, analysis_id: str) -> str:
     return study_id
 
 
-def follow_recording(connection: Connection, analysis_id: str) -> None:
-    """Let every study that holds the recording of an analysis go on with this analysis."""
+def update_studies(connection: Connection, analysis_id: str) -> None:
+    """Replace the recording's earlier analysis by this one in every study that contains it."""
     same = _select_siblings(analysis_id)
     holding = (
         select(batches.c.id, batches.c.name)
@@ -206,7 +205,7 @@ def follow_recording(connection: Connection, analysis_id: str) -> None:
 
 
 def _replace_recording(connection: Connection, study_id: str, analysis_id: str) -> bool:
-    """Put an analysis in the place of an earlier one of its recording; False where the study has none."""
+    """Replace an earlier analysis of the same recording; return False if the study has none."""
     mine = (batch_items.c.batch_id == study_id, batch_items.c.analysis_id.in_(_select_siblings(analysis_id)))
     change = update(batch_items).where(*mine).values(analysis_id=analysis_id)
     return connection.execute(change).rowcount > 0

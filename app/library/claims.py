@@ -1,9 +1,9 @@
-"""The queue: changes of a job's state, new jobs, and which job is next.
+"""The queue: state changes of jobs, new jobs, and the choice of the next job.
 
-A job asked for on the page has priority. Everything else waits in flows: each batch is one, the single
-requests of each subject (a token, or the machine) are another. The jobs of a flow are numbered; the lowest
-number is next, so that the flows take turns. A new flow begins at the lowest waiting number, neither before
-nor behind the others (start-time fair queueing: Goyal et al. 1996, with all jobs taken as equally long).
+A job requested on the page has priority. All other jobs wait in flows: each batch is one, and the single
+requests of each subject (a token, or the machine) are another. The jobs of a flow are numbered and the lowest
+number is next, so that the flows take turns. A new flow starts at the lowest waiting number, neither before
+nor after the others (start-time fair queueing: Goyal et al. 1996, with all jobs taken as equally long).
 """
 
 import secrets
@@ -14,7 +14,7 @@ from sqlalchemy import ColumnElement, Connection, Float, exists, func, insert, s
 from sqlalchemy.ext.compiler import compiles
 from sqlalchemy.sql.functions import FunctionElement
 
-from app.library.audit_log import Act, find_actor, record
+from app.library.audit_log import Act, get_actor, record
 from app.library.database.tables import analyses, batch_items, recordings
 from app.library.rows import TRANSITIONS, JobState, find_sources, format_now, select_running_s
 from app.library.side_files import increment_revision, increment_revision_of
@@ -32,19 +32,19 @@ _ENDS: Mapping[JobState, Act] = {
 
 
 class DatabaseClock(FunctionElement[float]):
-    """The time by the clock of the database, in seconds: no clocks of two computers are compared."""
+    """Time by the clock of the database in s, so that clocks of different computers are never compared."""
 
     type = Float()
     inherit_cache = True
 
 
 @compiles(DatabaseClock, "sqlite")
-def _tell_time_in_sqlite(*_: object, **__: object) -> str:
+def _compile_clock_for_sqlite(*_: object, **__: object) -> str:
     return "((julianday('now') - 2440587.5) * 86400.0)"
 
 
 @compiles(DatabaseClock, "postgresql")
-def _tell_time_in_postgresql(*_: object, **__: object) -> str:
+def _compile_clock_for_postgresql(*_: object, **__: object) -> str:
     return "CAST(extract(epoch FROM clock_timestamp()) AS double precision)"
 
 
@@ -72,7 +72,7 @@ def change_state(
     values: Mapping[str, object],
     token: str | None = None,
 ) -> bool:
-    """Change the state by one guarded update; False where the transitions or the token do not allow it.
+    """Change the state by one guarded update; return False if transitions or token do not allow it.
 
     Of two callers who change the same job at once, one wins.
     """
@@ -90,13 +90,13 @@ def change_state(
 
 
 def cancel_job(connection: Connection, analysis_id: str) -> None:
-    """Cancel a job unless it is over; a problem that delayed it is not why it ended."""
+    """Cancel a job unless it is over, and clear a problem that delayed it."""
     ended = {"ended_at": format_now(), "problem_code": None, "problem_facts": None}
     change_state(connection, analysis_id, JobState.CANCELLED, ended)
 
 
 def replace_job(connection: Connection, analysis_id: str, again: str) -> None:
-    """Replace a job by the one that repeats it, in every batch that asked for it."""
+    """Replace a job by its repetition, also in every batch that requested it."""
     connection.execute(update(analyses).where(analyses.c.id == analysis_id).values(replaced_by=again))
     mine = batch_items.c.analysis_id == analysis_id
     connection.execute(update(batch_items).where(mine).values(analysis_id=again))
@@ -111,7 +111,7 @@ def enqueue(
     way_in: WayIn,
     batch_id: str | None = None,
 ) -> str:
-    """Write the row of a new job of ``recording`` (its id and SHA-256); gives the job's id."""
+    """Add a new job of ``recording`` (its id and SHA-256); return the job's id."""
     (analysis_id,) = enqueue_all(connection, [(*recording, request)], way_in, batch_id)
     return analysis_id
 
@@ -122,7 +122,7 @@ def enqueue_all(
     way_in: WayIn,
     batch_id: str | None = None,
 ) -> list[str]:
-    """Write the rows of several new jobs (recording, its SHA-256, request); gives their ids in order."""
+    """Add several new jobs (recording, its SHA-256, request); return their ids in order."""
     requests = number_versions(connection, items)
     first = 0 if way_in == "web" else _find_turn(connection, batch_id)
     rows: list[dict[str, Any]] = [
@@ -139,7 +139,7 @@ def enqueue_all(
             "priority": PAGE_PRIORITY if way_in == "web" else SCRIPT_PRIORITY,
             "turn": first + place,
             "batch_id": batch_id,
-            "asked_by": find_actor(),
+            "asked_by": get_actor(),
         }
         for place, ((recording_id, sha256, _), request) in enumerate(zip(items, requests, strict=True))
     ]
@@ -153,9 +153,9 @@ def enqueue_all(
 
 
 def find_next(connection: Connection) -> str | None:
-    """Find the waiting job whose turn it is, and lock it for this transaction; None when none may begin.
+    """Find the next waiting job and lock it for this transaction; None if no job may start.
 
-    The analyses of one recording run one after another: each report states which one it replaces.
+    The analyses of one recording run one after another, because each report states which one it replaces.
     """
     query = (
         select(analyses.c.id, analyses.c.recording_id)
@@ -166,27 +166,27 @@ def find_next(connection: Connection) -> str | None:
         .with_for_update(key_share=True, skip_locked=True)
     )
     row = connection.execute(query).one_or_none()
-    # A peer may have started another analysis of this recording between our query and our lock.
+    # Another worker may have started an analysis of this recording between our query and our lock.
     if row is None or connection.execute(select(_is_running(row.recording_id))).scalar():
         return None
     return str(row.id)
 
 
 def _is_running(recording_id: ColumnElement[str] | str) -> ColumnElement[bool]:
-    """Build the condition that an analysis of a recording runs."""
+    """Return the condition that an analysis of a recording is running."""
     other = analyses.alias()
     return exists().where(other.c.recording_id == recording_id, other.c.state == JobState.RUNNING)
 
 
 def _find_turn(connection: Connection, batch_id: str | None) -> int:
-    """Find the number after the last of the flow, or the lowest that waits where the flow is new.
+    """Return the number after the last one of the flow, or the lowest waiting one for a new flow.
 
-    Each batch is a flow; of what is asked for singly each subject's is one.
+    Each batch is a flow, and the single requests of each subject are another.
     """
     waits = (analyses.c.state == JobState.QUEUED, analyses.c.priority == SCRIPT_PRIORITY)
     flow = analyses.c.batch_id.is_not_distinct_from(batch_id)
     if batch_id is None:
-        flow &= analyses.c.asked_by == find_actor()
+        flow &= analyses.c.asked_by == get_actor()
     own = select(func.max(analyses.c.turn)).where(flow, *waits)
     last = connection.execute(own).scalar()
     if last is not None:

@@ -1,7 +1,7 @@
-"""What is decided about the data: how long each kind is kept, releases, published group figures.
+"""Data governance: retention, releases and published group figures.
 
-Without a row a kind is kept for good. Ages are counted in the running time of the
-server, never by the clock: a clock that is put forward deletes nothing. What is on hold is not deleted.
+A kind without a row is kept permanently. Ages are counted in the running time of the server, never by the
+clock: a clock that is set forward deletes nothing. Recordings on hold are not deleted.
 """
 
 import json
@@ -43,15 +43,15 @@ MOST_AT_ONCE = 50
 
 
 class RetentionStore(RowStore):
-    """Rows of terms, and what has reached its term."""
+    """Retention terms in the database, and the data that has reached them."""
 
     def find_all(self) -> Mapping[Kind, int | None]:
-        """Return the term of each kind, days; None if it is kept for good."""
+        """Return the term of each kind in days; None if it is kept permanently."""
         rows = {row.kind: int(row.days) for row in self._read_all(select(retention))}
         return {kind: rows.get(kind) for kind in KINDS}
 
     def put(self, kind: str, days: int | None) -> None:
-        """Change the term of a kind; None keeps it for good. Raises BadParameter."""
+        """Change the term of a kind; None keeps it permanently. Raises BadParameter."""
         if kind not in KINDS:
             raise BadParameter(name="kind", value=kind[:20], allowed=", ".join(KINDS))
         if days is not None and not 1 <= days <= LONGEST_DAYS:
@@ -63,14 +63,14 @@ class RetentionStore(RowStore):
             record(connection, "retention.changed", other={"kind": kind, "days": days or "for_good"})
 
     def add_running_time(self, elapsed_s: float) -> None:
-        """Count running time."""
+        """Add running time."""
         with self._engine.begin() as connection:
             longer = {"running_s": running_time.c.running_s + elapsed_s}
             if connection.execute(update(running_time).values(longer)).rowcount == 0:
                 connection.execute(insert(running_time).values(id=1, running_s=elapsed_s))
 
     def find_due_recordings(self) -> tuple[str, ...]:
-        """Return recordings whose term has passed, a few at a time; none on hold."""
+        """Return some of the recordings whose term has passed, none on hold."""
         days = self.find_all()["recordings"]
         if days is None:
             return ()
@@ -81,7 +81,7 @@ class RetentionStore(RowStore):
         return tuple(row.id for row in self._read_all(query.limit(MOST_AT_ONCE)))
 
     def find_due_results(self) -> tuple[str, ...]:
-        """Return analyses whose term has passed since they ended, a few at a time; none of a held one."""
+        """Return some of the analyses whose term has passed since they ended, none of a recording on hold."""
         days = self.find_all()["results"]
         if days is None:
             return ()
@@ -94,14 +94,14 @@ class RetentionStore(RowStore):
         return tuple(row.id for row in self._read_all(query.limit(MOST_AT_ONCE)))
 
     def find_trash_term_s(self, otherwise_s: float) -> float:
-        """Return how long the trash is kept; ``otherwise_s`` where no term is set."""
+        """Return how long the trash is kept; ``otherwise_s`` if no term is set."""
         days = self.find_all()["trash"]
         return otherwise_s if days is None else days * DAY_S
 
     def drop_analysis(self, analysis_id: str) -> bool:
-        """Delete the rows of an analysis that is over; False where its recording is on hold by now.
+        """Delete the rows of a finished analysis; return False if its recording is on hold by now.
 
-        Its files are to be removed after that: what no row names, a start puts into quarantine.
+        Remove its files afterwards: the next start moves files without a row into quarantine.
         """
         mine = analyses.c.id == analysis_id
         held = (
@@ -122,7 +122,7 @@ class RetentionStore(RowStore):
         return True
 
     def shorten_audit_log(self) -> int:
-        """Delete the lines of the audit log whose term has passed; return how many. A new line says so."""
+        """Delete lines of the audit log whose term has passed; return their number. A new line records it."""
         days = self.find_all()["trail"]
         if days is None:
             return 0
@@ -138,8 +138,8 @@ def _is_over() -> ColumnElement[bool]:
     return analyses.c.state.in_([state for state in JobState if not TRANSITIONS[state]])
 
 
-# Releases. A release is of one report, not of a later version, and a row of its own; a further row takes it
-# back: the bytes of the report stay as they are.
+# Releases. A release is a separate row for one report, not for a later version. A further row withdraws it:
+# the bytes of the report stay unchanged.
 
 
 REPORT = "report.pdf"
@@ -161,7 +161,7 @@ _COLUMNS = tuple(field.name for field in fields(Release))
 
 
 class ReleaseStore(RowStore):
-    """Rows of releases."""
+    """Releases in the database."""
 
     def find(self, analysis_id: str) -> Release | None:
         """Return the release of an analysis; None if it was never released or the release was withdrawn."""
@@ -173,15 +173,15 @@ class ReleaseStore(RowStore):
         return Release(**{name: columns[name] for name in _COLUMNS} | {"is_taken_back": False})
 
     def release(self, job: Job, who: str) -> Release | None:
-        """Release the report of an analysis; one that is released already stays so.
+        """Release the report of an analysis, unless it is already released.
 
-        Raises NoSuchFile: there is no report, or another has replaced it.
+        Raises NoSuchFile if there is no report, or another has replaced it.
         """
         known = self.find(job.id)
         return known if known is not None else self._add(job, who, "report.released")
 
-    def take_back(self, job: Job, who: str) -> Release | None:
-        """Take a release back; a report that is not released stays as it is."""
+    def withdraw(self, job: Job, who: str) -> Release | None:
+        """Withdraw a release; a report without one stays unchanged."""
         return None if self.find(job.id) is None else self._add(job, who, "report.taken_back")
 
     def _add(self, job: Job, who: str, act: Act) -> Release | None:
@@ -203,12 +203,11 @@ class ReleaseStore(RowStore):
         return self.find(job.id)
 
 
-# Published group figures of a study for an employer, by the rule of the group profile: five people or more.
-# What is published is a block: the means over at least five people of a study who are in no block yet,
-# rounded, computed once and never again. A person counts in one block of the whole organisation. So the
-# blocks are disjoint: no difference between two of them, of two studies or of two moments gives fewer than
-# five people. There is no filter. People are told apart by their subject codes; a recording without one
-# counts nowhere.
+# Published group figures of a study for an employer, by the rule of the group profile: five people or more. A
+# published block has the rounded means over at least five people of a study who are in no block yet. It is
+# computed once and never again. A person counts in one block of the whole organisation. The blocks are
+# therefore disjoint: no difference between two blocks, studies or dates describes fewer than five people.
+# There is no filter. Subject codes distinguish people; a recording without one does not count.
 
 
 STEP_PERCENT = 1
@@ -230,7 +229,7 @@ class Block:
 
 @dataclass(frozen=True, slots=True)
 class StudyGroup:
-    """A study and its published blocks, the oldest first."""
+    """A study and its published blocks, oldest first."""
 
     id: str
     name: str
@@ -238,16 +237,16 @@ class StudyGroup:
 
 
 class AggregateStore(RowStore):
-    """Rows of published blocks."""
+    """Published blocks in the database."""
 
     def find_studies(self, most: int) -> tuple[StudyGroup, ...]:
-        """Return every study, the newest first; the name of one shows only with a block."""
+        """Return every study with a block, newest first."""
         newest = select(batches.c.id).order_by(batches.c.created_at.desc(), batches.c.id.desc()).limit(most)
         groups = (self.publish(row.id) for row in self._read_all(newest))
         return tuple(group for group in groups if group.blocks)
 
     def publish(self, study_id: str) -> StudyGroup:
-        """Return the blocks of a study, with a new one where enough people are in none. Raises NotHere."""
+        """Return the blocks of a study; add a new one if enough people are not in any yet. Raises NotHere."""
         row = self._read_one(select(batches).where(batches.c.id == study_id))
         if row is None:
             raise NotHere(id=study_id)
@@ -280,7 +279,7 @@ class AggregateStore(RowStore):
 
 
 def _read_new_people(connection: Connection, study_id: str) -> Mapping[str, Sequence[Any]]:
-    """Return the reports of each person of a study who counts in no block yet, by subject code."""
+    """Return the reports of each person of a study who is not in a block yet, by subject code."""
     columns = (recordings.c.subject, recordings.c.id.label("recording_id"))
     figures = (answers.c.above_60_percent, answers.c.recorded_s)
     query = (
@@ -306,7 +305,7 @@ def _read_new_people(connection: Connection, study_id: str) -> Mapping[str, Sequ
 
 
 def _average(people: Iterable[Sequence[Any]]) -> dict[str, float]:
-    """Return the means over people, each with the same weight whatever the number of recordings."""
+    """Return the means over people, each person with the same weight for any number of recordings."""
     of_each = list(people)
     above = fmean(fmean(row.above_60_percent for row in rows) for rows in of_each)
     hours = fmean(fmean(row.recorded_s / 3600.0 for row in rows) for rows in of_each)

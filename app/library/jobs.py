@@ -1,4 +1,4 @@
-"""The rows of jobs: the single source of truth for what was asked, what runs and how it ended."""
+"""The rows of jobs: the single source of truth for requests, running analyses and their ends."""
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
@@ -22,7 +22,7 @@ from sqlalchemy.exc import OperationalError
 
 from app.errors import Interrupted, NotHere, StaleVersion, StoreMismatch
 from app.library.audit_log import Act, record
-from app.library.batches import follow_recording, join_study
+from app.library.batches import join_study, update_studies
 from app.library.claims import (
     DatabaseClock,
     WayIn,
@@ -36,7 +36,7 @@ from app.library.claims import (
 )
 from app.library.database.connect import READ_ONLY, lock_tables, open_database
 from app.library.database.tables import analyses, answers, facts, recordings, result_files
-from app.library.listing import HeadlineFigures, adopt_description
+from app.library.listing import HeadlineFigures, apply_description
 from app.library.recordings import Description, Place, check_not_purged, insert_recording, select_page
 from app.library.rows import (
     PURGING,
@@ -54,10 +54,10 @@ from app.library.versions import (
     COUNTED,
     build_item,
     drop_drafts,
+    drop_outdated_conclusion,
     identify_work,
     renumber,
     select_same,
-    settle_conclusion,
 )
 from app.request import Conclusion, ReportRequest
 from app.settings import Settings
@@ -67,12 +67,12 @@ from fusion.errors import Fact
 _BACK: Mapping[str, object] = {"token": None, "stage": None, "progress": 0.0}
 MOST_SAME = 20
 AWAITED = "header"
-"""The fact of a refusal that names the header whose columns an analysis awaits."""
+"""The fact of a refusal that identifies the table header whose columns must be named."""
 
 
 @dataclass(frozen=True, slots=True)
 class JobFilter:
-    """Which jobs are listed; "" asks for any."""
+    """A filter for jobs; "" matches any."""
 
     state: JobState | Literal[""] = ""
     batch_id: str = ""
@@ -82,8 +82,8 @@ class JobFilter:
 class JobStore(RowStore):
     """Rows of recordings and analyses in one database.
 
-    Every change of state is one guarded UPDATE that names the states it may start from and, for a running
-    job, the attempt's token. So two workers, or a worker and a person, may act at once: one of them wins.
+    Every change of state is one guarded UPDATE that names the allowed start states and, for a running job,
+    the attempt's token. If two workers, or a worker and a person, act at once, one of them wins.
     """
 
     def __init__(self, settings: Settings) -> None:
@@ -97,12 +97,12 @@ class JobStore(RowStore):
 
     @property
     def engine(self) -> Engine:
-        """The engine that writes, for the other stores of the same database."""
+        """The writing engine, for the other stores of the same database."""
         return self._engine
 
     @property
     def reader(self) -> Engine:
-        """The engine that only reads."""
+        """The read-only engine."""
         return self._reader
 
     def check_belongs(self, store_id: str) -> None:
@@ -127,7 +127,7 @@ class JobStore(RowStore):
         external_id: str = "",
         study: str = "",
     ) -> Job:
-        """Acknowledge a recording and queue its analysis, which joins the study named, in one commit.
+        """Store a recording and queue its analysis in one commit; the analysis joins the named study.
 
         Raises PurgedSince.
         """
@@ -141,34 +141,34 @@ class JobStore(RowStore):
         return self.get(analysis_id)
 
     def add_analysis(self, recording: tuple[str, str], request: ReportRequest, way_in: WayIn = "api") -> Job:
-        """Queue an analysis of a recording that is stored (its id and SHA-256)."""
+        """Queue an analysis of a stored recording (its id and SHA-256)."""
         with self._engine.begin() as connection:
             analysis_id = enqueue(connection, recording, request, way_in)
         return self.get(analysis_id)
 
     def correct(self, job: Job, asked: ReportRequest) -> Job:
-        """Queue what a person corrected of the current version; the same correction again is made once.
+        """Queue a person's correction of the current version; repeating the same correction adds nothing.
 
-        Raises StaleVersion: ``job`` is not the current version any more.
+        Raises StaleVersion if ``job`` is not the current version any more.
         """
         with self._engine.begin() as connection:
-            newest = _find_newer(connection, job, settle_conclusion(connection, job, asked))
+            newest = _find_newer(connection, job, drop_outdated_conclusion(connection, job, asked))
             if newest is not None:
                 return newest
             analysis_id = _queue_again(connection, job, asked)
         return self.get(analysis_id)
 
     def add_correction(self, job: Job, asked: ReportRequest) -> Job:
-        """Queue another analysis of a recording; every study of the recording goes on with it."""
+        """Queue another analysis of a recording; it replaces the earlier one in every study."""
         with self._engine.begin() as connection:
             analysis_id = _queue_again(connection, job, asked)
         return self.get(analysis_id)
 
     def conclude(self, job: Job, conclusion: Conclusion | None) -> Job:
-        """Queue the next version of a report, with a conclusion; None takes it away, and leaves no draft.
+        """Queue the next version of a report with a conclusion; None removes it and any draft.
 
-        The same conclusion again is made once.
-        Raises StaleVersion: ``job`` is not the current version any more.
+        Repeating the same conclusion adds nothing. Raises StaleVersion if ``job`` is not the current version
+        any more.
         """
         asked = replace(job.request, conclusion=conclusion, reason="")
         with self._engine.begin() as connection:
@@ -180,11 +180,11 @@ class JobStore(RowStore):
                 drop_drafts(connection, job.recording_id)
             act: Act = "conclusion.dismissed" if conclusion is None else "report.concluded"
             record(connection, act, job.recording_id, analysis_id)
-            follow_recording(connection, analysis_id)
+            update_studies(connection, analysis_id)
         return self.get(analysis_id)
 
     def dismiss_draft(self, analysis_id: str) -> None:
-        """Delete the draft of a conclusion, so that no later analysis gets it; without one nothing happens.
+        """Delete the draft of a conclusion, so that no later analysis gets it; without one do nothing.
 
         Raises NotHere.
         """
@@ -195,17 +195,17 @@ class JobStore(RowStore):
                 record(connection, "conclusion.dismissed", job.recording_id, job.id)
 
     def join_study(self, name: str, analysis_id: str) -> str:
-        """Add an analysis to the study of this name; gives the study's id."""
+        """Add an analysis to the study of this name; return the study's id."""
         with self._engine.begin() as connection:
             return join_study(connection, name, analysis_id)
 
     def find_same(self, sha256: str, request: ReportRequest) -> tuple[Job, ...]:
-        """Return the analyses of the same bytes with the same settings and engine, the oldest first."""
+        """Return the analyses of the same bytes with the same settings and engine, oldest first."""
         query = select_same([identify_work(sha256, request)]).limit(MOST_SAME)
         return tuple(read_job(row) for row in self._read_all(query))
 
     def retry(self, analysis_id: str, way_in: WayIn = "api") -> Job:
-        """Queue a failed or cancelled analysis again, once; one that waits, runs or is done stays as it is.
+        """Queue a failed or cancelled analysis again, once; any other stays unchanged.
 
         Raises NotHere.
         """
@@ -215,7 +215,7 @@ class JobStore(RowStore):
         return self.repeat(job, way_in) if job.state in (JobState.FAILED, JobState.CANCELLED) else job
 
     def repeat(self, job: Job, way_in: WayIn) -> Job:
-        """Queue an analysis that is over again, once; the new one replaces it."""
+        """Queue a finished analysis again, once; the new one replaces it."""
         mine = analyses.c.id == job.id
         with self._engine.begin() as connection:
             repeated = select(analyses.c.replaced_by).where(mine).with_for_update()
@@ -226,24 +226,24 @@ class JobStore(RowStore):
         return self.get(str(self.get(job.id).replaced_by))
 
     def repeat_all(self, asked: Sequence[tuple[Job, ReportRequest]]) -> int:
-        """Queue the analyses of recordings again, each by its request, in one commit; gives their number.
+        """Queue analyses of recordings again, each with its request, in one commit; return their number.
 
-        A failed or cancelled analysis is replaced, in its batch too; a report stays until the new one is
-        made, and every study of a recording goes on with it. They take turns with all else that
-        waits: a file that a person drops goes first.
+        A failed or cancelled analysis is replaced, also in its batch. A report stays until the new one is
+        made. Every study contains the new analyses at once. The jobs take turns with all other waiting jobs;
+        a file dropped on the page goes first.
         """
         with self._engine.begin() as connection:
             items = [build_item(connection, job, request) for job, request in asked]
             for (job, _), again in zip(asked, enqueue_all(connection, items, "api"), strict=True):
                 if job.state in (JobState.FAILED, JobState.CANCELLED):
                     replace_job(connection, job.id, again)
-                follow_recording(connection, again)
+                update_studies(connection, again)
         return len(asked)
 
     def withdraw(self, analysis_id: str) -> Job:
-        """Replace a failed analysis by the report before it; gives the analysis of that report.
+        """Replace a failed analysis by the previous report; return the analysis of that report.
 
-        Raises NotHere: the analysis has not failed, or there is no earlier report.
+        Raises NotHere if the analysis has not failed, or there is no earlier report.
         """
         job = self.get(analysis_id)
         reports = self.find_reports(job.recording_id)
@@ -265,17 +265,17 @@ class JobStore(RowStore):
         return read_job(row)
 
     def find_trashed(self, analysis_id: str) -> str | None:
-        """Return the recording of an analysis that is in the trash with it; None for any other."""
+        """Return the recording id of an analysis in the trash; None for any other."""
         query = select(analyses.c.recording_id).join(recordings, analyses.c.recording_id == recordings.c.id)
         row = self._read_one(query.where(analyses.c.id == analysis_id, recordings.c.state == TRASHED))
         return None if row is None else str(row.recording_id)
 
     def find_newest(self, limit: int = 100) -> tuple[Job, ...]:
-        """Return the jobs asked for last, newest first."""
+        """Return the most recently requested jobs, newest first."""
         return self.find_page(JobFilter(), limit)
 
     def find_page(self, wanted: JobFilter, limit: int = 100, after: Place | None = None) -> tuple[Job, ...]:
-        """Return the newest jobs that the filter lets through, from ``after`` on."""
+        """Return the newest jobs that match the filter, from ``after`` on."""
         query = select_jobs()
         for name, value in asdict(wanted).items():
             if name == "batch_id" and value:
@@ -286,7 +286,7 @@ class JobStore(RowStore):
         return tuple(read_job(row) for row in self._read_all(page))
 
     def find_reports(self, recording_id: str) -> tuple[Job, ...]:
-        """Return the reports of a recording, the newest first, without comparisons and what was replaced."""
+        """Return the reports of a recording, newest first, without comparisons and replaced reports."""
         finished = self.find_page(JobFilter(JobState.SUCCEEDED, recording_id=recording_id))
         return tuple(job for job in finished if job.replaced_by is None and job.request.reference is None)
 
@@ -303,11 +303,11 @@ class JobStore(RowStore):
         return {str(code): number for code, number in self._read_all(query)}
 
     def count_waiting(self) -> int:
-        """Count the jobs that wait."""
+        """Count the waiting jobs."""
         return int(self._read_value(select(func.count()).where(analyses.c.state == JobState.QUEUED)))
 
     def claim(self) -> Job | None:
-        """Take the job whose turn it is (:mod:`app.library.claims`), or None when nothing waits."""
+        """Claim the next job (:mod:`app.library.claims`); None if no job waits."""
         with self._engine.begin() as connection:
             analysis_id = find_next(connection)
             if analysis_id is None:
@@ -317,7 +317,7 @@ class JobStore(RowStore):
         return self.get(analysis_id)
 
     def renew(self, analysis_id: str, token: str, stage: str | None, progress: float) -> bool:
-        """Renew the lease of an attempt and record its progress; False when the job is no longer its own."""
+        """Renew the lease of an attempt and record its progress; return False if it has lost the job."""
         lease = {"lease_until_s": DatabaseClock() + self._lease_s, "is_lease_missed": 0}
         change = (
             update(analyses)
@@ -328,14 +328,14 @@ class JobStore(RowStore):
         return self._write(change) == 1
 
     def return_expired(self) -> tuple[tuple[str, str], ...]:
-        """Put back the jobs whose lease ran out twice in a row; return analysis and token of each attempt.
+        """Put back jobs whose lease ran out twice in a row; return analysis and token of each attempt.
 
-        The first time the lease is only extended: after a computer slept, the database was away or a clock
-        was changed, a living worker renews it before it runs out again. The end of a worker is no evidence
-        against the file: it counts as an interruption (:meth:`interrupt`).
+        The first time the lease is only extended: after a computer slept, the database was unreachable or a
+        clock was changed, a running worker renews it before it runs out again. The end of a worker is no
+        evidence against the file: it counts as an interruption (:meth:`interrupt`).
         """
         now_s, missed = DatabaseClock(), analyses.c.is_lease_missed
-        # far in the future: the clock was put back
+        # far in the future: the clock was set back
         is_out = or_(analyses.c.lease_until_s < now_s, analyses.c.lease_until_s > now_s + self._lease_s + 1.0)
         out = (analyses.c.state == JobState.RUNNING, is_out)
         is_last = and_(missed == 1, analyses.c.interruptions >= self._most_interruptions - 1)
@@ -365,40 +365,40 @@ class JobStore(RowStore):
         files: Iterable[ResultFile],
         headline: HeadlineFigures | None = None,
     ) -> bool:
-        """Publish the attempt's files; they appear together or, when another attempt counts, not at all."""
+        """Publish the attempt's files together; publish none if another attempt counts."""
         rows = [{"analysis_id": analysis_id, **asdict(file)} for file in files]
         with self._engine.begin() as connection:
             ended = {"progress": 1.0, "ended_at": format_now()}
             if not change_state(connection, analysis_id, JobState.SUCCEEDED, ended, token):
                 return False
             connection.execute(insert(result_files), rows)
-            adopt_description(connection, analysis_id)
+            apply_description(connection, analysis_id)
             if headline is not None:
                 connection.execute(insert(answers).values(analysis_id=analysis_id, **asdict(headline)))
         return True
 
     def is_published(self, analysis_id: str, token: str) -> bool:
-        """Return whether this attempt's files are the report (asked when the reply to a commit was lost)."""
+        """Return whether this attempt's files are the report, after the reply to a commit was lost."""
         mine = (analyses.c.id == analysis_id, analyses.c.token == token)
         query = select(analyses.c.id).where(*mine, analyses.c.state == JobState.SUCCEEDED)
         return self._read_value(query) is not None
 
     def fail(self, analysis_id: str, token: str, code: str, facts: Mapping[str, Fact]) -> bool:
-        """End the job, with the reason."""
+        """End the job with the reason."""
         with self._engine.begin() as connection:
             ended = _write_end(code, facts)
             return change_state(connection, analysis_id, JobState.FAILED, ended, token)
 
     def release(self, analysis_id: str, token: str, *, forgiven: bool = False) -> bool:
-        """Put the job back in the queue; a ``forgiven`` attempt (an orderly stop) counts as no death."""
+        """Put the job back into the queue; a ``forgiven`` attempt (an orderly stop) is not counted."""
         back = {**_BACK, "attempts": analyses.c.attempts - 1} if forgiven else _BACK
         with self._engine.begin() as connection:
             return change_state(connection, analysis_id, JobState.QUEUED, back, token)
 
     def interrupt(self, analysis_id: str, token: str) -> bool:
-        """Put back a job whose worker or computer has ended, without counting the attempt.
+        """Put back a job whose worker or computer has stopped, without counting the attempt.
 
-        After ``max_interruptions`` it fails: the analysis itself may be what ends its computer.
+        After ``max_interruptions`` it fails, because the analysis itself may crash its computer.
         """
         mine = select(analyses.c.interruptions).where(analyses.c.id == analysis_id)
         counted = {"attempts": analyses.c.attempts - 1, "interruptions": analyses.c.interruptions + 1}
@@ -410,14 +410,14 @@ class JobStore(RowStore):
             return change_state(connection, analysis_id, JobState.FAILED, {**ended, **counted}, token)
 
     def record_delay(self, analysis_id: str, token: str, code: str, put_backs: int) -> None:
-        """Record what delays an attempt, and how often its job was put back for it."""
+        """Record the cause of a delay, and how often it has put back the job."""
         facts = json.dumps({"tries": put_backs} if put_backs else {})
         mine = (analyses.c.id == analysis_id, analyses.c.token == token)
         delay = {"problem_code": code, "problem_facts": facts, "put_backs": put_backs}
         self._write(update(analyses).where(*mine, analyses.c.state == JobState.RUNNING).values(delay))
 
     def cancel(self, analysis_id: str) -> Job:
-        """Cancel the job unless it is over; its worker notices that its attempt counts no more.
+        """Cancel the job unless it is over; its worker notices that its attempt no longer counts.
 
         Raises NotHere.
         """
@@ -436,25 +436,25 @@ class JobStore(RowStore):
         return tuple(ResultFile(*row) for row in self._read_all(query.order_by(result_files.c.name)))
 
     def find_sha256(self, recording_id: str) -> str:
-        """Return the SHA-256 of a recording, or of the reference of one. Raises NotHere."""
+        """Return the SHA-256 of a recording, or of a reference. Raises NotHere."""
         sha256 = self._read_value(select(recordings.c.sha256).where(recordings.c.id == recording_id))
         if sha256 is None:
             raise NotHere(id=recording_id)
         return str(sha256)
 
     def run(self, change: Executable) -> None:
-        """Execute a change in a transaction of its own."""
+        """Execute a change in a separate transaction."""
         self._write(change)
 
-    def may_hold(self, recording_id: str) -> bool:
-        """Return whether a recording has a row; True when the database does not answer."""
+    def may_have_row(self, recording_id: str) -> bool:
+        """Return whether a recording has a row; True if the database does not respond."""
         try:
             return self._read_one(select(recordings.c.id).where(recordings.c.id == recording_id)) is not None
         except OperationalError:
             return True
 
     def find_recordings(self) -> frozenset[str]:
-        """Return the id of every acknowledged recording."""
+        """Return the id of every stored recording."""
         return self._read_ids(select(recordings.c.id))
 
     def find_with_side(self) -> frozenset[str]:
@@ -474,7 +474,7 @@ class JobStore(RowStore):
         return self._read_one(query) is not None
 
     def mark_purging(self, recording_id: str) -> None:
-        """Mark that the purge of a recording had begun; the next start continues it."""
+        """Record that the purge of a recording has begun; the next start continues it."""
         mine = recordings.c.id == recording_id
         gone = update(recordings).where(mine).values(state=PURGING, revision=recordings.c.revision + 1)
         with self._engine.begin() as connection:
@@ -491,16 +491,16 @@ class JobStore(RowStore):
         return self._read_ids(select(analyses.c.id))
 
     def find_attempts(self) -> frozenset[tuple[str, str]]:
-        """Return every attempt that runs or counts: (analysis, token)."""
+        """Return every attempt that is running or counts: (analysis, token)."""
         kept = (JobState.RUNNING, JobState.SUCCEEDED)
         query = select(analyses.c.id, analyses.c.token).where(analyses.c.state.in_(kept))
         return frozenset((row.id, row.token) for row in self._read_all(query))
 
 
 def _find_newer(connection: Connection, job: Job, asked: ReportRequest) -> Job | None:
-    """Find a later analysis that makes what is asked for; None if ``job`` is the current version.
+    """Find a later analysis with the same request; None if ``job`` is the current version.
 
-    Nobody else corrects the recording until the end of the transaction. Raises StaleVersion.
+    Locks the recording until the end of the transaction. Raises StaleVersion.
     """
     connection.execute(select(recordings.c.id).where(recordings.c.id == job.recording_id).with_for_update())
     place = (analyses.c.created_at, analyses.c.id)
@@ -522,7 +522,7 @@ def _find_newer(connection: Connection, job: Job, asked: ReportRequest) -> Job |
 
 def _queue_again(connection: Connection, job: Job, asked: ReportRequest) -> str:
     (analysis_id,) = enqueue_all(connection, [build_item(connection, job, asked)], "web")
-    follow_recording(connection, analysis_id)
+    update_studies(connection, analysis_id)
     return analysis_id
 
 

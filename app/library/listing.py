@@ -1,7 +1,7 @@
 """The library: every recording with its current report, filtered, counted and paged in SQL.
 
-The current report is that of the newest analysis; where that has none, the newest earlier report remains. A
-batch shows each analysis that it asked for.
+The current report is that of the newest analysis; if that has none, the newest earlier report remains. A
+batch shows each analysis that it requested.
 """
 
 import json
@@ -55,29 +55,29 @@ GROUPS: tuple[Group, ...] = get_args(Group)
 Order = Literal["newest", "name", "subject", "date", "side", "hours", "quality", "above_60"]
 ORDERS: tuple[Order, ...] = get_args(Order)
 
-JUDGED_BY = 40
-"""Earlier analyses by which the time left of one is judged."""
+DURATIONS_USED = 40
+"""Number of earlier analyses from which the remaining time of one is estimated."""
 VIEWS_FILE = "views.json"
 _ACTIVE = (JobState.QUEUED, JobState.RUNNING)
 _DOUBTFUL = ("caution", "poor")
 
 
-# What the rows keep of a finished analysis: headline figures for search and lists (the result files remain
-# the source of every figure), and the description that it was made with.
+# Stored copies of a finished analysis: headline figures for search and lists (the result files remain the
+# source of every figure), and its description.
 
 
 DAY_STEPS = 60
 
 FIELDS = ("subject", "side", "diary")
-"""What a correction on the page may change in the description of a recording."""
+"""Fields in the description of a recording that a correction on the page may change."""
 
 
-def adopt_description(connection: Connection, analysis_id: str) -> None:
-    """Copy the corrected subject, side and diary of a successful analysis into its recording.
+def apply_description(connection: Connection, analysis_id: str) -> None:
+    """Copy the corrected subject, side and diary of a successful analysis to its recording.
 
-    Only an analysis that was asked for on the page corrects its recording, and only once it has a report: a
-    correction that fails does not reach later analyses. A present value that no analysis was ever asked with
-    was entered by somebody else in the meantime, and stays.
+    Only an analysis requested on the page corrects its recording, and only once it has a report: a failed
+    correction does not reach later analyses. A present value that no analysis was requested with was entered
+    by another person in the meantime, and stays.
     """
     about = (recordings.c.id, *(recordings.c[name] for name in FIELDS))
     query = select(analyses.c.request, analyses.c.way_in, *about).join(
@@ -108,8 +108,8 @@ def adopt_description(connection: Connection, analysis_id: str) -> None:
 class HeadlineFigures:
     """The verdict and first figures of a report; ``start`` is the device's clock at the first sample.
 
-    ``method`` and ``method_version`` made its angles, "" and 0 where they came ready. ``day`` is the day in
-    short (:func:`summarise_day`), "" if it is not known. ``calibration_state``: of
+    ``method`` and ``method_version`` of the angles, "" and 0 if the file contained angles. ``day`` summarises
+    the day (:func:`summarise_day`), "" if unknown. ``calibration_state``: see
     :data:`fusion.conventions.CalibrationState`, "" if there is none.
     """
 
@@ -124,7 +124,7 @@ class HeadlineFigures:
 
 
 def read_headline(results: Path) -> HeadlineFigures | None:
-    """Read the headline figures from ``results.json``; None where they are not there."""
+    """Read the headline figures from ``results.json``; None if it lacks them."""
     try:
         found = load_results(results.read_bytes())
         above = {row["threshold_deg"]: row["percent"] for row in found["exposure"]["time_above"]}
@@ -146,7 +146,7 @@ def read_headline(results: Path) -> HeadlineFigures | None:
 def summarise_day(medians_deg: Sequence[float | None]) -> str:
     """Return the day in at most 60 steps of whole minutes: each the median of its minutes' medians.
 
-    Whole degrees with commas between; nothing stands where no minute of a step was analysed.
+    The values are whole degrees, separated by commas; a step without an analysed minute is empty.
     """
     width = max(1, math.ceil(len(medians_deg) / DAY_STEPS))
     steps = (medians_deg[first : first + width] for first in range(0, len(medians_deg), width))
@@ -159,12 +159,12 @@ def summarise_day(medians_deg: Sequence[float | None]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class LibraryFilter:
-    """Which recordings are shown; "" lets any through. ``first_day`` and ``last_day`` are ISO dates.
+    """A filter for recordings; "" matches any. ``first_day`` and ``last_day`` are ISO dates.
 
-    ``order`` begins with what is looked for: the newest, the most time above 60 deg, the poorest quality;
-    ``is_reversed`` turns it round.
+    ``order`` starts with the newest, the most time above 60 deg, or the poorest quality; ``is_reversed``
+    reverses it.
 
-    With ``batch`` the analyses of that batch are shown instead of the current one of each recording.
+    With ``batch`` the list shows the analyses of that batch instead of the current one of each recording.
     """
 
     text: str = ""
@@ -179,8 +179,9 @@ class LibraryFilter:
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """The current analysis of a recording, its headline figures once it has them, and a newer ``attempt``
-    without a report.
+    """The current analysis of a recording, with headline figures if available.
+
+    ``attempt`` is a newer analysis without a report.
     """
 
     job: Job
@@ -190,8 +191,8 @@ class Entry:
 
 
 @dataclass(frozen=True, slots=True)
-class Took:
-    """How long a finished analysis took."""
+class AnalysisDuration:
+    """Duration of a finished analysis."""
 
     file_name: str
     size_bytes: int
@@ -199,39 +200,39 @@ class Took:
 
 
 class Library(RowStore):
-    """The queries of the library; it only reads."""
+    """The read-only queries of the library."""
 
     def __init__(self, reader: Engine) -> None:
         super().__init__(reader, reader)
 
     def find_page(self, wanted: LibraryFilter, limit: int, skip: int = 0) -> tuple[Entry, ...]:
-        """Return a page of the recordings, the newest first."""
+        """Return a page of the recordings, in the order of the filter."""
         query = _select(wanted, is_walked=wanted == LibraryFilter()).order_by(*_choose_order(wanted))
         return self._read(query.limit(limit).offset(skip))
 
     def find_chosen(self, recording_ids: Collection[str], batch: str = "") -> tuple[Entry, ...]:
-        """Return some recordings, the newest first; those in the trash are left out."""
+        """Return the given recordings, newest first, without those in the trash."""
         chosen = recordings.c.id.in_(recording_ids)
         query = _select(LibraryFilter(batch=batch)).where(chosen)
         return self._read(query.order_by(*_newest_first()))
 
-    def find_took(self) -> tuple[Took, ...]:
-        """Return how long the last analyses took, by which the time left of others is judged."""
+    def find_durations(self) -> tuple[AnalysisDuration, ...]:
+        """Return the durations of the last analyses, from which the remaining time of others is estimated."""
         query = select_jobs().where(analyses.c.state == JobState.SUCCEEDED).order_by(*_newest_first())
-        jobs = [read_job(row) for row in self._read_all(query.limit(JUDGED_BY))]
+        jobs = [read_job(row) for row in self._read_all(query.limit(DURATIONS_USED))]
         return tuple(
-            Took(job.file_name, job.size_bytes, (job.ended_at - job.started_at).total_seconds())
+            AnalysisDuration(job.file_name, job.size_bytes, (job.ended_at - job.started_at).total_seconds())
             for job in jobs
             if job.started_at and job.ended_at and job.request.reference is None
         )
 
     def find_tags(self) -> tuple[str, ...]:
-        """Return every tag, by the alphabet."""
+        """Return every tag in alphabetical order."""
         query = select(recordings.c.tags).where(recordings.c.state == STORED, recordings.c.tags != "[]")
         return sort_tags(tag for row in self._read_all(query) for tag in read_tags(row.tags))
 
     def count(self, wanted: LibraryFilter) -> Mapping[Group, int]:
-        """Count the recordings of each group, among those that text and days let through."""
+        """Count the recordings of each group that match text and days."""
         rows = _select(replace(wanted, group="all")).subquery()
         groups = [_is_in_group(group, rows.c, rows.c, rows.c.report_id) for group in GROUPS]
         query = select(*(func.count().filter(group) for group in groups)).select_from(rows)
@@ -239,9 +240,9 @@ class Library(RowStore):
             return dict(zip(GROUPS, connection.execute(query).one(), strict=True))
 
     def find_others(self, job: Job, limit: int = 6) -> tuple[Entry, ...]:
-        """Find other recordings of the same subject that have a report, the newest first.
+        """Find other recordings of the same subject that have a report, newest first.
 
-        A comparison with a reference is no report.
+        A comparison with a reference does not count as a report.
         """
         if not find_code(job.request.subject):
             return ()
@@ -273,7 +274,7 @@ class Library(RowStore):
         return (shown[here - 1] if here else None), (shown[here + 1] if here + 1 < len(shown) else None)
 
     def _find_place(self, job: Job, wanted: LibraryFilter) -> tuple[str, str]:
-        """Find the place of the row that shows a job: that of the newest analysis of its recording."""
+        """Return the position of the row that shows a job: that of the newest analysis of its recording."""
         if wanted.batch:
             return job.created_at.isoformat(timespec="microseconds"), job.id
         newest = select(analyses.c.created_at, analyses.c.id).where(
@@ -295,12 +296,12 @@ def _read_shown_id(row: Any) -> str | None:
     return str(row.report_id or row.id) if row else None
 
 
-FALLING: Mapping[Order, ColumnElement[Any]] = {
+DESCENDING: Mapping[Order, ColumnElement[Any]] = {
     "date": answers.c.start,
     "hours": answers.c.recorded_s,
     "above_60": answers.c.above_60_percent,
 }
-"""Orders that begin with the most."""
+"""Orders that start with the largest value."""
 _RANKS = {"poor": 0, "caution": 1, "good": 2}
 
 
@@ -312,7 +313,7 @@ _WORD_ORDERS: Mapping[str, tuple[ColumnElement[Any], ...]] = {
 
 
 def _choose_order(wanted: LibraryFilter) -> tuple[ColumnElement[Any], ...]:
-    """Choose the columns to sort by; what has no value of the first one stands last, whichever way."""
+    """Return the columns to sort by; rows without a value come last in both directions."""
     if wanted.order == "newest":
         oldest_first = (analyses.c.created_at.asc(), analyses.c.id.asc())
         return oldest_first if wanted.is_reversed else _newest_first()
@@ -322,8 +323,8 @@ def _choose_order(wanted: LibraryFilter) -> tuple[ColumnElement[Any], ...]:
         turned_words = [(word.desc() if wanted.is_reversed else word.asc()).nulls_last() for word in words]
         return (*unnamed, *turned_words, *_newest_first())
     is_quality = wanted.order == "quality"
-    column = case(_RANKS, value=answers.c.verdict) if is_quality else FALLING[wanted.order]
-    is_falling = (wanted.order in FALLING) != wanted.is_reversed
+    column = case(_RANKS, value=answers.c.verdict) if is_quality else DESCENDING[wanted.order]
+    is_falling = (wanted.order in DESCENDING) != wanted.is_reversed
     turned = (column.desc() if is_falling else column.asc()).nulls_last()
     return turned, *_newest_first()
 
@@ -339,7 +340,7 @@ def _select(wanted: LibraryFilter, *, is_walked: bool = False) -> Select[Any]:
     if wanted.batch:
         is_shown = (analyses.c.id.in_(select_items(wanted.batch)),)
     report_id = _select_report(is_own=bool(wanted.batch))
-    # coalesce hides the index of the trash, so that SQLite walks the analyses by age
+    # coalesce hides the index of the trash, so that SQLite reads the analyses by age
     state = func.coalesce(recordings.c.state, "") if is_walked else recordings.c.state
     query = (
         select(analyses, *about, *headline, report_id.label("report_id"))
@@ -351,7 +352,7 @@ def _select(wanted: LibraryFilter, *, is_walked: bool = False) -> Select[Any]:
 
 
 def _select_report(*, is_own: bool) -> ColumnElement[Any]:
-    """Select the analysis of the current report: this one, or the newest that succeeded unless ``is_own``."""
+    """Select the analysis of the current report: this one, or the newest successful one unless ``is_own``."""
     other = analyses.alias()
     newest = None if is_own else _select_newest(other, other.c.state == JobState.SUCCEEDED)
     return case((analyses.c.state == JobState.SUCCEEDED, analyses.c.id), else_=newest)
@@ -371,25 +372,25 @@ def _build_conditions(wanted: LibraryFilter, report_id: ColumnElement[Any]) -> l
     if wanted.text:
         named = (func.lower(recordings.c[name]) for name in ("subject", "file_name"))
         conditions.append(or_(*(name.contains(wanted.text.lower(), autoescape=True) for name in named)))
-    if wanted.tag:  # the tags are JSON: a tag in quotes is found whole, and in its own case
+    if wanted.tag:  # tags are JSON: a quoted tag matches only as a whole and with its case
         conditions.append(func.replace(recordings.c.tags, json.dumps(wanted.tag), "") != recordings.c.tags)
     day = func.coalesce(answers.c.start, analyses.c.created_at)
     if wanted.first_day:
         conditions.append(day >= wanted.first_day)
     if wanted.last_day:
-        conditions.append(day < wanted.last_day + "~")  # a whole day: "T07:00" sorts before "~"
+        conditions.append(day < wanted.last_day + "~")  # includes the whole day: "T07:00" sorts before "~"
     return conditions
 
 
 def _is_in_group(group: Group, job: Any, headline: Any, report_id: ColumnElement[Any]) -> ColumnElement[bool]:
-    """Build the condition of a group from the columns of analyses and answers."""
+    """Return the condition of a group from the columns of analyses and answers."""
     failed, has_no_report = job.state == JobState.FAILED, report_id.is_(None)
     conditions: Mapping[str, ColumnElement[bool]] = {
         "all": true(),
         "active": job.state.in_(_ACTIVE),
         "failed": and_(failed, has_no_report),
         "cancelled": and_(job.state == JobState.CANCELLED, has_no_report),
-        # made by an older method; what came as ready angles has none
+        # made by an older method; files with angles have no method
         "older": headline.method_version.between(1, int(METHOD_VERSION) - 1),
         "attention": or_(failed, headline.verdict.in_(_DOUBTFUL)),
     }
@@ -409,7 +410,7 @@ def _read_entry(row: Any, report: Job | None) -> Entry:
 
 @dataclass(frozen=True, slots=True)
 class SavedView:
-    """A filter and order of the list under a name; ``query`` is that of its address."""
+    """A named filter and order of the list; ``query`` is the query string of its address."""
 
     id: str
     name: str
@@ -418,7 +419,7 @@ class SavedView:
 
 
 class SavedViews(RowStore):
-    """Rows of saved views. No recording holds them, so a file beside the recordings does, too."""
+    """Saved views, stored in the database and in a file beside the recordings."""
 
     def __init__(self, engine: Engine, reader: Engine, storage: Storage) -> None:
         super().__init__(engine, reader)
@@ -430,7 +431,7 @@ class SavedViews(RowStore):
         return tuple(sorted(found, key=lambda view: (view.name, view.id)))
 
     def add(self, name: str, query: str) -> None:
-        """Save a view; one of the same name is replaced."""
+        """Save a view, replacing one of the same name."""
         view_id = f"view_{secrets.token_hex(8)}"
         row = {"id": view_id, "name": name, "query": query, "created_at": format_now()}
         same = [view.id for view in self.find_all() if view.name == name]
@@ -441,14 +442,14 @@ class SavedViews(RowStore):
         self.write_file()
 
     def drop(self, view_id: str) -> None:
-        """Forget a view; one that is gone already stays gone."""
+        """Delete a view; ignore a missing one."""
         with self._engine.begin() as connection:
             if connection.execute(delete(saved_views).where(saved_views.c.id == view_id)).rowcount == 1:
                 record(connection, "view.dropped", other={"view": view_id})
         self.write_file()
 
     def write_file(self) -> None:
-        """Write the file of all views where it differs from the rows."""
+        """Write the file of all views if it differs from the rows."""
         content = json.dumps(
             [asdict(view) for view in self.find_all()], ensure_ascii=False, indent=1
         ).encode()
@@ -456,7 +457,7 @@ class SavedViews(RowStore):
             self._storage.write_small(VIEWS_FILE, content)
 
     def recover(self) -> int:
-        """Add the views of the file that the database does not have; gives their number."""
+        """Add views from the file that the database lacks; return their number."""
         try:
             found = [SavedView(**row) for row in json.loads(self._storage.read_small(VIEWS_FILE) or b"[]")]
         except (ValueError, TypeError):

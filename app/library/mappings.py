@@ -1,7 +1,7 @@
 """Column mappings: the columns of a table, named once by a person, for every file with the same header.
 
-A mapping is kept under the identity of the header (:func:`fusion.readers.identify_header`). It is offered for
-the next file with that header. Once a person has confirmed it, files with that header are read by it unasked.
+A mapping is stored under the identity of the header (:func:`fusion.readers.identify_header`) and offered for
+the next file with that header. Once a person has confirmed it, it is applied without a question.
 """
 
 from dataclasses import dataclass, replace
@@ -17,15 +17,15 @@ from app.library.versions import build_item, identify_work, renumber
 from app.request import ReportRequest
 
 UNNAMED = "-"
-"""A header's identity begins so where no line names the columns: many devices may write such a table."""
+"""Prefix of a header's identity if no line names the columns: many devices may write such a table."""
 
 
 @dataclass(frozen=True, slots=True)
 class ColumnMapping:
     """The columns of every file with one header.
 
-    ``header`` is its identity; ``profile`` is the JSON of a column profile, as a request holds it;
-    ``created_at`` is when a person named the columns. ``is_confirmed``: further files are read by it unasked.
+    ``header`` is its identity; ``profile`` is the JSON of a column profile, as in a request; ``created_at``
+    is when a person named the columns. ``is_confirmed``: apply it to further files without a question.
     """
 
     header: str
@@ -36,12 +36,12 @@ class ColumnMapping:
 
 
 class MappingStore(RowStore):
-    """Rows of column mappings, one for each header."""
+    """Column mappings in the database, one per header."""
 
     def put(self, header: str, name: str, profile: str, *, is_confirmed: bool) -> ColumnMapping:
-        """Keep the columns of a header, in place of those named before; an own name of the mapping stays.
+        """Store the columns of a header, replacing earlier ones; a name given to the mapping stays.
 
-        Without a line that names the columns a mapping is never confirmed.
+        A mapping without a header line is never confirmed.
         """
         with self._engine.begin() as connection:
             mine = column_mappings.c.header == header
@@ -66,7 +66,7 @@ class MappingStore(RowStore):
         return None if row is None else _read_mapping(row)
 
     def find_all(self) -> tuple[ColumnMapping, ...]:
-        """Return every mapping, the newest first."""
+        """Return every mapping, newest first."""
         newest = (column_mappings.c.created_at.desc(), column_mappings.c.header)
         return tuple(_read_mapping(row) for row in self._read_all(select(column_mappings).order_by(*newest)))
 
@@ -82,7 +82,7 @@ class MappingStore(RowStore):
         return self.get(header)
 
     def drop(self, header: str) -> None:
-        """Forget a mapping; the reports made by it stay. Raises NotHere."""
+        """Delete a mapping; reports made with it stay. Raises NotHere."""
         with self._engine.begin() as connection:
             gone = delete(column_mappings).where(column_mappings.c.header == header)
             if connection.execute(gone).rowcount != 1:
@@ -90,14 +90,14 @@ class MappingStore(RowStore):
             record(connection, "columns.dropped", other={"header": header})
 
     def count_waiting(self, header: str) -> int:
-        """Count the recordings with this header that could not be read and wait for their columns."""
+        """Count the recordings with this header that wait for their columns."""
         return len(self._read_all(select_jobs().where(_waits(header))))
 
     def analyse(self, job: Job, profile: str, waiting_for: str = "") -> Job:
-        """Queue the analysis of a recording by these columns; gives the new one.
+        """Queue the analysis of a recording with these columns; return the new job.
 
-        With a header ``waiting_for``, every analysis that waits for its columns is queued with it, in one
-        commit. A failed analysis is replaced, in its batch too.
+        With a header ``waiting_for``, every analysis that waits for its columns is queued as well, in one
+        commit. A failed analysis is replaced, also in its batch.
         """
         with self._engine.begin() as connection:
             wanted = select_jobs().where(_waits(waiting_for)).order_by(analyses.c.created_at, analyses.c.id)
@@ -112,9 +112,9 @@ class MappingStore(RowStore):
         return read_job(row)
 
     def adopt(self, analysis_id: str, token: str, header: str) -> ReportRequest | None:
-        """Return a running analysis the confirmed columns of a header; None where there are none.
+        """Apply the confirmed columns of a header to a running analysis; return None if there are none.
 
-        The request in its row states them from then on, as if they had been asked for.
+        Its stored request then contains the columns, as if they had been requested.
         """
         mapping = self.find(header)
         if mapping is None or not mapping.is_confirmed:
@@ -134,7 +134,7 @@ class MappingStore(RowStore):
 
 
 def _waits(header: str) -> ColumnElement[bool]:
-    """Build the condition that an analysis failed for its columns, and was the last of its recording."""
+    """Return the condition that an analysis failed because of its columns, and is its recording's last."""
     later = analyses.alias()
     is_last = ~exists().where(
         later.c.recording_id == analyses.c.recording_id, later.c.created_at > analyses.c.created_at

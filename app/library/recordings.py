@@ -1,4 +1,4 @@
-"""The rows of recordings and of uploads under way."""
+"""The rows of recordings and of unfinished uploads."""
 
 import hashlib
 import json
@@ -12,7 +12,7 @@ from typing import Any, Literal, get_args
 from sqlalchemy import Connection, Row, Select, delete, exists, insert, select, tuple_, update
 
 from app.errors import NotHere, OnHold, PurgedSince, StaleVersion
-from app.library.audit_log import Act, find_actor, record
+from app.library.audit_log import Act, get_actor, record
 from app.library.batches import join_study
 from app.library.claims import WayIn, cancel_job, enqueue
 from app.library.database.connect import BUSY_TIMEOUT_S, lock_tables
@@ -46,23 +46,23 @@ from fusion.conventions import Side
 from fusion.diary import DiaryEntry
 
 HoldReason = Literal["legal", "complaint", "insurance", "study", "other"]
-"""Why a recording is kept whatever happens: codes, for the audit log holds no sentence."""
+"""Why a recording is kept: codes, because the audit log contains no sentence."""
 HOLD_REASONS: tuple[HoldReason, ...] = get_args(HoldReason)
 
 REPETITION_S = 24 * 3600.0
-"""How long the same upload again is taken for a repetition, in running time of the server."""
+"""How long an identical upload counts as a repetition, in running time of the server."""
 PURGED = "purged"
-"""Stands in the row of an upload for its recording, once that was deleted for good."""
+"""Replaces the recording id in an upload's row after permanent deletion."""
 
 Place = tuple[str, str]
-"""Where a page of a list ended: the moment it is ordered by and the id of its last row."""
+"""Where a page of a list ended: the timestamp of the order and the id of its last row."""
 
 logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
 class Description:
-    """What people enter about a recording. ``external_id`` is its name in their own system."""
+    """Details entered by people. ``external_id`` is the recording's name in their system."""
 
     file_name: str
     subject: str = ""
@@ -73,11 +73,11 @@ class Description:
 
 @dataclass(frozen=True, slots=True)
 class StoredRow:
-    """A recording that was acknowledged.
+    """A stored recording.
 
     ``start`` is the device's clock at the first sample, ISO 8601, once it has been inspected. ``version``
-    grows with every change. ``duplicate_of`` names the oldest recording of the same bytes. ``hold``: why
-    nothing of it may be deleted for good, as a code, and ``hold_by`` who said so; "" where it may.
+    increases with every change. ``duplicate_of`` is the oldest recording of the same bytes. ``hold``: code of
+    the reason that forbids permanent deletion, and ``hold_by`` the person who set it; "" without a hold.
     """
 
     id: str
@@ -100,7 +100,7 @@ _ROW_COLUMNS = tuple(field.name for field in fields(StoredRow))
 
 @dataclass(frozen=True, slots=True)
 class RecordingFilter:
-    """Which recordings are listed; "" or None asks for any. ``begin`` and ``end`` bound the start."""
+    """A filter for recordings; "" or None matches any. ``begin`` and ``end`` bound the start."""
 
     subject: str = ""
     external_id: str = ""
@@ -111,7 +111,7 @@ class RecordingFilter:
 
     @property
     def by_start(self) -> bool:
-        """Order by start, where the filter bounds it; else by the time of storing."""
+        """Whether to order by start, because the filter bounds it; else by the time of storing."""
         return bool(self.begin or self.end)
 
     def place(self, row: StoredRow) -> Place:
@@ -121,20 +121,20 @@ class RecordingFilter:
 
 @dataclass(frozen=True, slots=True)
 class Purged:
-    """The ids whose files a purge has still to remove from the store."""
+    """The ids whose files a purge must still remove from the store."""
 
     analyses: tuple[str, ...]
     recordings: tuple[str, ...]
 
 
 class RecordingStore(RowStore):
-    """Rows of recordings; every change is one guarded UPDATE that names the version it saw."""
+    """Recordings in the database; every change is one guarded UPDATE that names the version it saw."""
 
     def add(self, stored: StoredRecording, about: Description) -> StoredRow:
-        """Acknowledge a recording without asking for an analysis.
+        """Store a recording without an analysis.
 
-        The same bytes with the same description, sent again within a day by the same subject, give the row
-        that is there: its id is another. Raises PurgedSince.
+        If the same subject sends the same bytes and description again within a day, the existing row is
+        returned, with another id. Raises PurgedSince.
         """
         with self._engine.begin() as connection:
             check_not_purged(connection, stored, about)
@@ -144,12 +144,12 @@ class RecordingStore(RowStore):
         return self.get(repeated or stored.id)
 
     def add_reference(self, stored: StoredRecording, file_name: str) -> None:
-        """Acknowledge a file that the comparison of another recording needs."""
+        """Store a file as the reference of another recording's comparison."""
         with self._engine.begin() as connection:
             insert_recording(connection, stored, Description(file_name), REFERENCE)
 
     def get(self, recording_id: str, *, trashed: bool = False) -> StoredRow:
-        """Return one recording. Raises NotHere: also for one in the trash, unless asked for."""
+        """Return one recording. Raises NotHere, also for one in the trash unless ``trashed``."""
         row = self._read_one(select(recordings).where(recordings.c.id == recording_id))
         if row is None or row.state == PURGING or (row.state == TRASHED and not trashed):
             raise NotHere(id=recording_id)
@@ -158,7 +158,7 @@ class RecordingStore(RowStore):
     def find_page(
         self, wanted: RecordingFilter, limit: int, after: Place | None = None
     ) -> tuple[StoredRow, ...]:
-        """Return the newest recordings that the filter lets through, from ``after`` on."""
+        """Return the newest recordings that match the filter, from ``after`` on."""
         query = select(recordings).where(recordings.c.state == (TRASHED if wanted.trashed else STORED))
         for name in ("subject", "external_id", "sha256"):
             if value := getattr(wanted, name):
@@ -172,11 +172,11 @@ class RecordingStore(RowStore):
         return tuple(_read_recording(row) for row in self._read_all(page))
 
     def find_known(self, recording_ids: Collection[str]) -> frozenset[str]:
-        """Return the ids that belong to a recording, in the trash or not."""
+        """Return those of the ids that have a recording, in the trash or not."""
         return self._read_ids(select(recordings.c.id).where(recordings.c.id.in_(recording_ids)))
 
     def find_of_subject(self, subject: str) -> frozenset[str]:
-        """Return the ids of a subject's recordings of now, in the trash or not."""
+        """Return the ids of a subject's current recordings, in the trash or not."""
         return self._read_ids(select(recordings.c.id).where(recordings.c.subject == subject))
 
     def change(self, recording_id: str, version: int, values: Mapping[str, object]) -> StoredRow:
@@ -200,7 +200,7 @@ class RecordingStore(RowStore):
         return self.change(row.id, row.version, {"diary": format_diary(diary)})
 
     def tag(self, recording_ids: Collection[str], added: Collection[str] = (), taken: str = "") -> int:
-        """Add tags to recordings, or take one away; gives how many have changed."""
+        """Add tags to recordings, or remove one; return the number of changed recordings."""
         changed = 0
         with self._engine.begin() as connection:
             for recording_id in sorted(recording_ids):
@@ -218,16 +218,16 @@ class RecordingStore(RowStore):
         return changed
 
     def keep_inspection(self, recording_id: str, found: Mapping[str, Any]) -> None:
-        """Store what an inspection found; it follows from the bytes, so that no version guards it."""
+        """Store the result of an inspection; it depends only on the bytes, so that no version guards it."""
         values = {"inspection": json.dumps(dict(found)), "start": found.get("start")}
         with self._engine.begin() as connection:
             connection.execute(update(recordings).where(recordings.c.id == recording_id).values(values))
             increment_revision(connection, recording_id)
 
     def trash(self, recording_id: str) -> None:
-        """Move a recording to the trash and cancel its analyses; nothing is deleted yet.
+        """Move a recording to the trash and cancel its analyses, without deleting anything.
 
-        A recording in the trash stays there as it is: its term does not start again. Raises NotHere.
+        For a recording that is already in the trash, the term does not start again. Raises NotHere.
         """
         self.get(recording_id, trashed=True)
         with self._engine.begin() as connection:
@@ -238,7 +238,7 @@ class RecordingStore(RowStore):
                 record(connection, "recording.trashed", recording_id)
 
     def restore(self, recording_id: str) -> StoredRow:
-        """Take a recording out of the trash."""
+        """Restore a recording from the trash."""
         self.get(recording_id, trashed=True)
         back = update(recordings).where(recordings.c.id == recording_id, recordings.c.state == TRASHED)
         with self._engine.begin() as connection:
@@ -250,9 +250,9 @@ class RecordingStore(RowStore):
         return self.get(recording_id)
 
     def begin_purge(self, recording_id: str) -> Purged:
-        """Hide a recording and its references for good; gives the ids whose files are to be removed now.
+        """Hide a recording and its references permanently; return the ids whose files must be removed now.
 
-        Its analyses are cancelled, so that none publishes files afterwards. The rows go last
+        Its analyses are cancelled, so that none publishes files afterwards. The rows are deleted last
         (:meth:`end_purge`), so that an interrupted purge can continue. Raises OnHold.
         """
         with writing_side_file, self._engine.begin() as connection:
@@ -273,7 +273,7 @@ class RecordingStore(RowStore):
         return Purged(of_it, files)
 
     def forget_purged(self) -> None:
-        """Forget what was deleted for good more than a day of running time ago."""
+        """Delete the records of purges from more than a day of running time ago."""
         is_old = purged_uploads.c.since_s < select_running_s() - REPETITION_S
         self._write(delete(purged_uploads).where(is_old))
 
@@ -291,9 +291,9 @@ class RecordingStore(RowStore):
             self._empty_log()
 
     def _empty_log(self) -> None:
-        """Empty SQLite's write-ahead log, which may hold copies of deleted rows.
+        """Empty SQLite's write-ahead log, which may contain copies of deleted rows.
 
-        While another connection writes the log back, SQLite refuses at once; a reader it waits for by itself.
+        SQLite waits for readers, but refuses at once if another connection writes the log back.
         """
         end_s, raw = time.monotonic() + BUSY_TIMEOUT_S, self._engine.raw_connection()
         try:
@@ -305,10 +305,10 @@ class RecordingStore(RowStore):
         finally:
             raw.close()
 
-    def age_trash(self, elapsed_s: float, term_s: float) -> tuple[str, ...]:
-        """Add elapsed time to everything in the trash; gives what has been there for the whole term.
+    def advance_trash(self, elapsed_s: float, term_s: float) -> tuple[str, ...]:
+        """Add elapsed time to everything in the trash; return the recordings whose term has passed.
 
-        What is on hold neither ages nor is given.
+        Recordings on hold do not age and are not returned.
         """
         trashed = (recordings.c.state == TRASHED) & recordings.c.hold.is_(None)
         older = update(recordings).where(trashed).values(trashed_s=recordings.c.trashed_s + elapsed_s)
@@ -318,15 +318,15 @@ class RecordingStore(RowStore):
             return tuple(connection.execute(due).scalars())
 
     def check_hold(self, recording_id: str) -> None:
-        """Check that a recording may be deleted for good. Raises OnHold."""
+        """Check that a recording may be deleted permanently. Raises OnHold."""
         with self._reader.connect() as connection:
             _check_hold(connection, recording_id)
 
     def hold(self, recording_id: str, reason: HoldReason, who: str) -> StoredRow:
-        """Put a recording on hold: nothing deletes it for good before it is let go. Raises NotHere."""
+        """Put a recording on hold, which prevents permanent deletion. Raises NotHere."""
         return self._change_hold(recording_id, {"hold": reason, "hold_by": who}, "recording.held")
 
-    def let_go(self, recording_id: str) -> StoredRow:
+    def release_hold(self, recording_id: str) -> StoredRow:
         """End the hold of a recording. Raises NotHere."""
         return self._change_hold(recording_id, {"hold": None, "hold_by": None}, "recording.let_go")
 
@@ -342,7 +342,7 @@ class RecordingStore(RowStore):
 
 
 def _check_hold(connection: Connection, recording_id: str) -> None:
-    """Refuse a recording on hold, and lock its row: nobody puts it on hold until the transaction ends."""
+    """Reject a recording on hold, and lock its row until the transaction ends."""
     query = select(recordings.c.hold).where(recordings.c.id == recording_id).with_for_update()
     held = connection.execute(query).scalar()
     if held is not None:
@@ -350,10 +350,10 @@ def _check_hold(connection: Connection, recording_id: str) -> None:
 
 
 def delete_recording(connection: Connection, recording_id: str) -> bool:
-    """Delete every row of a recording, its references, its analyses and the studies left empty.
+    """Delete every row of a recording, its references, its analyses and empty studies.
 
-    The rows of its uploads stay without words until their term: the upload has an end that can be told. False
-    if there was none.
+    Rows of its uploads stay without their text until their term, so that clients can query the end. Returns
+    False if there was no recording.
     """
     of_it = select(analyses.c.id).where(analyses.c.recording_id == recording_id)
     references = _find_references(connection, recording_id)
@@ -368,7 +368,7 @@ def delete_recording(connection: Connection, recording_id: str) -> bool:
 
 
 def drop_empty_batches(connection: Connection) -> None:
-    """Delete the batches that hold no analysis any more."""
+    """Delete the batches without analyses."""
     no_item = ~exists().where(batch_items.c.batch_id == batches.c.id)
     connection.execute(delete(batches).where(no_item))
 
@@ -376,11 +376,11 @@ def drop_empty_batches(connection: Connection) -> None:
 def _find_repeated(connection: Connection, stored: StoredRecording, about: Description) -> str | None:
     """Find the recording of the same bytes and description that this subject stored within a day.
 
-    Of two that come at once, the second waits until the first has its row.
+    Of two simultaneous requests, the second waits until the first has its row.
     """
     lock_tables(connection)
     is_new = recordings.c.since_s >= select_running_s() - REPETITION_S
-    mine = (recordings.c.sha256 == stored.sha256, recordings.c.stored_by == find_actor())
+    mine = (recordings.c.sha256 == stored.sha256, recordings.c.stored_by == get_actor())
     query = select(recordings).where(*mine, is_new, recordings.c.state == STORED)
     rows = connection.execute(query.order_by(recordings.c.created_at)).all()
     return next((row.id for row in rows if _read_description(row) == about), None)
@@ -391,8 +391,8 @@ def _read_description(row: Row[Any]) -> Description:
 
 
 def check_not_purged(connection: Connection, stored: StoredRecording, about: Description) -> None:
-    """Refuse to bring back by a repeated request what was deleted for good. Raises PurgedSince."""
-    key = _hash_upload(find_actor(), stored.sha256, about)
+    """Reject a repeated request that would bring back permanently deleted data. Raises PurgedSince."""
+    key = _hash_upload(get_actor(), stored.sha256, about)
     is_old = purged_uploads.c.since_s < select_running_s() - REPETITION_S
     known = select(purged_uploads.c.key).where(purged_uploads.c.key == key, ~is_old)
     if connection.execute(known).first() is not None:
@@ -406,7 +406,7 @@ def _hash_upload(who: str, sha256: str, about: Description) -> str:
 def _cancel_analyses(connection: Connection, recording_id: str) -> None:
     """Cancel the analyses that wait or run.
 
-    Call this before the recording is locked: an ending analysis takes its locks in this order.
+    Call this before locking the recording, because an ending analysis takes its locks in this order.
     """
     going_on = analyses.c.state.in_((JobState.QUEUED, JobState.RUNNING))
     mine = select(analyses.c.id).where(analyses.c.recording_id == recording_id, going_on)
@@ -423,7 +423,7 @@ def _find_references(connection: Connection, recording_id: str) -> tuple[str, ..
 def insert_recording(
     connection: Connection, stored: StoredRecording, about: Description, state: str = STORED
 ) -> None:
-    """Write the row of a recording, with the oldest one of the same bytes."""
+    """Add the row of a recording, with the id of the oldest one of the same bytes."""
     same = (
         select(recordings.c.id)
         .where(recordings.c.sha256 == stored.sha256, recordings.c.state == STORED)
@@ -432,13 +432,13 @@ def insert_recording(
     )
     row = asdict(stored) | {"state": state, "created_at": format_now()}
     row |= {"duplicate_of": connection.execute(same).scalar_one_or_none(), "since_s": select_running_s()}
-    row |= {"stored_by": find_actor()}
+    row |= {"stored_by": get_actor()}
     connection.execute(insert(recordings).values(row | asdict(about)))
     record(connection, "recording.stored", stored.id)
 
 
 def select_page(query: Select[Any], order: tuple[Any, Any], limit: int, after: Place | None) -> Select[Any]:
-    """Select the rows after a place, the newest first (a keyset: later pages cost no more)."""
+    """Select the rows after a place, newest first (a keyset: later pages cost no more)."""
     if after is not None:
         query = query.where(tuple_(*order) < tuple_(*after))
     return query.order_by(*(column.desc() for column in order)).limit(limit)
@@ -457,7 +457,7 @@ def _read_recording(row: Row[Any]) -> StoredRow:
 
 
 def _read_inspection(text: str | None) -> Mapping[str, Any] | None:
-    """Read an inspection; None where it is unreadable: the bytes can be inspected again."""
+    """Parse an inspection; None if it is unreadable, because the bytes can be inspected again."""
     try:
         found = json.loads(text or "null")
     except ValueError:
@@ -467,9 +467,9 @@ def _read_inspection(text: str | None) -> Mapping[str, Any] | None:
 
 @dataclass(frozen=True, slots=True)
 class UploadRow:
-    """An upload under way. ``metadata`` is what the client sent, and is returned unchanged.
+    """An upload. ``metadata`` is the client's text, returned unchanged.
 
-    ``is_repeated``: its recording was there before, with the same bytes and the same description.
+    ``is_repeated``: a recording with the same bytes and description already existed.
     """
 
     id: str
@@ -484,17 +484,17 @@ class UploadRow:
 
     @property
     def is_whole(self) -> bool:
-        """Every byte has arrived."""
+        """Whether every byte has arrived."""
         return self.offset_bytes == self.length_bytes
 
 
 class UploadStore(RowStore):
-    """Rows of uploads. The offset only counts bytes that are on the disk."""
+    """Uploads in the database. The offset only counts bytes on disk."""
 
     def open(self, length_bytes: int, metadata: str, about: Description) -> UploadRow:
         """Begin an upload."""
         row: dict[str, object] = {
-            "id": f"up_{secrets.token_hex(14)}",  # the column holds 32 characters; PostgreSQL enforces it
+            "id": f"up_{secrets.token_hex(14)}",  # the column has 32 characters; PostgreSQL enforces it
             "length_bytes": length_bytes,
             "offset_bytes": 0,
             "idle_s": 0.0,
@@ -517,19 +517,19 @@ class UploadStore(RowStore):
         return UploadRow(about=about, **columns)
 
     def advance(self, row: UploadRow, offset_bytes: int) -> bool:
-        """Acknowledge bytes that are on the disk; False when another writer has moved the offset."""
+        """Acknowledge bytes on disk; return False if another writer has moved the offset."""
         mine = (uploads.c.id == row.id, uploads.c.offset_bytes == row.offset_bytes)
         return self._write(update(uploads).where(*mine).values(offset_bytes=offset_bytes, idle_s=0.0)) == 1
 
-    def step_back(self, row: UploadRow, offset_bytes: int) -> UploadRow:
-        """Reset the offset to the bytes that the disk still has, unless the upload has become a recording."""
+    def reset_offset(self, row: UploadRow, offset_bytes: int) -> UploadRow:
+        """Reset the offset to the bytes still on disk, unless the upload has become a recording."""
         mine = (uploads.c.id == row.id, uploads.c.offset_bytes == row.offset_bytes)
         lost = update(uploads).where(*mine, uploads.c.recording_id.is_(None))
         self._write(lost.values(offset_bytes=offset_bytes))
         return self.get(row.id)
 
     def describe(self, upload_id: str, about: Description, metadata: str) -> UploadRow:
-        """Change what is said of an upload; one that is a recording by now stays as it is."""
+        """Change the description of an upload, unless it is already a recording."""
         mine = update(uploads).where(uploads.c.id == upload_id, uploads.c.recording_id.is_(None))
         with self._engine.begin() as connection:
             connection.execute(mine.values(description=json.dumps(asdict(about)), metadata=metadata))
@@ -544,15 +544,15 @@ class UploadStore(RowStore):
         way_in: WayIn = "api",
         study: str = "",
     ) -> str:
-        """Make the upload a recording, once, and queue the analysis it asks for, in one commit.
+        """Turn the upload into a recording, once, and queue the requested analysis, in one commit.
 
-        The same bytes with the same description, sent again within a day by the same subject, are the
-        recording that is there.
+        If the same subject sends the same bytes and description again within a day, the existing recording is
+        used.
 
         With ``study``, the analysis joins the study of that name.
 
-        Bytes of which another recording has an analysis are not analysed again unasked. Gives the id of the
-        recording that counts.
+        Bytes that were already analysed for another recording are not analysed again without a request.
+        Returns the id of the recording that counts.
         """
         unfinished = (uploads.c.id == row.id, uploads.c.recording_id.is_(None))
         with self._engine.begin() as connection:
@@ -571,7 +571,7 @@ class UploadStore(RowStore):
         return self.get(row.id).recording_id or stored.id
 
     def drop(self, upload_id: str) -> None:
-        """Delete the row of an upload; the recording that it became stays."""
+        """Delete the row of an upload; a recording made from it stays."""
         with self._engine.begin() as connection:
             if connection.execute(delete(uploads).where(uploads.c.id == upload_id)).rowcount == 1:
                 record(connection, "upload.dropped", other={"upload": upload_id})
@@ -585,7 +585,7 @@ class UploadStore(RowStore):
         return self._read_ids(select(uploads.c.id))
 
     def age(self, elapsed_s: float, term_s: float) -> tuple[str, ...]:
-        """Add elapsed time to every upload; gives those that nobody has continued for the whole term."""
+        """Add elapsed time to every upload; return those without activity for the whole term."""
         with self._engine.begin() as connection:
             connection.execute(update(uploads).values(idle_s=uploads.c.idle_s + elapsed_s))
             due = select(uploads.c.id).where(uploads.c.idle_s >= term_s)
@@ -593,7 +593,7 @@ class UploadStore(RowStore):
 
 
 def _is_analysed(connection: Connection, stored: StoredRecording) -> bool:
-    """Whether a recording of the same bytes has an analysis that was neither refused nor cancelled."""
+    """Return whether a recording of the same bytes has an analysis that has not failed or been cancelled."""
     twins = (recordings.c.sha256 == stored.sha256, recordings.c.state == STORED)
     query = select(analyses.c.id).join(recordings, analyses.c.recording_id == recordings.c.id)
     counts = analyses.c.state.in_((JobState.QUEUED, JobState.RUNNING, JobState.SUCCEEDED))

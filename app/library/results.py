@@ -1,4 +1,4 @@
-"""Files of a finished analysis, checked against the digests in their rows whenever they are opened.
+"""Files of a finished analysis, checked against the digests in their rows at each use.
 
 If they are damaged or missing, the analysis is made again.
 """
@@ -12,7 +12,7 @@ from pathlib import Path
 from app.errors import NoSuchFile, NotFinished, ResultDamaged, StoreDamaged
 from app.library.audit_log import touch
 from app.library.claims import WayIn
-from app.library.database.connect import one_request_at_a_time
+from app.library.database.connect import lock_requests
 from app.library.jobs import JobStore
 from app.library.rows import Job, JobState
 from app.request import ReportRequest
@@ -39,9 +39,9 @@ class ResultReader:
 
     @contextmanager
     def borrow(self, job: Job, name: str) -> Iterator[Path]:
-        """Lend a published file whose bytes are those of its row.
+        """Yield the path of a published file whose bytes match its row.
 
-        Raises NotFinished, NoSuchFile, and ResultDamaged, which names the one that replaces it.
+        Raises NotFinished, NoSuchFile, and ResultDamaged with the id of the analysis that replaces it.
         """
         file = self.find(job, name)
         try:
@@ -58,7 +58,7 @@ class ResultReader:
 
 
 def check_succeeded(job: Job, name: str) -> None:
-    """Check that an analysis has files; ``name`` is the one that is asked for.
+    """Check that an analysis has files; ``name`` is the requested one.
 
     Raises NotFinished, NoSuchFile.
     """
@@ -68,8 +68,8 @@ def check_succeeded(job: Job, name: str) -> None:
         raise NoSuchFile(name=name)
 
 
-# A report that is made again: recording and settings are still there, so that it is the same. If the
-# recording itself is damaged, the original has to be uploaded again, or a backup restored.
+# A report can be made again: recording and settings still exist, so that it is the same. If the recording
+# itself is damaged, upload the original again or restore a backup.
 
 
 def find_or_add(
@@ -82,14 +82,14 @@ def find_or_add(
     *,
     again: bool = False,
 ) -> tuple[Job, bool]:
-    """Return the analysis that counts, else the one that ``add`` makes; and whether it was there before.
+    """Return the existing analysis, or a new one from ``add``; and whether it existed.
 
-    ``again``: make a new one in any case. The same request sent twice at once, also to two servers, makes one
-    analysis: requests take turns. Raises StoreDamaged.
+    ``again``: create a new one in any case. The same request sent twice at once, also to two servers, creates
+    one analysis, because requests take turns. Raises StoreDamaged.
     """
     if again:
         return add(), False
-    with _one_at_a_time, one_request_at_a_time(store.engine):
+    with _one_at_a_time, lock_requests(store.engine):
         same = find_same(store, storage, recording, request, way_in)
         return same or add(), same is not None
 
@@ -103,13 +103,10 @@ def is_damaged(store: JobStore, storage: Storage, job: Job) -> bool:
 
 
 def retry(store: JobStore, storage: Storage, analysis_id: str, way_in: WayIn) -> Job:
-    """Queue an analysis again that failed, was cancelled or is damaged; any other stays as it is.
+    """Queue an analysis again that failed, was cancelled or is damaged; any other stays unchanged.
 
-    Raises
-    ------
-    NotHere
-    StoreDamaged
-        The recording is damaged, too.
+    Raises ------ NotHere StoreDamaged
+        The recording is also damaged.
     """
     job = store.retry(analysis_id, way_in)
     return regenerate(store, storage, job, way_in) if is_damaged(store, storage, job) else job
@@ -118,10 +115,8 @@ def retry(store: JobStore, storage: Storage, analysis_id: str, way_in: WayIn) ->
 def regenerate(store: JobStore, storage: Storage, job: Job, way_in: WayIn) -> Job:
     """Queue a finished analysis again; the new one replaces it.
 
-    Raises
-    ------
-    StoreDamaged
-        The recording, or the reference it is compared with, is damaged: no new report could be made.
+    Raises ------ StoreDamaged
+        The recording or its reference is damaged, so that no new report can be made.
     """
     if not can_regenerate(store, storage, job):
         raise StoreDamaged
@@ -129,7 +124,7 @@ def regenerate(store: JobStore, storage: Storage, job: Job, way_in: WayIn) -> Jo
 
 
 def can_regenerate(store: JobStore, storage: Storage, job: Job) -> bool:
-    """Return whether the recording of an analysis, and its reference where it has one, are whole."""
+    """Return whether the recording of an analysis, and its reference if it has one, are intact."""
     reference = job.request.reference
     others = () if reference is None else ((reference.path, store.find_sha256(reference.path)),)
     sources = ((job.recording_id, job.sha256), *others)
@@ -139,11 +134,11 @@ def can_regenerate(store: JobStore, storage: Storage, job: Job) -> bool:
 def find_same(
     store: JobStore, storage: Storage, recording: tuple[str, str], request: ReportRequest, way_in: WayIn
 ) -> Job | None:
-    """Find the analysis of the same bytes with the same settings by the same engine, if one counts.
+    """Find the analysis of the same bytes with the same settings by the same engine.
 
-    A damaged analysis is queued again. An analysis of another recording whose bytes are damaged does not
-    count: the new bytes (``recording`` is their id and SHA-256) are then the only good ones, and are kept.
-    Raises StoreDamaged.
+    A damaged analysis is queued again. An analysis of another recording with damaged bytes does not count:
+    the new bytes (``recording`` is their id and SHA-256) are then the only good ones, and are kept. Raises
+    StoreDamaged.
     """
     recording_id, sha256 = recording
     for job in store.find_same(sha256, request):

@@ -1,4 +1,4 @@
-"""Rows as frozen values: jobs and the states they pass through, and the queries that stores share."""
+"""Rows as frozen values: jobs and their states, and queries shared by the stores."""
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
@@ -16,7 +16,7 @@ from fusion.errors import Fact
 
 
 class JobState(StrEnum):
-    """Where a job is; the names are a contract."""
+    """State of a job; the names are a contract."""
 
     QUEUED = "queued"
     RUNNING = "running"
@@ -25,7 +25,7 @@ class JobState(StrEnum):
     CANCELLED = "cancelled"
 
 
-# From a state to those that may follow. Running goes back to queued when its worker died or was stopped.
+# Each state and the states that may follow. A running job is queued again if its worker died or was stopped.
 TRANSITIONS: Mapping[JobState, frozenset[JobState]] = {
     JobState.QUEUED: frozenset({JobState.RUNNING, JobState.CANCELLED}),
     JobState.RUNNING: frozenset({JobState.QUEUED, JobState.SUCCEEDED, JobState.FAILED, JobState.CANCELLED}),
@@ -36,7 +36,7 @@ TRANSITIONS: Mapping[JobState, frozenset[JobState]] = {
 
 
 def find_sources(state: JobState) -> tuple[JobState, ...]:
-    """Find the states from which this one may be reached."""
+    """Return the states from which this one can be reached."""
     return tuple(source for source, followers in TRANSITIONS.items() if state in followers)
 
 
@@ -44,13 +44,12 @@ def find_sources(state: JobState) -> tuple[JobState, ...]:
 class Job:
     """One row of the analyses, with name, size and digest of its recording.
 
-    ``token`` identifies the attempt that runs now or that succeeded; only its holder may change the state.
-    ``stage`` and ``progress`` (0 to 1) only inform people. ``problem_code`` and ``problem_facts`` state why a
-    failed job failed, or what delays one that is not over. ``attempts`` counts the attempts that died while
-    their worker lived, and the one that runs or succeeded. ``interruptions`` counts the ends of the worker or
-    its computer. ``asked_by``: who asked for it; "" for the machine.
-    ``put_backs`` counts the delays by a full disk. ``replaced_by`` is the id of the job that
-    repeats it, or of the earlier report that replaces it.
+    ``token`` identifies the running or successful attempt; only its holder may change the state. ``stage``
+    and ``progress`` (0 to 1) only inform people. ``problem_code`` and ``problem_facts`` state why a job
+    failed, or what delays an unfinished one. ``attempts`` counts the attempts that died while their worker
+    lived, plus a running or successful one. ``interruptions`` counts how often the worker or its computer
+    stopped. ``asked_by``: who requested it; "" for the machine. ``put_backs`` counts the delays by a full
+    disk. ``replaced_by`` is the id of the job that repeats it, or of the earlier report that replaces it.
     """
 
     id: str
@@ -77,14 +76,14 @@ class Job:
 
     @property
     def is_over(self) -> bool:
-        """The state is final."""
+        """Whether the state is final."""
         return not TRANSITIONS[self.state]
 
 
 STORED = "stored"
 TRASHED = "trashed"
 PURGING = "purging"
-"""Deleted for good: its files are being removed, its rows go last."""
+"""Being deleted permanently: its files are removed first, its rows last."""
 REFERENCE = "reference"
 """Stored for the comparison of another recording: in no list, and deleted with that recording."""
 
@@ -93,7 +92,7 @@ _JOB_COLUMNS = tuple(field.name for field in fields(Job))
 
 
 class RowStore:
-    """Rows of one kind: one engine writes them, another, of the same database, only reads.
+    """Base class of the stores: one engine writes, another engine of the same database only reads.
 
     Rows become frozen values here, not through SQLAlchemy's ORM: its dataclasses can be neither frozen nor
     slotted (2.1).
@@ -119,7 +118,7 @@ class RowStore:
             return frozenset(connection.execute(query).scalars())
 
     def _write(self, change: Executable) -> int:
-        """Execute a change in a transaction of its own; gives how many rows it met."""
+        """Execute a change in a separate transaction; return the number of changed rows."""
         with self._engine.begin() as connection:
             return connection.execute(change).rowcount
 
@@ -133,12 +132,12 @@ def select_jobs() -> Select[Any]:
 
 
 def select_items(batch_id: str) -> Select[Any]:
-    """Select the ids of the analyses that a batch asked for."""
+    """Select the ids of the analyses of a batch."""
     return select(batch_items.c.analysis_id).where(batch_items.c.batch_id == batch_id)
 
 
 def read_job(row: Row[Any]) -> Job:
-    """Read a row of :func:`select_jobs`."""
+    """Convert a row of :func:`select_jobs` to a job."""
     columns = row._asdict()
     times = {name: columns[name] for name in ("created_at", "started_at", "ended_at")}
     parsed: dict[str, Any] = {
@@ -152,35 +151,35 @@ def read_job(row: Row[Any]) -> Job:
 
 
 def select_running_s() -> ScalarSelect[float]:
-    """Select how long the server has run in all: ages are counted in it, so that no clock deletes."""
+    """Select the total running time of the server, by which ages are counted instead of a clock."""
     return select(func.coalesce(func.max(running_time.c.running_s), 0.0)).scalar_subquery()
 
 
 def read_diary(text: str) -> tuple[DiaryEntry, ...]:
-    """Read the diary of a recording."""
+    """Parse the stored diary of a recording."""
     return tuple(DiaryEntry(**entry) for entry in json.loads(text))
 
 
 def format_diary(diary: Sequence[DiaryEntry]) -> str:
-    """Return a diary as the rows hold it."""
+    """Format a diary for storage."""
     return json.dumps([asdict(entry) for entry in diary])
 
 
 def read_tags(text: str) -> tuple[str, ...]:
-    """Read the tags of a recording."""
+    """Parse the stored tags of a recording."""
     return tuple(json.loads(text))
 
 
 def format_tags(tags: Iterable[str]) -> str:
-    """Return tags as the rows hold them, each once, by the alphabet."""
+    """Format tags for storage, each once, in alphabetical order."""
     return json.dumps(sort_tags(tags))
 
 
 def sort_tags(tags: Iterable[str]) -> tuple[str, ...]:
-    """Sort tags by the alphabet, whatever their case; each once."""
+    """Sort tags alphabetically, ignoring case; each once."""
     return tuple(sorted(set(tags), key=lambda tag: (tag.lower(), tag)))
 
 
 def format_now() -> str:
-    """Return the time as the rows hold it: it sorts as text."""
+    """Return the time in the stored format, which sorts as text."""
     return datetime.now(UTC).isoformat(timespec="microseconds")

@@ -1,9 +1,8 @@
 """The side file of each stored recording: a copy of its rows beside its bytes, in case the database is lost.
 
-Every change of a recording or of its analyses increments ``recordings.revision`` in its own transaction
-(:func:`increment_revision`). Housekeeping writes the side files of rows that have moved on, within a second
-or two of the commit; ``recordings.side_revision`` then holds the revision that it was written from. Where a
-side file and the rows differ, the rows count.
+Every change of a recording or of its analyses increments ``recordings.revision`` in the same transaction
+(:func:`increment_revision`). Housekeeping writes outdated side files within a second or two of the commit;
+``recordings.side_revision`` is then the written revision. If a side file and the rows differ, the rows count.
 """
 
 import hashlib
@@ -31,17 +30,17 @@ from app.store.folder import SIDE_SUFFIX, Storage, format_side_file_name
 
 SCHEMA = "acromion.recording/1"
 TABLES: tuple[Table, ...] = (recordings, analyses, result_files, answers, releases, batches, batch_items)
-"""The tables of a side file, in the order in which rows may be added."""
+"""Tables of a side file, in the order in which rows may be added."""
 
 Rows = Mapping[str, Sequence[Mapping[str, Any]]]
 
 writing_side_file = threading.Lock()
-"""Held while a side file is written, and while a purge begins: none appears once a purge has removed it."""
+"""Held while a side file is written and while a purge begins, so that none appears after a purge."""
 
 
 @dataclass(frozen=True, slots=True)
 class SideFile:
-    """The rows of one recording by table, as they were at a revision."""
+    """The rows of one recording by table, at one revision."""
 
     revision: int
     rows: Rows
@@ -60,7 +59,7 @@ class SideFile:
 
 
 def decode_side_file(content: bytes | None, recording_id: str) -> SideFile | None:
-    """Read the content of a side file; None where it is absent, damaged, or of another recording."""
+    """Parse the content of a side file; None if it is missing, damaged, or of another recording."""
     try:
         found = json.loads(content or b"")
         side = SideFile(int(found["revision"]), found["rows"], str(found["tables"]))
@@ -85,7 +84,7 @@ def increment_revision(connection: Connection, *recording_ids: str) -> None:
 
 
 def increment_revision_of(connection: Connection, analysis_id: str) -> str:
-    """Increment the revision of the recording of an analysis; gives it, "" where there is none."""
+    """Increment the revision of an analysis's recording; return the recording id, "" if there is none."""
     query = select(analyses.c.recording_id).where(analyses.c.id == analysis_id)
     recording_id = connection.execute(query).scalar()
     if recording_id is None:
@@ -95,12 +94,12 @@ def increment_revision_of(connection: Connection, analysis_id: str) -> str:
 
 
 def read_side_rows(connection: Connection, recording_id: str) -> SideFile | None:
-    """Read the rows of a recording as its side file holds them; None where it has none."""
+    """Return the rows of a recording for its side file; None if it does not exist."""
     row = connection.execute(select(recordings).where(recordings.c.id == recording_id)).one_or_none()
     if row is None:
         return None
     own = row._asdict()
-    del own["side_revision"]  # it changes by the writing of the side file itself
+    del own["side_revision"]  # it changes when the side file is written
     of_it = select(analyses.c.id).where(analyses.c.recording_id == recording_id)
     items = select(batch_items).where(batch_items.c.analysis_id.in_(of_it))
     of_batches = select(batches).where(batches.c.id.in_(items.with_only_columns(batch_items.c.batch_id)))
@@ -124,9 +123,9 @@ def read_side_rows(connection: Connection, recording_id: str) -> SideFile | None
 
 
 def add_missing_rows(connection: Connection, side: SideFile) -> Rows:
-    """Add the rows of a side file that the database does not have; gives those that were added.
+    """Add the rows of a side file that the database lacks; return the added rows.
 
-    Present rows stay as they are, except for an analysis that is unfinished in the database and over in the
+    Present rows stay unchanged, except for an analysis that is unfinished in the database and over in the
     side file: states only move forward. Files and figures are added with their analysis.
     """
     kept, ended = set(), []
@@ -154,7 +153,7 @@ def add_missing_rows(connection: Connection, side: SideFile) -> Rows:
 
 
 def replace_rows(connection: Connection, side: SideFile) -> Rows:
-    """Replace the older rows of a recording by those of its side file; return these."""
+    """Replace the older rows of a recording by those of its side file; return the new rows."""
     recording_id = str(side.recording["id"])
     of_it = select(analyses.c.id).where(analyses.c.recording_id == recording_id)
     connection.execute(delete(result_files).where(result_files.c.analysis_id.in_(of_it)))
@@ -165,7 +164,7 @@ def replace_rows(connection: Connection, side: SideFile) -> Rows:
 
 
 def mark_side_file_stale(connection: Connection, side: SideFile) -> None:
-    """Raise the revision of the row above that of the side file, and have the side file written again."""
+    """Raise the revision of the row above that of the side file, so that the side file is written again."""
     mine = recordings.c.id == side.recording["id"]
     revision = connection.execute(select(recordings.c.revision).where(mine)).scalar_one()
     later = max(revision, side.revision) + 1
@@ -180,14 +179,14 @@ def quarantine_side_file(storage: Storage, side: SideFile) -> None:
 
 @dataclass(frozen=True, slots=True)
 class SideWriter:
-    """Writes the side files that are behind their rows."""
+    """Writes outdated side files."""
 
     engine: Engine
     reader: Engine
     storage: Storage
 
     def write_lagging(self, most: int) -> int:
-        """Write the side files that lag, the never written ones first; gives their number."""
+        """Write outdated side files, those never written first; return their number."""
         lagging = (
             select(recordings.c.id)
             .where(recordings.c.side_revision < recordings.c.revision, recordings.c.state != PURGING)
@@ -201,14 +200,14 @@ class SideWriter:
         return len(found)
 
     def write_all(self) -> int:
-        """Write every side file that lags; gives their number."""
+        """Write every outdated side file; return their number."""
         number = 0
         while written := self.write_lagging(500):
             number += written
         return number
 
     def write(self, recording_id: str) -> None:
-        """Write one side file, again if the row changes before its revision is recorded."""
+        """Write one side file; repeat if the row changes before its revision is recorded."""
         name = format_side_file_name(recording_id)
         with writing_side_file:
             while (side := self._read(recording_id)) is not None:
@@ -223,12 +222,12 @@ class SideWriter:
                     written = update(recordings).where(*mine).values(side_revision=side.revision)
                     if connection.execute(written).rowcount == 1:
                         return
-                if self._read(recording_id) is None:  # another server purges it: its side file goes, too
+                if self._read(recording_id) is None:  # another server purges it: also remove its side file
                     self.storage.add_erased([recording_id])
                     self.storage.drop_recording(recording_id)
 
     def _read(self, recording_id: str) -> SideFile | None:
-        """Read the rows of a recording; None if it is gone or being purged."""
+        """Return the rows of a recording; None if it is gone or being purged."""
         with self.reader.connect() as connection:
             side = read_side_rows(connection, recording_id)
         return None if side is None or side.recording["state"] == PURGING else side

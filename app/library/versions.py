@@ -1,10 +1,10 @@
-"""The version of the report that an analysis makes: other settings, or another engine, make the next one.
+"""The version of a report: other settings or another engine create the next version.
 
-The number stands in the request, so that the report can state it. It is assigned when the analysis is queued,
-and again when it begins, by the reports that exist by then: a failed or cancelled analysis has no version.
+The number is in the request, so that the report can state it. It is assigned when the analysis is queued, and
+again when it starts, from the reports that exist then: a failed or cancelled analysis has no version.
 
-A conclusion holds for the figures that it was written for. An analysis with the same settings by the same
-engine keeps it (:func:`settle_conclusion`); any other gets it as a draft, and passes it on until a person
+A conclusion is valid only for the figures it was written for. An analysis with the same settings and engine
+keeps it (:func:`drop_outdated_conclusion`); any other receives it as a draft, and passes it on until a person
 confirms or dismisses it.
 """
 
@@ -29,7 +29,7 @@ Item = tuple[str, str, ReportRequest]
 
 
 def identify_work(sha256: str, request: ReportRequest) -> str:
-    """Hash input, settings and engine: the same three give the same report, whichever version it is."""
+    """Return a hash of input, settings and engine: the same three give the same report in every version."""
     plain = replace(request, version=1, changes=(), reason="", draft=None)
     parts = (sha256, plain.to_json(), identify_engine())
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
@@ -43,10 +43,10 @@ def select_same(keys: Sequence[str]) -> Select[Any]:
 
 @dataclass(slots=True)
 class _History:
-    """The reports of one recording, added in the order in which they were asked for.
+    """The reports of one recording, added in the order in which they were requested.
 
-    ``ours``: this engine's by their settings; ``last``: the highest version; ``newest``: asked for last;
-    ``concluded``: the report of each conclusion, and whether it is this engine's.
+    ``ours``: this engine's reports by their settings; ``last``: the highest version; ``newest``: requested
+    last; ``concluded``: the report of each conclusion, and whether it is this engine's.
     """
 
     ours: dict[str, ReportRequest] = field(default_factory=dict)
@@ -67,8 +67,10 @@ class _History:
 
 
 def number_versions(connection: Connection, items: Sequence[Item]) -> list[ReportRequest]:
-    """Return the requests with the version of their report, what differs from the version before, and a draft
-    of the conclusion that they leave behind.
+    """Return the requests with their versions and drafts.
+
+    Each states the version of its report, the differences from the previous version, and a draft of the
+    conclusion that is no longer valid.
     """
     digests = {recording_id: sha256 for recording_id, sha256, _ in items}
     histories = _read_histories(connection, digests, COUNTED)
@@ -85,7 +87,7 @@ def number_versions(connection: Connection, items: Sequence[Item]) -> list[Repor
 
 
 def renumber(connection: Connection, analysis_id: str) -> None:
-    """Number an analysis that begins by the reports that exist: analyses that were queued may have failed."""
+    """Number a starting analysis by the existing reports, because earlier queued ones may have failed."""
     query = select(recordings.c.id, recordings.c.sha256, analyses.c.request).join(
         recordings, analyses.c.recording_id == recordings.c.id
     )
@@ -103,7 +105,7 @@ def renumber(connection: Connection, analysis_id: str) -> None:
 def _read_histories(
     connection: Connection, digests: Mapping[str, str], states: Sequence[JobState]
 ) -> dict[str, _History]:
-    """Read the reports of some recordings, in the order in which they were asked for."""
+    """Return the reports of some recordings, in the order in which they were requested."""
     histories = {recording_id: _History() for recording_id in digests}
     columns = (analyses.c.recording_id, analyses.c.key, analyses.c.request)
     ordered = sorted(digests)
@@ -121,7 +123,7 @@ def _number(history: _History, request: ReportRequest) -> ReportRequest:
     if history.last is None:
         return replace(request, version=1, changes=())
     old = history.ours.get(_write_settings(request))
-    if old is not None:  # another language or paper at most: the same report
+    if old is not None:  # at most another language or paper: the same report
         reason = request.reason or old.reason
         return replace(request, version=old.version, changes=old.changes, reason=reason)
     last = history.last
@@ -130,7 +132,7 @@ def _number(history: _History, request: ReportRequest) -> ReportRequest:
 
 
 def _find_draft(history: _History, request: ReportRequest) -> ConclusionDraft | None:
-    """Find the conclusion, or the draft of one, that the newest report has and this request leaves behind."""
+    """Find the newest report's conclusion or draft that this request does not take over."""
     newest = history.newest
     if newest is None or request.conclusion is not None:
         return None
@@ -140,7 +142,7 @@ def _find_draft(history: _History, request: ReportRequest) -> ConclusionDraft | 
 
 
 def _compare_draft(history: _History, draft: ConclusionDraft, request: ReportRequest) -> ConclusionDraft:
-    """Compare a request with the report that a draft was written for; that one may have been deleted."""
+    """Compare a request with the report of a draft, which may have been deleted."""
     origin, is_ours = history.concluded.get(draft.conclusion, (None, True))
     if origin is None:
         names = (*draft.changes, *request.changes)
@@ -152,8 +154,8 @@ def _compare_draft(history: _History, draft: ConclusionDraft, request: ReportReq
     return replace(draft, version=origin.version, changes=changes if is_ours else (*changes, "engine"))
 
 
-def settle_conclusion(connection: Connection, job: Job, asked: ReportRequest) -> ReportRequest:
-    """Return the request; the conclusion that it took over from ``job`` stays only with the same figures."""
+def drop_outdated_conclusion(connection: Connection, job: Job, asked: ReportRequest) -> ReportRequest:
+    """Return the request; keep the conclusion from ``job`` only if the figures stay the same."""
     if asked.conclusion is None:
         return asked
     key = connection.execute(select(analyses.c.key).where(analyses.c.id == job.id)).scalar()
@@ -163,12 +165,12 @@ def settle_conclusion(connection: Connection, job: Job, asked: ReportRequest) ->
 
 
 def build_item(connection: Connection, job: Job, asked: ReportRequest) -> Item:
-    """Return what is to be queued for the recording of a job."""
-    return job.recording_id, job.sha256, settle_conclusion(connection, job, asked)
+    """Return the item to queue for the recording of a job."""
+    return job.recording_id, job.sha256, drop_outdated_conclusion(connection, job, asked)
 
 
 def drop_drafts(connection: Connection, recording_id: str) -> bool:
-    """Delete the draft of a conclusion from every analysis of a recording; False if there was none."""
+    """Delete the draft of a conclusion from every analysis of a recording; return False if there was none."""
     mine = select(analyses.c.id, analyses.c.request).where(analyses.c.recording_id == recording_id)
     asked = {
         row.id: ReportRequest.from_json(row.request) for row in connection.execute(mine.with_for_update())

@@ -1,6 +1,6 @@
-"""Webhooks: addresses that are notified when an analysis or a batch ends, and the pending deliveries.
+"""Webhooks: addresses that are notified when an analysis or a batch ends, and their pending deliveries.
 
-A delivery is a row, written in the same commit as the end that it reports: no crash loses one.
+A delivery is a row, written in the same commit as the end that it reports, so that no crash loses one.
 """
 
 import base64
@@ -17,18 +17,18 @@ from app.library.database.tables import analyses, batch_items, batches, deliveri
 from app.library.rows import JobState, RowStore, format_now, select_items
 from app.store.server_secret import ServerSecret
 
-SECRET_OF_WEBHOOK = "webhook"  # noqa: S105 - what it is, for its encryption
+SECRET_OF_WEBHOOK = "webhook"  # noqa: S105 - the purpose, for its encryption
 Event = Literal["analysis.finished", "batch.finished", "live.cue"]
 EVENTS: tuple[Event, ...] = get_args(Event)
 USUAL_EVENTS: tuple[Event, ...] = ("analysis.finished", "batch.finished")
-"""What a webhook is told that names no events: cues are quiet by default."""
+"""Default events of a webhook; cues must be chosen."""
 PAUSES_S = (5.0, 300.0, 1800.0, 7200.0, 18000.0, 36000.0, 50400.0, 72000.0, 86400.0)
-"""Between one try and the next, as Standard Webhooks advises; after the last the delivery is given up."""
+"""Pauses between tries, as Standard Webhooks recommends; after the last the delivery is given up."""
 
 
 @dataclass(frozen=True, slots=True)
 class Webhook:
-    """An address that is notified. ``secret`` signs each delivery; it is kept encrypted."""
+    """A notified address. ``secret`` signs each delivery; it is stored encrypted."""
 
     id: str
     url: str
@@ -49,10 +49,10 @@ class Delivery:
 
 
 class WebhookStore(RowStore):
-    """Rows of webhooks and of their deliveries."""
+    """Webhooks and their deliveries in the database."""
 
     def add(self, url: str, events: tuple[Event, ...], server: ServerSecret) -> Webhook:
-        """Add an address, with a secret of its own, which is returned in clear this once."""
+        """Add an address with a separate secret, which is returned unencrypted only this once."""
         secret = "whsec_" + base64.b64encode(secrets.token_bytes(32)).decode()
         hook = Webhook(f"wh_{secrets.token_hex(8)}", url, events, secret, format_now())
         row = {"id": hook.id, "url": url, "events": json.dumps(events)}
@@ -78,12 +78,12 @@ class WebhookStore(RowStore):
             record(connection, "webhook.dropped", other={"webhook": webhook_id})
 
     def announce_cue(self, data: dict[str, str]) -> None:
-        """Write the deliveries for a cue of a live session, for those who asked for such events."""
+        """Add the deliveries of a live session's cue to the webhooks that chose such events."""
         with self._engine.begin() as connection:
             _announce(connection, _read_hooks(connection), "live.cue", data)
 
     def find_due(self, elapsed_s: float) -> tuple[Delivery, ...]:
-        """Count elapsed time off every delay; gives the deliveries that are due."""
+        """Subtract elapsed time from every delay; return the deliveries that are due."""
         if not self._read_value(select(func.count()).select_from(deliveries)):
             return ()
         due = (
@@ -97,7 +97,7 @@ class WebhookStore(RowStore):
         return tuple(Delivery(row.id, row.url, row.secret, row.body, row.tries) for row in rows)
 
     def take(self, delivery: Delivery) -> bool:
-        """Count a try before it is made; False when a peer makes it, or when the delivery is given up."""
+        """Count a try in advance; return False if another server makes it or the delivery is given up."""
         mine = (deliveries.c.id == delivery.id, deliveries.c.tries == delivery.tries)
         if delivery.tries >= len(PAUSES_S):
             self._write(delete(deliveries).where(*mine))
@@ -106,12 +106,12 @@ class WebhookStore(RowStore):
         return self._write(update(deliveries).where(*mine).values(later)) == 1
 
     def drop_delivery(self, delivery: Delivery) -> None:
-        """Delete a delivery that has arrived."""
+        """Delete a completed delivery."""
         self._write(delete(deliveries).where(deliveries.c.id == delivery.id))
 
 
 def announce_end(connection: Connection, analysis_id: str, state: JobState) -> None:
-    """Write the deliveries for an analysis that has just ended, and for a batch that has ended with it."""
+    """Add the deliveries for an analysis that has just ended, and for a batch that has ended with it."""
     hooks = _read_hooks(connection)
     if not hooks:
         return
@@ -122,11 +122,11 @@ def announce_end(connection: Connection, analysis_id: str, state: JobState) -> N
 
 
 def announce_batch(connection: Connection, batch_id: str) -> None:
-    """Write the deliveries for a batch, if it is over."""
+    """Add the deliveries for a batch, if it is over."""
     hooks = _read_hooks(connection)
     if not hooks:
         return
-    # one ending at a time counts the unfinished: two last ones must not each count the other
+    # lock the batch, so that two last analyses do not each count the other as unfinished
     connection.execute(select(batches.c.id).where(batches.c.id == batch_id).with_for_update())
     going_on = analyses.c.state.in_((JobState.QUEUED, JobState.RUNNING))
     count = select(func.count()).where(analyses.c.id.in_(select_items(batch_id)), going_on)

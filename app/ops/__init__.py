@@ -1,1 +1,1 @@
-"""Upkeep of an installation: backup, restore, verify, recover, doctor."""
+"""Maintenance of an installation: backup, restore, verify, recover, doctor."""

@@ -1,22 +1,22 @@
 """Back up and restore: one ZIP with every row and every file, made while the server runs.
 
-    manifest.json            {"format": "acromion.backup/3", "revision", "version", "made_at",
-                              "faults": [{"name", "finding": "missing" or "damaged"}]}
-    rows/<table>.jsonl       one row a line, all of one transaction; nothing of what goes on at the moment
-                              (sessions, links, wrong tries, known browsers)
-    files/recordings/<id>    files/analyses/<analysis>/<attempt>/<name>
-    erasures.jsonl           the ledger of erasures (:mod:`app.store.folder`)
-    server.key               the secret of the server (:mod:`app.store.server_secret`)
+ manifest.json            {"format": "acromion.backup/3", "revision", "version", "made_at",
+                           "faults": [{"name", "finding": "missing" or "damaged"}]}
+ rows/<table>.jsonl       one row per line, all from one transaction, without short-lived rows
+                          (sessions, links, failed sign-ins, known browsers)
+ files/recordings/<id>    files/analyses/<analysis>/<attempt>/<name>
+ erasures.jsonl           the ledger of erasures (:mod:`app.store.folder`)
+ server.key               the secret of the server (:mod:`app.store.server_secret`)
 
-It may be encrypted as a whole to recipients (age, https://age-encryption.org). Whoever makes a backup needs
-no secret for that: a recipient (``age1...``) is public. The identity (``AGE-SECRET-KEY-1...``, in a file of
-``age-keygen``) is kept by the person who restores, away from this machine. The library is in the extra
-``trust``. Beside the backups the newest ledger is kept as ``erasures.jsonl``: whoever was erased before the
-last backup comes back from no older one.
+It can be encrypted as a whole for recipients (age, https://age-encryption.org). Making a backup needs no
+secret: a recipient (``age1...``) is public. The person who restores keeps the identity
+(``AGE-SECRET-KEY-1...``, in a file of ``age-keygen``), away from this machine. The library is in the extra
+``trust``. The newest ledger is stored beside the backups as ``erasures.jsonl``, so that a restored older
+backup does not bring back recordings erased before the last backup.
 
-Files never change once a row promises them, so that they can be copied after the rows were read. A file that
-is purged meanwhile makes the backup start again. A damaged file is copied as it is; the manifest lists
-damaged and missing files.
+Files never change once a row refers to them, so that they can be copied after the rows were read. If a file
+is purged meanwhile the backup starts again. A damaged file is copied as it is; the manifest lists damaged and
+missing files.
 """
 
 import hashlib
@@ -65,8 +65,8 @@ from app.library.database.tables import (
 from app.library.jobs import JobStore
 from app.library.recordings import drop_empty_batches
 from app.ops.place import NO_ACCOUNTS, Accounts, find_accounts
-from app.ops.recover import catch_up, find_unknown
-from app.ops.verify import Fault, KeptFile, find_faults, find_files, find_kept, read_promised
+from app.ops.recover import find_unknown, update_side_files
+from app.ops.verify import ExpectedFile, Fault, find_expected, find_faults, find_files, read_expected
 from app.settings import Settings
 from app.store.folder import (
     COPY_BYTES,
@@ -94,12 +94,12 @@ TRIES = 3
 MAGIC = b"age-encryption.org/v1\n"
 
 
-# The file of a backup, encrypted or in clear.
+# The file of a backup, encrypted or not.
 
 
 @contextmanager
 def write_envelope(path: Path, recipients: Sequence[str]) -> Iterator[IO[bytes]]:
-    """Write a file that is there whole at the end of the block, or not at all; seeking in it is not possible.
+    """Write a file that is complete at the end of the block or does not exist; it is not seekable.
 
     Raises BackupRefused, DiskFull, NotInstalled.
     """
@@ -140,7 +140,7 @@ def _create(part: Path) -> IO[bytes]:
 
 @contextmanager
 def _encrypting(file: IO[bytes], recipients: Sequence[Any]) -> Iterator[IO[bytes]]:
-    """Encrypt what is written, in a thread beside the writer: nothing of it touches the disk in clear."""
+    """Encrypt the written bytes in a thread: no plain text is written to disk."""
     read_end, write_end = os.pipe()
     trouble: list[BaseException] = []
 
@@ -148,7 +148,7 @@ def _encrypting(file: IO[bytes], recipients: Sequence[Any]) -> Iterator[IO[bytes
         try:
             with os.fdopen(read_end, "rb") as source:
                 load_extra("pyrage").encrypt_io(source, file, list(recipients))
-        except BaseException as error:  # noqa: BLE001 - it is raised again where it was waited for
+        except BaseException as error:  # noqa: BLE001 - raised again in the waiting thread
             trouble.append(error)
 
     thread = threading.Thread(target=encrypt, name="encrypt")
@@ -167,9 +167,9 @@ def _encrypting(file: IO[bytes], recipients: Sequence[Any]) -> Iterator[IO[bytes
 
 @contextmanager
 def read_envelope(path: Path, identity: Path | None = None) -> Iterator[IO[bytes]]:
-    """Open a file for reading; one that is encrypted is decrypted into a temporary file without a name.
+    """Open a file for reading; decrypt an encrypted one into an unnamed temporary file.
 
-    Raises BackupRefused: it is encrypted, and no identity is given, or one that does not open it.
+    Raises BackupRefused if it is encrypted and the identity is missing or wrong.
     """
     with path.open("rb") as file:
         is_encrypted = file.read(len(MAGIC)) == MAGIC
@@ -197,18 +197,18 @@ def read_envelope(path: Path, identity: Path | None = None) -> Iterator[IO[bytes
             yield clear
 
 
-# What is in it.
+# Content.
 
 
 @dataclass(frozen=True, slots=True)
 class Copied:
-    """How many files the rows promise, which of them were not copied whole, and who may sign in then."""
+    """Number of files in the rows, files that were not copied intact, and the restored accounts."""
 
     promised: int
     faults: tuple[Fault, ...]
     accounts: Accounts = NO_ACCOUNTS
     erased: int = 0
-    """How many recordings of the backup were erased since, and stay away."""
+    """Number of recordings of the backup that were erased since, and are not restored."""
 
 
 class _PurgedMeanwhileError(Exception):
@@ -216,11 +216,10 @@ class _PurgedMeanwhileError(Exception):
 
 
 def back_up(settings: Settings, path: Path, recipients: Sequence[str] = ()) -> Copied:
-    """Write a backup of everything that can be read, or nothing at all; encrypted where there are recipients.
+    """Write a complete backup or none at all; encrypt it if there are recipients.
 
-    Raises BackupRefused: ``path`` exists or cannot be written, there is no database to back up, or recordings
-    were purged during each of three tries.
-    Raises StoreAway, DiskFull or NotInstalled.
+    Raises BackupRefused if ``path`` exists or cannot be written, if there is no database, or if recordings
+    were purged during each of three tries. Raises StoreAway, DiskFull or NotInstalled.
     """
     storage = open_storage(settings)
     for _ in range(TRIES):
@@ -258,8 +257,10 @@ def _write(settings: Settings, storage: Storage, path: Path, recipients: Sequenc
     return copied
 
 
-def _write_rows(settings: Settings, archive: zipfile.ZipFile) -> tuple[dict[str, Any], tuple[KeptFile, ...]]:
-    """Write all rows of one transaction; gives their part of the manifest, and the files they promise."""
+def _write_rows(
+    settings: Settings, archive: zipfile.ZipFile
+) -> tuple[dict[str, Any], tuple[ExpectedFile, ...]]:
+    """Write all rows from one transaction; return their part of the manifest, and the files they refer to."""
     engine = connect(settings.database_url).execution_options(**READ_ONLY)
     if engine.dialect.name == "postgresql":
         engine = engine.execution_options(isolation_level="REPEATABLE READ")
@@ -269,7 +270,7 @@ def _write_rows(settings: Settings, archive: zipfile.ZipFile) -> tuple[dict[str,
             if revision is None:
                 raise BackupRefused(why=f"{engine.url.render_as_string()}: no tables")
             write_all_rows(connection, archive)
-            files = read_promised(connection)
+            files = read_expected(connection)
     finally:
         engine.dispose()
     made_at = datetime.now(UTC).isoformat(timespec="seconds")
@@ -278,24 +279,24 @@ def _write_rows(settings: Settings, archive: zipfile.ZipFile) -> tuple[dict[str,
 
 
 def _write_files(
-    settings: Settings, storage: Storage, archive: zipfile.ZipFile, files: tuple[KeptFile, ...]
+    settings: Settings, storage: Storage, archive: zipfile.ZipFile, files: tuple[ExpectedFile, ...]
 ) -> Copied:
-    """Copy every promised file. Raises _PurgedMeanwhileError: a file is missing together with its row."""
+    """Copy every file of the rows. Raises _PurgedMeanwhileError if a file is missing with its row."""
     storage.prepare()
     faults = tuple(fault for file in files if (fault := _write_file(storage, archive, file)))
     if faults:
-        still = {file.name for file in find_kept(settings)}
+        still = {file.name for file in find_expected(settings)}
         if any(fault.name not in still for fault in faults):
             raise _PurgedMeanwhileError
-    with closing(JobStore(settings)) as store:  # no backup holds a recording without a row
+    with closing(JobStore(settings)) as store:  # a backup contains no recording without a row
         unknown = find_unknown(store, storage).recoverable
     return Copied(len(files), (*faults, *(Fault(f"recordings/{one}", "no_row") for one in unknown)))
 
 
-def _write_file(storage: Storage, archive: zipfile.ZipFile, file: KeptFile) -> Fault | None:
-    """Copy a file to its end, or to where the disk cannot read on.
+def _write_file(storage: Storage, archive: zipfile.ZipFile, file: ExpectedFile) -> Fault | None:
+    """Copy a file to its end, or as far as the disk can read it.
 
-    Returns its fault, None where its content matches its row.
+    Returns its fault; None if its content matches its row.
     """
     try:
         path = storage.fetch(file.name).path
@@ -325,7 +326,7 @@ def _read_chunk(source: IO[bytes]) -> bytes:
         return b""
 
 
-def _compare(path: Path, file: KeptFile) -> Fault | None:
+def _compare(path: Path, file: ExpectedFile) -> Fault | None:
     """Compare the content of a file with its row."""
     try:
         sha256 = hash_file(path)
@@ -334,8 +335,8 @@ def _compare(path: Path, file: KeptFile) -> Fault | None:
     return None if sha256 == file.sha256 else Fault(file.name, "damaged")
 
 
-def _read_promised(archive: zipfile.ZipFile, erased: Collection[str] = ()) -> Iterator[KeptFile]:
-    """Return the files that a backup must hold according to its rows, without those of erased recordings."""
+def _read_expected(archive: zipfile.ZipFile, erased: Collection[str] = ()) -> Iterator[ExpectedFile]:
+    """Return the files that a backup must contain by its rows, without those of erased recordings."""
     tables = ("recordings", "analyses", "result_files")
     known, jobs, files = (tuple(read_rows(archive, table)) for table in tables)
     return find_files([row for row in known if row["id"] not in erased], jobs, files)
@@ -345,7 +346,7 @@ def _read_promised(archive: zipfile.ZipFile, erased: Collection[str] = ()) -> It
 def open_backup(
     path: Path, identity: Path | None = None
 ) -> Iterator[tuple[zipfile.ZipFile, Mapping[str, Any]]]:
-    """Open a backup; gives the archive with its manifest. Raises BackupRefused, WrongSchema."""
+    """Open a backup; yield the archive and its manifest. Raises BackupRefused, WrongSchema."""
     try:
         with read_envelope(path, identity) as file, zipfile.ZipFile(file) as archive:
             manifest = json.loads(archive.read("manifest.json"))
@@ -359,14 +360,14 @@ def open_backup(
 
 
 def find_damage(path: Path, identity: Path | None = None) -> Copied:
-    """Read every byte of a backup, and find the files that do not match their rows.
+    """Read every byte of a backup, and find files that do not match their rows.
 
-    Faults that the manifest lists are found as ``known_missing`` or ``known_damaged``.
-    Raises BackupRefused, WrongSchema.
+    Faults that the manifest lists are reported as ``known_missing`` or ``known_damaged``. Raises
+    BackupRefused, WrongSchema.
     """
     with open_backup(path, identity) as (archive, manifest):
         listed = {fault["name"] for fault in manifest.get("faults", ())}
-        files = tuple(_read_promised(archive))
+        files = tuple(_read_expected(archive))
         faults = []
         for file in files:
             found, is_known = _read_member(archive, f"files/{file.name}"), file.name in listed
@@ -382,18 +383,18 @@ def find_damage(path: Path, identity: Path | None = None) -> Copied:
 
 @dataclass(frozen=True, slots=True)
 class _Member:
-    """A member of the ZIP: the digest of its content, None where it is missing or cannot be opened."""
+    """A member of the ZIP: the digest of its content, None if it is missing or cannot be opened."""
 
     sha256: str | None
     is_as_written: bool
 
 
 def _ignore(_chunk: bytes) -> None:
-    """Discard the bytes, which are read for their digest only."""
+    """Discard the bytes, which are read only for their digest."""
 
 
 def _read_member(archive: zipfile.ZipFile, name: str, write: Callable[[bytes], object] = _ignore) -> _Member:
-    """Pass on every byte that can be read, and compare the bytes with the checksum of the ZIP."""
+    """Pass on every readable byte, and compare the bytes with the checksum of the ZIP."""
     digest, crc = hashlib.sha256(), 0
     try:
         with archive.open(name) as member:
@@ -415,13 +416,13 @@ def _read_rest(member: IO[bytes]) -> bytes:
 
 
 def restore(settings: Settings, path: Path, identity: Path | None = None) -> Copied:
-    """Restore a backup into an empty database and store, with damaged files as they are.
+    """Restore a backup into an empty database and store, including damaged files.
 
     The files are written first, then all rows in one transaction: an interrupted restore leaves nothing
-    visible, and can be repeated. Analyses that ran when the backup was made wait again. What a ledger of
-    erasures names (that of the place, of the backup, or beside it) does not come back. Accounts and tokens
-    come back; everybody signs in again.
-    Raises BackupRefused, WrongSchema, NotEmpty, FolderTaken, DiskFull, StoreAway.
+    visible, and can be repeated. Analyses that ran when the backup was made are queued again. Entries of a
+    ledger of erasures (of the data folder, in the backup, or beside it) are not restored. Accounts and tokens
+    are restored; everyone must sign in again. Raises BackupRefused, WrongSchema, NotEmpty, FolderTaken,
+    DiskFull, StoreAway.
     """
     with open_backup(path, identity) as (archive, _):
         with translate_folder_errors(settings.data_dir):
@@ -436,7 +437,7 @@ def restore(settings: Settings, path: Path, identity: Path | None = None) -> Cop
             erased = parse_ledger(ledger + b"\n" + (beside.read_bytes() if beside.is_file() else b""))
             copied = _restore(settings, archive, erased)
             with closing(JobStore(settings)) as store:
-                catch_up(store, open_storage(settings))
+                update_side_files(store, open_storage(settings))
                 found = find_accounts(store.reader)
             AccountStore(settings).exist()  # marks the folder of a server with accounts
             return replace(copied, accounts=found)
@@ -455,7 +456,7 @@ def _restore(settings: Settings, archive: zipfile.ZipFile, erased: frozenset[str
             storage.prepare()
             storage.add_erased(erased)
             erased = storage.find_erased()
-            files, present = tuple(_read_promised(archive, erased)), frozenset(storage.find_names())
+            files, present = tuple(_read_expected(archive, erased)), frozenset(storage.find_names())
             beside = {f"{file.name}{SIDE_SUFFIX}" for file in files}
             strangers = sorted(present - {file.name for file in files} - beside)
             if strangers:
@@ -478,21 +479,21 @@ def _restore(settings: Settings, archive: zipfile.ZipFile, erased: frozenset[str
 
 
 def _check_no_rows(connection: Connection) -> None:
-    """Refuse a database that holds any row, except the id of its store, what a start left, and logins."""
+    """Reject a database with any row except the store id, the rows of a start, and sign-ins."""
     found = read_revision(connection)
     if found not in (None, REVISION):
         raise WrongSchema(found=found, needed=REVISION)
     for table in reflect_tables(connection):
-        if connection.dialect.name == "postgresql":  # a server that runs may not add a row after the count
+        if connection.dialect.name == "postgresql":  # a running server must not add a row after the count
             connection.execute(text(f'LOCK TABLE "{table.name}" IN ACCESS EXCLUSIVE MODE'))
         number = connection.execute(select(func.count()).select_from(table)).scalar_one()
-        transient = (facts.name, audit_log.name, purged_uploads.name, *LEFT_OUT)  # of a start, of a purge
+        transient = (facts.name, audit_log.name, purged_uploads.name, *LEFT_OUT)  # rows of a start or a purge
         if number and table.name not in transient:
             raise NotEmpty(number=number, where=table.name)
 
 
 def _restore_file(
-    storage: Storage, archive: zipfile.ZipFile, file: KeptFile, *, is_present: bool
+    storage: Storage, archive: zipfile.ZipFile, file: ExpectedFile, *, is_present: bool
 ) -> Fault | None:
     """Restore one file; a damaged copy never replaces a present file."""
     with suppress(OSError):
@@ -514,9 +515,9 @@ def _restore_file(
 
 
 def _restore_rows(connection: Connection, archive: zipfile.ZipFile, erased: frozenset[str]) -> None:
-    """Add the rows of a backup, but for those of erased recordings.
+    """Add the rows of a backup, except those of erased recordings.
 
-    Uploads under way do not come back, for their bytes are in no backup; nor does the id of the rows' store.
+    Unfinished uploads are not restored because their bytes are in no backup; nor is the store id of the rows.
     """
     create_tables(connection)
     gone = {row["id"] for row in read_rows(archive, analyses.name) if row["recording_id"] in erased} | erased
@@ -526,7 +527,7 @@ def _restore_rows(connection: Connection, archive: zipfile.ZipFile, erased: froz
             rows = [row for row in rows if row["recording_id"] is not None]
         elif table.name == facts.name:
             rows = [row for row in rows if row["name"] != "store"]
-        if table.name != audit_log.name:  # it outlives what it speaks of
+        if table.name != audit_log.name:  # its entries outlive their subjects
             rows = [
                 row
                 for row in rows
@@ -540,7 +541,7 @@ def _restore_rows(connection: Connection, archive: zipfile.ZipFile, erased: froz
 
 @dataclass(frozen=True, slots=True)
 class Drilled:
-    """How many files were restored and read, what is wrong with them, and how long it took."""
+    """Number of restored and read files, their faults, and the duration."""
 
     files: int
     faults: tuple[Fault, ...]
@@ -550,7 +551,8 @@ class Drilled:
 def drill(backup: Path, identity: Path | None = None, place: Path | None = None) -> Drilled:
     """Restore into a temporary folder (in ``place``, else beside the backup), and read every byte.
 
-    Nothing of this installation is used: what the drill cannot open, nobody could after a fire.
+    The drill does not use this installation: if it cannot open a file, a restore after a fire could not
+    either.
 
     Raises BackupRefused, WrongSchema, DiskFull, NotInstalled.
     """
@@ -566,7 +568,7 @@ def drill(backup: Path, identity: Path | None = None, place: Path | None = None)
             engine="embedded",
         )
         restored = restore(settings, backup, identity)
-        kept = find_kept(settings)
+        kept = find_expected(settings)
         found = {*restored.faults, *find_faults(settings, kept)}
         faults = tuple(sorted(found, key=lambda fault: fault.name))
         return Drilled(len(kept), faults, (time.monotonic() - begun_s) / 60)

@@ -1,9 +1,9 @@
-"""The daily copies of the rows, and how long backups last: a lost database costs at most a day.
+"""Daily copies of the database, and the lifetime of backups: a lost database costs at most a day.
 
-    data_dir/copies/rows-<number>.sqlite3     a whole database without sessions; the newest seven are kept
+ data_dir/copies/rows-<number>.sqlite3     a whole database without sessions; the newest seven are kept
 
-SQLite only: PostgreSQL has its own dump. ``acromion recover`` begins with the newest copy and brings its rows
-up to date from the side files. A purge deletes every copy, and writes a new one without what is purged.
+SQLite only: PostgreSQL has its own dump. ``acromion recover`` starts with the newest copy and updates its
+rows from the side files. A purge deletes every copy, and writes a new one without the purged data.
 """
 
 import json
@@ -38,12 +38,12 @@ _turn = threading.Lock()
 
 
 def find_copies(settings: Settings) -> tuple[Path, ...]:
-    """Return the copies, the oldest first."""
+    """Return the copies, oldest first."""
     return tuple(sorted((settings.data_dir / FOLDER).glob("rows-*.sqlite3")))
 
 
 def keep_daily_copy(settings: Settings, engine: Engine) -> None:
-    """Write a copy if the newest one is not of the last 24 hours. Raises DiskFull, OSError."""
+    """Write a copy if the newest one is older than 24 hours. Raises DiskFull, OSError."""
     with _turn:
         copies = find_copies(settings)
         if copies and abs(time.time() - copies[-1].stat().st_mtime) < DAY_S:
@@ -56,13 +56,13 @@ def keep_daily_copy(settings: Settings, engine: Engine) -> None:
 def renew_copies(settings: Settings, engine: Engine) -> None:
     """Delete every copy, and write a new one without recordings that are being purged.
 
-    Raises DiskFull, OSError: the purge is unfinished: call this again before its last rows are deleted.
+    Raises DiskFull or OSError if the purge is unfinished: call this again before its last rows are deleted.
     """
     if engine.dialect.name != "sqlite":
         return
     with _turn:
         folder = settings.data_dir / FOLDER
-        for path in folder.glob("rows-*"):  # also a half-written one
+        for path in folder.glob("rows-*"):  # includes a half-written one
             path.unlink()
         if folder.is_dir():
             sync_folder(folder)
@@ -70,9 +70,9 @@ def renew_copies(settings: Settings, engine: Engine) -> None:
 
 
 def restore_copy(settings: Settings) -> str:
-    """Put the newest whole copy in the place of a lost database; return its date, "" if nothing was done.
+    """Replace a lost database by the newest intact copy; return its date, "" if nothing was done.
 
-    A database that a refused start has created, without any recording or person, counts as lost.
+    A database without a recording or person, as a failed start creates it, counts as lost.
     """
     file = find_database_file(settings.database_url)
     if file is None or _holds_rows(Path(file)):
@@ -81,7 +81,7 @@ def restore_copy(settings: Settings) -> str:
     if copy is None:
         return ""
     place = Path(file)
-    for ending in ("-wal", "-shm", "-journal"):  # those of the lost database
+    for ending in ("-wal", "-shm", "-journal"):  # of the lost database
         place.with_name(f"{place.name}{ending}").unlink(missing_ok=True)
     part = place.with_name(f"{place.name}.part")
     part.unlink(missing_ok=True)
@@ -95,7 +95,7 @@ def restore_copy(settings: Settings) -> str:
 
 
 def _is_whole(copy: Path) -> bool:
-    """Return whether a copy can be read from end to end and has the tables of this version."""
+    """Return whether a copy is completely readable and has the tables of this version."""
     engine, is_whole = create_engine(f"sqlite:///{copy}"), False
     try:
         with engine.connect() as connection:
@@ -106,7 +106,7 @@ def _is_whole(copy: Path) -> bool:
     finally:
         engine.dispose()
     if not is_whole:
-        logger.warning("%s is damaged or of another version, and is not used", copy)
+        logger.warning("%s is damaged or from another version, and is not used", copy)
     return is_whole
 
 
@@ -143,7 +143,7 @@ def _write(settings: Settings, engine: Engine) -> None:
 
 
 def _leave_out(part: Path) -> None:
-    """Delete sessions and the rows of recordings that are being purged; their bytes are overwritten."""
+    """Delete sessions and the rows of recordings that are being purged; overwrite their bytes."""
     engine = create_engine(f"sqlite:///{part}")
     try:
         with engine.connect() as connection:
@@ -160,17 +160,17 @@ def _leave_out(part: Path) -> None:
         engine.dispose()
 
 
-# How long backups can contain what was erased: ``acromion backup`` writes it down.
+# How long backups can contain erased data: ``acromion backup`` records it.
 #
-#     backups.json    {"keep": number of kept backups or null, "made_at": [when the kept ones were made]}
+#     backups.json    {"keep": number of kept backups or null, "made_at": [times of the kept backups]}
 #
-# Once a backup was made that nothing deletes (without ``--keep``), ``keep`` stays null: delete that backup,
-# then this file.
+# After a backup without ``--keep``, which nothing deletes, ``keep`` stays null: delete that backup, then this
+# file.
 
 
 BACKUPS_FILE = "backups.json"
 USUAL = timedelta(days=1)
-"""The time between two backups where only one is known."""
+"""Assumed time between two backups if only one is known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,7 +182,7 @@ class BackupTerm:
 
 
 def record_backup(storage: Storage, keep: int | None) -> None:
-    """Write down that a backup was made."""
+    """Record that a backup was made."""
     kept, before = _read(storage)
     if before and kept is None:
         keep = None
@@ -192,10 +192,10 @@ def record_backup(storage: Storage, keep: int | None) -> None:
 
 
 def find_backup_term(storage: Storage) -> BackupTerm:
-    """Return until when backups can contain what is erased now.
+    """Return until when backups can contain data erased now.
 
-    The newest backup is deleted once as many further ones are made as are kept: at the pace of those known,
-    and at most one a day.
+    The newest backup is deleted after as many further backups as are kept, at the known pace and at most one
+    a day.
     """
     keep, made_at = _read(storage)
     if not made_at:

@@ -1,4 +1,4 @@
-"""Doctor: check this machine for what would keep Acromion from working well."""
+"""Doctor: check this machine for problems that would disturb Acromion."""
 
 import os
 import shutil
@@ -20,7 +20,7 @@ from app.library.database.connect import check_whole, connect, open_database, tr
 from app.library.jobs import JobStore
 from app.ops.place import find_unreadable, is_used
 from app.ops.recover import find_strange, find_unknown
-from app.ops.verify import find_faults, find_kept, measure_kept
+from app.ops.verify import find_expected, find_faults, measure_expected
 from app.report.render.html import find_template_folder
 from app.settings import Settings
 from app.store.folder import open_storage
@@ -32,12 +32,12 @@ OLDEST_CLOCK = datetime(2025, 1, 1, tzinfo=UTC)
 CLOCK_SKEW_S = 30.0
 GIB = 1 << 30
 MOST_READ_BYTES = 8 * GIB
-"""A larger store would take more than about half a minute to read."""
+"""Reading a larger store would take more than about half a minute."""
 
 
 @dataclass(frozen=True, slots=True)
 class Examination:
-    """The result of one check: its name (a key of the wording), whether all is well, and facts."""
+    """The result of one check: its name (a key of the wording), whether it passed, and facts."""
 
     name: str
     healthy: bool
@@ -45,7 +45,7 @@ class Examination:
 
 
 def examine(settings: Settings) -> Iterator[Examination]:
-    """Make every check; none depends on another. Where nothing was ever kept, that alone: nothing is made."""
+    """Run every check independently; on an unused installation only report that, and create nothing."""
     if not _is_used(settings):
         yield Examination("unused", healthy=False, facts={"folder": str(settings.data_dir.resolve())})
         return
@@ -72,11 +72,11 @@ def _is_used(settings: Settings) -> bool:
         with translate_start_errors(settings):
             return is_used(settings)
     except (AppError, SQLAlchemyError, OSError):
-        return True  # folder and database have checks of their own
+        return True  # folder and database have separate checks
 
 
 def _examine_folder(settings: Settings) -> Examination:
-    """Check that the folder can be written, by us alone."""
+    """Check that the folder is writable by us alone."""
     folder = settings.data_dir
     facts = {"folder": str(folder.resolve())}
     try:
@@ -97,7 +97,7 @@ def _examine_disk(settings: Settings) -> Examination:
 
 
 def _examine_database(settings: Settings) -> Examination:
-    """Check that the database answers, and that its tables are ours."""
+    """Check that the database responds and has our tables."""
     try:
         with translate_start_errors(settings):
             check_whole(settings.database_url)
@@ -126,9 +126,9 @@ def _examine_store(settings: Settings) -> Examination:
 def _examine_kept(
     settings: Settings, name: str, find: Callable[[Settings], Mapping[str, str] | None]
 ) -> Examination:
-    """Check what is kept: ``find`` gives the facts of what is wrong, {} for nothing, None if it did not look.
+    """Check stored data: ``find`` returns the facts of a fault, {} for no fault, None if it was skipped.
 
-    Database and store have checks of their own.
+    Database and store have separate checks.
     """
     try:
         wrong = find(settings)
@@ -138,7 +138,7 @@ def _examine_kept(
 
 
 def _find_lost_accounts(settings: Settings) -> Mapping[str, str]:
-    """Find that the database holds no account though the folder says that there are any."""
+    """Return facts if the database has no account although the folder was marked as having some."""
     try:
         AccountStore(settings).check_kept()
     except AccountsLost as lost:
@@ -147,7 +147,7 @@ def _find_lost_accounts(settings: Settings) -> Mapping[str, str]:
 
 
 def _find_lost_secret(settings: Settings) -> Mapping[str, str]:
-    """Find second factors and webhooks that another secret than that of this server has encrypted."""
+    """Return facts if second factors or webhooks were encrypted with another server secret."""
     secret = ServerSecret(settings.data_dir)
     with closing(JobStore(settings)) as store:
         lost = find_unreadable(store.reader, secret)
@@ -170,9 +170,9 @@ def _find_quarantined(settings: Settings) -> Mapping[str, str]:
 
 
 def _find_damaged(settings: Settings) -> Mapping[str, str] | None:
-    """Find stored files that differ from their rows; a large store is left to ``acromion verify``."""
-    files = find_kept(settings)
-    if measure_kept(settings) > MOST_READ_BYTES:
+    """Find stored files that differ from their rows; leave a large store to ``acromion verify``."""
+    files = find_expected(settings)
+    if measure_expected(settings) > MOST_READ_BYTES:
         return None
     faults = [one.name for one in find_faults(settings, files) if one.finding in ("missing", "damaged")]
     return {"number": str(len(faults)), "first": faults[0]} if faults else {}
@@ -191,10 +191,10 @@ def _examine_fonts() -> Examination:
 
 
 def _examine_clock(settings: Settings) -> Examination:
-    """Check that the clock is plausible and, where the database has its own clock, agrees with that."""
+    """Check that the clock is plausible and agrees with the clock of a PostgreSQL server."""
     now, skew_s = datetime.now(UTC), 0.0
     if not settings.database_url.startswith("sqlite"):
-        with suppress(SQLAlchemyError):  # the check of the database reports that it does not answer
+        with suppress(SQLAlchemyError):  # the database check reports an unreachable database
             engine = connect(settings.database_url)
             with engine.connect() as connection:
                 theirs_s = connection.execute(text("SELECT extract(epoch FROM clock_timestamp())"))
@@ -214,5 +214,5 @@ def _examine_memory(settings: Settings) -> Examination:
 
 
 def _find_existing(folder: Path) -> Path:
-    """Find the folder, or the nearest existing one above it."""
+    """Return the folder, or the nearest existing one above it."""
     return next(place for place in (folder.resolve(), *folder.resolve().parents) if place.exists())

@@ -1,4 +1,4 @@
-"""The state of an installation: whether it was ever used, its accounts, and whether its secret fits them."""
+"""The state of an installation: whether it was ever used, its accounts, and whether its secret fits."""
 
 import json
 import logging
@@ -9,7 +9,7 @@ from sqlalchemy import Engine, select
 from sqlalchemy.exc import SQLAlchemyError
 
 from app.accounts.accounts import MARKER
-from app.accounts.logins import name_second_factor
+from app.accounts.sign_in import name_second_factor
 from app.errors import NotHere, SecretUnreadable
 from app.library.audit_log import AT_MACHINE, Act, record
 from app.library.database.connect import connect, read_revision
@@ -23,19 +23,19 @@ from app.store.server_secret import ServerSecret
 logger = logging.getLogger(__name__)
 
 _KEPT = ("acromion.sqlite3", MARKER, "recordings")
-"""What a folder that was ever used has one of."""
+"""A used folder contains at least one of these."""
 
 
 def check_used(settings: Settings) -> None:
-    """Check that something was ever kept here. To look makes nothing. Raises NotHere."""
+    """Check that this installation was ever used, without creating anything. Raises NotHere."""
     if not is_used(settings):
         raise NotHere(id=str(settings.data_dir))
 
 
 def check_recoverable(settings: Settings) -> None:
-    """Check that something is left here, even if the database is lost.
+    """Check that data is left here, even if the database is lost.
 
-    Raises NotHere: nothing is in the folder, the database or the bucket.
+    Raises NotHere if folder, database and bucket are empty.
     """
     is_there = _is_folder_used(settings) or is_used(settings)
     if not is_there and not (settings.object_store and open_storage(settings).find_recordings()):
@@ -43,7 +43,7 @@ def check_recoverable(settings: Settings) -> None:
 
 
 def is_used(settings: Settings) -> bool:
-    """Return whether anything was ever kept here; to look makes nothing."""
+    """Return whether this installation was ever used, without creating anything."""
     if settings.database_url.startswith("sqlite"):
         return _is_folder_used(settings)
     engine = connect(settings.database_url)
@@ -57,13 +57,13 @@ def is_used(settings: Settings) -> bool:
 
 def _is_folder_used(settings: Settings) -> bool:
     folder = settings.data_dir
-    return folder.is_file() or any((folder / name).exists() for name in _KEPT)  # a file is named as one later
+    return folder.is_file() or any((folder / name).exists() for name in _KEPT)
 
 
 def record_command(settings: Settings, act: Act) -> None:
-    """Write the line of a command that changes no row.
+    """Add the audit entry of a command that changes no row.
 
-    A store that cannot be written is backed up and verified all the same.
+    If the database cannot be written, backup and verification continue without the entry.
     """
     engine = connect(settings.database_url)
     try:
@@ -74,12 +74,12 @@ def record_command(settings: Settings, act: Act) -> None:
         engine.dispose()
 
 
-# ------------------------------------------------------------------ who may sign in, and with which secret
+# Accounts, and the secret that they need.
 
 
 @dataclass(frozen=True, slots=True)
 class Accounts:
-    """Accounts as login and roles; tokens as name, login of the person, permissions and end (seconds)."""
+    """Accounts as sign-in name and roles; tokens as name, owner's sign-in name, permissions and end (s)."""
 
     people: tuple[tuple[str, str], ...] = ()
     tokens: tuple[tuple[str, str, str, float], ...] = ()
@@ -89,7 +89,7 @@ NO_ACCOUNTS = Accounts()
 
 
 def find_accounts(reader: Engine) -> Accounts:
-    """Find everybody who may sign in, and every token that is not revoked."""
+    """Return all active accounts, and every token that is not revoked."""
     named = select(tokens, people.c.login).join(people, tokens.c.person_id == people.c.id)
     open_ones = named.where(tokens.c.ended_at.is_(None), people.c.ended_at.is_(None))
     with reader.connect() as connection:
@@ -107,14 +107,14 @@ def _join(names: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Unreadable:
-    """How many second factors and secrets of webhooks the secret of this server cannot read."""
+    """Numbers of second factors and webhook secrets that this server's secret cannot decrypt."""
 
     second_factors: int
     webhooks: int
 
 
 def find_unreadable(reader: Engine, secret: ServerSecret) -> Unreadable:
-    """Count what was encrypted by another secret than that of this server."""
+    """Count values that were encrypted with another server secret."""
     factors = select(people.c.id, people.c.totp_secret)
     with reader.connect() as connection:
         of_people = connection.execute(
@@ -126,7 +126,7 @@ def find_unreadable(reader: Engine, secret: ServerSecret) -> Unreadable:
 
 
 def warn_of_lost_secret(reader: Engine, secret: ServerSecret) -> None:
-    """Log a warning if second factors or webhooks have to be set up again: their secret is lost."""
+    """Log a warning if second factors or webhooks must be set up again because their secret is lost."""
     lost = find_unreadable(reader, secret)
     if lost.second_factors or lost.webhooks:
         words = describe_problem(SecretUnreadable.code, {"file": str(secret.file)}, "en")

@@ -1,11 +1,10 @@
-"""Compare the store with the rows at a start, and recover from the side files what the database has lost.
+"""Compare the store with the rows at a start, and recover lost rows from the side files.
 
-At a start nothing unknown is removed:
-
+A start removes nothing unknown:
 - A recording without a row but with a valid side file means that the database is lost, older or foreign: the
   start is refused.
 - An entry with neither is moved into quarantine, and reported.
-- An interrupted purge continues, and what the ledger of erasures names is erased again.
+- An interrupted purge continues, and entries of the ledger of erasures are erased again.
 - Old temporary files, and attempts of known analyses that do not count, are removed.
 """
 
@@ -48,8 +47,9 @@ from app.store.folder import (
 )
 
 OWN_NAME = re.compile(r"rec_[0-9a-f]{16}\.\d+\.json")
-"""The name in quarantine of a side file that was newer than its row
-(:func:`app.library.side_files.quarantine_side_file`).
+"""Name in quarantine of a side file that was newer than its row.
+
+See :func:`app.library.side_files.quarantine_side_file`.
 """
 
 Finding = Literal["no_bytes", "cut", "no_report", "newer", "trashed_since", "side_damaged", "strange"]
@@ -64,15 +64,15 @@ class Unknown:
     strange: tuple[str, ...] = ()
     """Names of entries without a valid side file."""
     erased: tuple[str, ...] = ()
-    """Recordings of the ledger of erasures, of which something is left."""
+    """Recordings in the ledger of erasures that still have files."""
 
 
 def find_unknown(store: JobStore, storage: Storage) -> Unknown:
     """Compare the entries among the recordings with the rows.
 
-    Raises WrongSchema: side files are of another version.
+    Raises WrongSchema if side files belong to another version.
     """
-    names = storage.find_recordings()  # first: a recording that is stored meanwhile has its row by then
+    names = storage.find_recordings()  # first: the row of a recording stored meanwhile then exists
     rows = store.find_recordings()
     found = {name for name in names if name.removesuffix(SIDE_SUFFIX) not in rows}
     if not found:
@@ -94,10 +94,10 @@ def _check_schema(side: SideFile) -> None:
 
 
 def check_known(store: JobStore, storage: Storage) -> Unknown:
-    """Check that the database knows every stored recording; gives the other unknown entries.
+    """Check that every stored recording has a row; return the other unknown entries.
 
-    Raises WrongSchema, and UnknownRecordings: a recording has a valid side file and no row, so that the
-    database is lost, older or foreign.
+    Raises WrongSchema. Raises UnknownRecordings if a recording has a valid side file and no row: the database
+    is lost, older or foreign.
     """
     unknown = find_unknown(store, storage)
     if unknown.recoverable:
@@ -106,23 +106,23 @@ def check_known(store: JobStore, storage: Storage) -> Unknown:
 
 
 def restore_known(store: JobStore, storage: Storage) -> int:
-    """Move recordings back from quarantine that have a row now (a restored database); gives the number."""
+    """Move recordings with a row back from quarantine (after a restored database); return their number."""
     rows, present = store.find_recordings(), storage.find_recordings()
     known = [name for name in storage.find_quarantined() if name in rows - present]
     return sum(storage.unquarantine(name) for name in known)
 
 
 def quarantine_strange(storage: Storage, unknown: Unknown) -> int:
-    """Move unknown entries into quarantine; gives the number of entries moved."""
+    """Move unknown entries into quarantine; return their number."""
     return sum(storage.quarantine(name) for name in unknown.strange)
 
 
 def finish_purges(storage: Storage, unknown: Unknown) -> None:
-    """Remove what is left of erased recordings whose rows are gone, and of their analyses."""
+    """Remove remaining files of erased recordings without rows, and of their analyses."""
     erased = storage.find_erased()
     if not erased:
         return
-    present = {analysis_id for analysis_id, _ in storage.find_attempts()}  # also of a worker that was killed
+    present = {analysis_id for analysis_id, _ in storage.find_attempts()}  # includes those of a killed worker
     if unknown.erased:
         present |= {name.split("/")[1] for name in storage.find_names() if name.startswith("analyses/")}
     for analysis_id in present & erased:
@@ -137,17 +137,17 @@ def find_strange(storage: Storage) -> tuple[str, ...]:
 
 
 def read_side_file(storage: Storage, recording_id: str) -> SideFile | None:
-    """Read the side file of a recording; None where it is absent or not valid."""
+    """Return the side file of a recording; None if it is missing or invalid."""
     return decode_side_file(storage.read_small(format_side_file_name(recording_id)), recording_id)
 
 
 def drop_stale_attempts(store: JobStore, storage: Storage) -> tuple[int, int]:
-    """Remove the folders of attempts that do not count, of analyses that the database knows.
+    """Remove the folders of discarded attempts of known analyses.
 
-    An attempt that counts by the side file of its recording stays: the database is an older copy. Returns how
-    many were removed, and how many stay for that reason.
+    An attempt that counts by the side file of its recording stays, because the database is an older copy.
+    Returns the numbers of removed and of such newer attempts.
     """
-    found = storage.find_attempts()  # first: an attempt that begins meanwhile has its row by then
+    found = storage.find_attempts()  # first: the row of an attempt that starts meanwhile then exists
     known, counted = store.find_analyses(), store.find_attempts()
     stale = [attempt for attempt in found if attempt[0] in known and attempt not in counted]
     newer = 0
@@ -162,8 +162,8 @@ def drop_stale_attempts(store: JobStore, storage: Storage) -> tuple[int, int]:
     return len(stale) - newer, newer
 
 
-def catch_up(store: JobStore, storage: Storage) -> int:
-    """Write every side file that is absent or behind its row, and the file of views; gives the number."""
+def update_side_files(store: JobStore, storage: Storage) -> int:
+    """Write every missing or outdated side file, and the file of views; return their number."""
     writer = SideWriter(store.engine, store.reader, storage)
     names = storage.find_recordings()
     missing = [one for one in sorted(store.find_with_side()) if f"{one}{SIDE_SUFFIX}" not in names]
@@ -191,18 +191,18 @@ class Recovered:
     troubles: tuple[Trouble, ...]
     accounts: Accounts = NO_ACCOUNTS
     copied_at: str = ""
-    """The date of the daily copy that the rows begin with."""
+    """Date of the daily copy that was restored first."""
 
 
 def recover(settings: Settings) -> Recovered:
-    """Add the missing rows of every recording with a valid side file; present rows stay as they are.
+    """Add the missing rows of every recording with a valid side file; keep present rows.
 
-    If the database is lost, the newest daily copy takes its place first; rows that are older than their side
-    file are then replaced.
+    If the database is lost, the newest daily copy replaces it first; rows older than their side file are then
+    replaced.
 
-    Accounts, tokens and webhooks come back with the copy; every session ends. Uploads under way are not
-    recovered. A recording whose bytes are gone gets its row, too, so
-    that page and ``acromion verify`` report it. Raises FolderTaken, StoreMismatch, StoreAway, WrongSchema.
+    Accounts, tokens and webhooks are restored with the copy; every session ends. Unfinished uploads are not
+    recovered. A recording without bytes also gets its row, so that page and ``acromion verify`` report it.
+    Raises FolderTaken, StoreMismatch, StoreAway, WrongSchema.
     """
     storage = open_storage(settings)
     storage.prepare()
@@ -215,7 +215,7 @@ def recover(settings: Settings) -> Recovered:
             recovered = _recover(store, storage, has_copy=bool(copied_at))
             recovered = replace(recovered, accounts=find_accounts(store.reader), copied_at=copied_at)
             with store.engine.begin() as connection:
-                for table in (sessions, tickets, known_browsers):  # everybody signs in again
+                for table in (sessions, tickets, known_browsers):  # everyone must sign in again
                     connection.execute(delete(table))
                 record(connection, "store.recovered", other={"added": recovered.recordings}, who=AT_MACHINE)
             return recovered
@@ -227,7 +227,7 @@ def _recover(store: JobStore, storage: Storage, *, has_copy: bool) -> Recovered:
     unknown = find_unknown(store, storage)
     finish_purges(storage, unknown)
     for recording_id in storage.find_erased() & store.find_recordings():
-        store.mark_purging(recording_id)  # an older database was put back: the next start deletes it again
+        store.mark_purging(recording_id)  # an older database was restored: the next start deletes it again
     names, before = storage.find_recordings(), store.find_recordings()
     results = frozenset(storage.find_names())
     troubles: list[Trouble] = []
@@ -250,7 +250,7 @@ def _recover(store: JobStore, storage: Storage, *, has_copy: bool) -> Recovered:
     troubles += [Trouble(one, "no_bytes") for one in sorted(before - names) if store.is_kept(one)]
     troubles += [Trouble(name, "strange") for name in find_unknown(store, storage).strange]
     SavedViews(store.engine, store.reader, storage).recover()
-    catch_up(store, storage)
+    update_side_files(store, storage)
     return Recovered(
         recordings=added["recordings"],
         trashed=added["trashed"],
@@ -263,7 +263,7 @@ def _recover(store: JobStore, storage: Storage, *, has_copy: bool) -> Recovered:
 def _recover_rows(
     store: JobStore, storage: Storage, side: SideFile, *, has_copy: bool
 ) -> tuple[Rows, list[Trouble]]:
-    """Add the missing rows of one recording; a side file that differs from a present row is written again."""
+    """Add the missing rows of one recording; rewrite a side file that differs from a present row."""
     recording_id = str(side.recording["id"])
     revision = store.read_revision(recording_id)
     is_newer = 0 < revision < side.revision
@@ -282,7 +282,7 @@ def _recover_rows(
 
 
 def _find_absent(storage: Storage, rows: Rows, results: frozenset[str]) -> Iterator[Trouble]:
-    """Find the files that recovered rows promise and that are missing or cut short."""
+    """Find files of recovered rows that are missing or incomplete."""
     for row in rows["recordings"]:
         mark = storage.find_mark(format_recording_name(row["id"]))
         if mark is None or mark[0] != row["size_bytes"]:

@@ -1,4 +1,4 @@
-"""Verify: compare every stored file with its row, and find the files without one."""
+"""Verify: compare every stored file with its row, and find files without one."""
 
 import re
 import time
@@ -19,7 +19,7 @@ from app.settings import Settings
 from app.store.folder import SIDE_SUFFIX, Storage, format_side_file_name, open_storage
 
 RECHECKS, RECHECK_PAUSE_S = 10, 0.5
-"""How often, and after what pause, a side file that differs is compared again."""
+"""Number of repeated comparisons of a differing side file, and the pause between them."""
 
 _NAME = re.compile(r"(recordings|analyses)(/\w[\w.-]*){1,3}", re.ASCII)
 
@@ -27,7 +27,7 @@ Rows = Iterable[Mapping[str, Any]]
 
 
 @dataclass(frozen=True, slots=True)
-class KeptFile:
+class ExpectedFile:
     """A file by its name in the store, with the SHA-256 of its row."""
 
     name: str
@@ -36,11 +36,10 @@ class KeptFile:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A file that differs from its row, or that has no row; a side file may be behind or ahead of it.
+    """A file that differs from its row or has none; a side file may be behind or ahead of its row.
 
-    ``side_waiting``: it is behind its row, and housekeeping is about to write it.
-
-    ``known_...``: the backup that holds the file lists the fault itself.
+    ``side_waiting``: it is behind its row, and housekeeping is about to write it. ``known_...``: the backup
+    with the file lists the fault itself.
     """
 
     name: str
@@ -60,35 +59,35 @@ class Fault:
     ]
 
 
-def find_files(recordings: Rows, analyses: Rows, result_files: Rows) -> Iterator[KeptFile]:
-    """Find every recording and every result that a row promises."""
+def find_files(recordings: Rows, analyses: Rows, result_files: Rows) -> Iterator[ExpectedFile]:
+    """Return every recording and every result that has a row."""
     kept = [row for row in recordings if row["state"] != PURGING]
     for row in kept:
-        yield _check_name(KeptFile(f"recordings/{row['id']}", row["sha256"]))
+        yield _check_name(ExpectedFile(f"recordings/{row['id']}", row["sha256"]))
     ids = {row["id"] for row in kept}
     tokens = {row["id"]: row["token"] for row in analyses if row["recording_id"] in ids}
     for row in result_files:
         analysis_id = row["analysis_id"]
         if analysis_id in tokens:
             name = f"analyses/{analysis_id}/{tokens[analysis_id]}/{row['name']}"
-            yield _check_name(KeptFile(name, row["sha256"]))
+            yield _check_name(ExpectedFile(name, row["sha256"]))
 
 
-def _check_name(file: KeptFile) -> KeptFile:
+def _check_name(file: ExpectedFile) -> ExpectedFile:
     """Check a name, which may come from a foreign backup, before it becomes a path."""
     if not _NAME.fullmatch(file.name):
         raise BackupRefused(why=file.name[:80])
     return file
 
 
-def find_kept(settings: Settings) -> tuple[KeptFile, ...]:
-    """Find every file that the rows promise now."""
+def find_expected(settings: Settings) -> tuple[ExpectedFile, ...]:
+    """Return every file that has a row now."""
     with _reading(settings) as connection:
-        return read_promised(connection)
+        return read_expected(connection)
 
 
-def read_promised(connection: Connection) -> tuple[KeptFile, ...]:
-    """Read which files the rows promise."""
+def read_expected(connection: Connection) -> tuple[ExpectedFile, ...]:
+    """Return the files of the rows."""
     columns = (
         (recordings.c.id, recordings.c.sha256, recordings.c.state),
         (analyses.c.id, analyses.c.recording_id, analyses.c.token),
@@ -98,25 +97,25 @@ def read_promised(connection: Connection) -> tuple[KeptFile, ...]:
     return tuple(find_files(*rows))
 
 
-def measure_kept(settings: Settings) -> int:
-    """Add up the sizes of all recordings and results by their rows, in bytes."""
+def measure_expected(settings: Settings) -> int:
+    """Return the total size of all recordings and results by their rows, in bytes."""
     sizes = [select(func.coalesce(func.sum(table.c.size_bytes), 0)) for table in (recordings, result_files)]
     with _reading(settings) as connection:
         return sum(int(connection.execute(size).scalar_one()) for size in sizes)
 
 
-def find_faults(settings: Settings, files: tuple[KeptFile, ...]) -> Iterator[Fault]:
-    """Read every file and compare it with its row, and find the files without one.
+def find_faults(settings: Settings, files: tuple[ExpectedFile, ...]) -> Iterator[Fault]:
+    """Read every file and compare it with its row, and find files without one.
 
-    The server may run meanwhile: a file whose row was deleted or added since is no fault, nor is a file that
-    an attempt under way writes.
+    The server may run meanwhile: a file whose row was deleted or added since is not a fault, nor is a file of
+    a running attempt.
     """
     storage = open_storage(settings)
     storage.prepare()
     beside = {f"{file.name}{SIDE_SUFFIX}" for file in files if file.name.startswith("recordings/")}
     strangers = set(storage.find_names()) - {file.name for file in files} - beside
     suspects = [fault for file in files if (fault := _check(storage, file))]
-    still = {file.name for file in find_kept(settings)} if suspects or strangers else set()
+    still = {file.name for file in find_expected(settings)} if suspects or strangers else set()
     yield from (fault for fault in suspects if fault.name in still)
     if strangers:
         running = select(analyses.c.id, analyses.c.token).where(analyses.c.state == JobState.RUNNING)
@@ -131,7 +130,7 @@ def find_faults(settings: Settings, files: tuple[KeptFile, ...]) -> Iterator[Fau
 
 
 def _check_side_files(settings: Settings, storage: Storage) -> Iterator[Fault]:
-    """Compare every side file with its row; one that differs is read again: the server may be writing it."""
+    """Compare every side file with its row; read a differing one again, as the server may be writing it."""
     suspects = _compare_side_files(settings, storage)
     for _ in range(RECHECKS):
         if not suspects:
@@ -171,7 +170,7 @@ def _reading(settings: Settings) -> Iterator[Connection]:
         engine.dispose()
 
 
-def _check(storage: Storage, file: KeptFile) -> Fault | None:
+def _check(storage: Storage, file: ExpectedFile) -> Fault | None:
     try:
         sha256, _ = storage.hash(file.name)
     except FileNotFoundError:

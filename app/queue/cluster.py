@@ -1,10 +1,9 @@
-"""Workers on any number of machines: Procrastinate wakes them, the job row decides.
+"""Workers on any number of machines: Procrastinate notifies them, the job row decides.
 
-A trigger in PostgreSQL defers one Procrastinate job for each analysis that becomes queued, in the
-transaction that writes the row, whoever writes it. That job is only a wake-up: the worker that receives it
-claims a row as all workers do, and a superfluous wake-up finds no row. One of the living workers, the leader,
-puts back rows whose lease ran out, and wakes a worker for lost wake-ups. The others ask only whether it still
-leads.
+A trigger in PostgreSQL defers one Procrastinate job for each analysis that becomes queued, in the transaction
+that writes the row. That job is only a notification: the worker that receives it claims a row like every
+other worker, and a superfluous notification finds no row. One of the running workers, the leader, puts back
+rows with expired leases, and replaces lost notifications. The others only check whether it still leads.
 """
 
 import asyncio
@@ -30,7 +29,8 @@ from app.settings import Settings
 QUEUE, TASK = "analyses", "run_next"
 REVIVE_S = 1.0
 STALLED_S, BEAT_S = 30.0, 3.0
-"""When Procrastinate takes a worker for dead, and how often each tells that it lives: for wake-ups only."""
+"""When Procrastinate considers a worker dead, and how often each sends a heartbeat: for notifications only.
+"""
 LEADER_SILENCE_S = 30.0
 
 _TRIGGER = f"""
@@ -52,7 +52,7 @@ logger = logging.getLogger(__name__)
 
 
 def install(url: str) -> None:
-    """Make Procrastinate's tables and our trigger where they are missing; wake a worker for what waits."""
+    """Create Procrastinate's tables and our trigger if they are missing; notify workers of waiting jobs."""
     engine = connect(url)
     with engine.begin() as connection:
         lock_tables(connection)
@@ -68,7 +68,7 @@ def run_cluster_worker(
 ) -> None:
     """Run jobs until SIGTERM or SIGINT, or until the parent is gone.
 
-    ``make`` replaces the science where it is given.
+    ``make`` replaces the analysis in tests.
     """
     worker = open_worker_context(settings, make)
     warm_up_and_wait()
@@ -94,7 +94,7 @@ async def _work(worker: WorkerContext, parent_pid: int | None) -> None:
 
 
 async def _listen_on(worker: WorkerContext) -> None:
-    """Listen for jobs; start again when the database was away."""
+    """Listen for jobs; start again after a lost connection to the database."""
     address = make_url(worker.settings.database_url).set(drivername="postgresql")
     connector = PsycopgConnector(conninfo=address.render_as_string(hide_password=False))
     engine = App(connector=connector)  # it does one job at a time
@@ -105,7 +105,7 @@ async def _listen_on(worker: WorkerContext) -> None:
             async with engine.open_async():
                 await _listen(worker, engine)
         except (ConnectorException, OperationalError, OSError):
-            logger.exception("the database does not answer; listening again soon")
+            logger.exception("the database does not respond; listening again soon")
             await asyncio.sleep(TROUBLE_S)
 
 
@@ -120,7 +120,7 @@ async def _listen(worker: WorkerContext, engine: App) -> None:
         )
     )
     leader = Leader(worker.store.engine, REVIVAL, LEADER_SILENCE_S)
-    tasks = (listener, asyncio.create_task(_revive_for_ever(worker, engine, leader)))
+    tasks = (listener, asyncio.create_task(_revive_forever(worker, engine, leader)))
     try:
         done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
     finally:
@@ -133,7 +133,7 @@ async def _listen(worker: WorkerContext, engine: App) -> None:
 
 
 def revive_if_leading(worker: WorkerContext, leader: Leader) -> bool:
-    """Where this worker leads, put back the rows of dead workers, and wake a worker for lost wake-ups."""
+    """If this worker leads, put back the rows of dead workers and replace lost notifications."""
     if not leader.is_leader():
         return False
     return_expired(worker)
@@ -141,15 +141,15 @@ def revive_if_leading(worker: WorkerContext, leader: Leader) -> bool:
     return True
 
 
-async def _revive_for_ever(worker: WorkerContext, engine: App, leader: Leader) -> None:
-    """Put back what dead workers held, every ``REVIVE_S``."""
+async def _revive_forever(worker: WorkerContext, engine: App, leader: Leader) -> None:
+    """Put back jobs of dead workers every ``REVIVE_S``."""
     while True:
         try:
             if await asyncio.to_thread(revive_if_leading, worker, leader):
                 manager = engine.job_manager
                 stalled = await manager.get_stalled_jobs(queue=QUEUE, seconds_since_heartbeat=STALLED_S)
-                for job in stalled:  # those of dead workers wait again
+                for job in stalled:  # jobs of dead workers
                     await manager.retry_job(job)
         except OperationalError:
-            logger.warning("nothing revived: the database does not answer")
+            logger.warning("nothing revived: the database does not respond")
         await asyncio.sleep(REVIVE_S)

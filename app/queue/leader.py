@@ -1,8 +1,8 @@
-"""The leader: the one of several processes that does the work they share.
+"""The leader: the one of several processes that does their shared work.
 
-Of the web servers it does the housekeeping (terms, webhooks): with three that all count time, a term of
-thirty days would pass in ten. Of the workers it puts back what dead ones held: where each reads the rows of
-all, their number goes with the square of the workers.
+Among web servers it does the housekeeping (retention, webhooks): if three servers counted time, thirty days
+would pass in ten. Among workers it puts back jobs of dead ones: if every worker read the rows of all, the
+load would grow with the square of their number.
 """
 
 from contextlib import suppress
@@ -11,27 +11,27 @@ from dataclasses import dataclass
 from sqlalchemy import Connection, Engine, text
 from sqlalchemy.exc import OperationalError
 
-UPKEEP, REVIVAL = 0x6163726B, 0x61637276  # arbitrary numbers: whoever holds the advisory lock leads
+UPKEEP, REVIVAL = 0x6163726B, 0x61637276  # arbitrary numbers of advisory locks: the holder leads
 
 _KEYS = ":key, hashtext(current_schema())"
-"""Servers in several schemas of one database lead apart."""
+"""Servers in different schemas of one database have separate leaders."""
 _NOTICE_DEATH = text(
     "SELECT set_config(name, CASE name WHEN 'tcp_keepalives_count' THEN '3' ELSE '5' END, false) "
     "FROM pg_settings WHERE name LIKE 'tcp\\_keepalives\\_%'"
 )
-"""The database lets go of the lock within 20 s of the end of a leader's computer, which says no word."""
+"""The database releases the lock within 20 s after the leader's computer fails without notice."""
 _NOTICE_SILENCE = text(
     "SELECT set_config(name, :limit, false) FROM pg_settings WHERE name = 'idle_session_timeout'"
 )
-"""PostgreSQL 14 and newer: it ends the session of a leader that stands still, and its lock with it."""
+"""PostgreSQL 14 and newer: it ends the session of a stalled leader, and releases its lock."""
 
 
 @dataclass(slots=True)
 class Leader:
-    """Leads as long as its connection lives; with SQLite there is no other server.
+    """Leads while its connection lives; SQLite has no other server.
 
-    ``lock`` names the work. A leader that does not ask within ``silence_s`` leads no more; None: it may be
-    silent.
+    ``lock`` identifies the work. A leader that does not check within ``silence_s`` loses the lead; None: no
+    limit.
     """
 
     engine: Engine
@@ -40,9 +40,9 @@ class Leader:
     _connection: Connection | None = None
 
     def is_leader(self) -> bool:
-        """Return whether this process leads; it becomes the leader where there is none.
+        """Return whether this process leads; it becomes the leader if there is none.
 
-        Raises OperationalError: the connection is cut; this process leads no more.
+        Raises OperationalError if the connection is lost; this process then no longer leads.
         """
         if self.engine.dialect.name != "postgresql":
             return True
@@ -57,7 +57,7 @@ class Leader:
         return self._connection is not None
 
     def close(self) -> None:
-        """Lead no more, from this moment: one that only hangs up holds its lock a little longer."""
+        """Stop leading at once: without the unlock the database would keep the lock a little longer."""
         if self._connection is None:
             return
         connection, self._connection = self._connection, None

@@ -1,4 +1,4 @@
-"""The pool of worker processes that the server keeps alive."""
+"""The pool of worker processes that the server keeps running."""
 
 import logging
 import os
@@ -14,15 +14,15 @@ CHECK_S = 0.5
 STOP_S = 10.0
 SLOWEST_RESTART_S = 30.0
 LONGEST_STOPPED_S = 30.0
-"""A worker that a signal (SIGSTOP) has stopped for so long is ended, and replaced."""
+"""A worker stopped by a signal (SIGSTOP) for this long is killed and replaced."""
 _NOT_THEIRS = "ACROMION_OIDC_"
-"""Settings that hold how people log in: a process that reads strangers' files is not told."""
+"""Sign-in settings: a process that reads strangers' files does not receive them."""
 
 logger = logging.getLogger(__name__)
 
 
 class WorkerPool:
-    """Starts the workers, replaces one that has died, stops them all at the end."""
+    """Starts the workers, replaces dead ones, and stops them all at the end."""
 
     def __init__(self, settings: Settings) -> None:
         self._settings = settings
@@ -36,7 +36,7 @@ class WorkerPool:
         self._supervisor.start()
 
     def stop(self) -> None:
-        """Ask every worker to put its job back and end; end those that do not."""
+        """Ask every worker to put back its job and stop; kill the others."""
         self._stopping.set()
         self._supervisor.join()
         for worker in self._workers:
@@ -56,7 +56,7 @@ class WorkerPool:
             stopped_s = {pid: stopped_s.get(pid, 0.0) + pause_s for pid in stopped}
             for worker in self._workers:
                 if stopped_s.get(worker.pid, 0.0) >= LONGEST_STOPPED_S:
-                    logger.warning("worker %d stands still and is ended", worker.pid)
+                    logger.warning("worker %d is stopped; killing it", worker.pid)
                     worker.kill()
             lost = [place for place, worker in enumerate(self._workers) if worker.poll() is not None]
             for place in lost:
@@ -66,7 +66,7 @@ class WorkerPool:
             pause_s = min(2 * pause_s, SLOWEST_RESTART_S) if lost else CHECK_S
 
     def _start_one(self) -> subprocess.Popen[bytes]:
-        """Start a worker that runs this very code, whatever the working folder."""
+        """Start a worker that runs this very code, from any working folder."""
         command = [sys.executable, "-P", "-m", "app.queue.worker"]
         arguments = ["--data", str(self._settings.data_dir), "--parent", str(os.getpid())]
         code = str(Path(__file__).resolve().parents[2])
@@ -77,7 +77,7 @@ class WorkerPool:
 
 
 def _is_stopped(pid: int) -> bool:
-    """Return whether a signal has stopped a process; False if the system does not say (only Linux does)."""
+    """Return whether a signal has stopped a process; False if the system does not tell (only Linux does)."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(") ")[2].startswith("T")
     except OSError:

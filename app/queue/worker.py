@@ -44,7 +44,7 @@ from app.settings import Settings
 from app.store.decoded import DecodedCache
 from app.store.folder import (
     TEMPORARY_S,
-    KnownLogs,
+    KnownFiles,
     Storage,
     borrow_recording,
     borrow_result,
@@ -58,7 +58,7 @@ RENEWAL_S = 1.0
 TROUBLE_S = 2.0
 LONGEST_PAUSE_S = 60.0
 DEATH_GRACE_S = 1.0
-"""A shutdown may kill the child first: a death counts only where the worker outlives it for so long."""
+"""A shutdown may kill the child first: a death counts only if the worker outlives it by this time."""
 
 T = TypeVar("T")
 
@@ -66,11 +66,11 @@ logger = logging.getLogger(__name__)
 
 
 class Lease:
-    """How long a worker holds a job that it has claimed without a word.
+    """The time for which a worker holds a claimed job without renewal.
 
-    The worker's own loop renews it, the one that receives the progress of the child process; no thread does.
-    A worker that hangs, was killed or has lost the database loses its job. Every write names the token of the
-    attempt, so that a worker that lost its job changes nothing.
+    The worker's main loop renews it when it receives the progress of the child process; no thread does.
+    A worker that hangs, was killed or has lost the database loses its job. Every write includes the token of
+    the attempt, so that a worker that lost its job changes nothing.
     """
 
     def __init__(self, store: JobStore, analysis_id: str, token: str) -> None:
@@ -79,9 +79,10 @@ class Lease:
         self._renewed_s = time.monotonic()
 
     def renew(self, stage: str | None, fraction: float) -> bool:
-        """Renew the lease where progress was made or a second has passed; False when the job is lost.
+        """Renew the lease on progress or after a second; return False if the job is lost.
 
-        While the database is away nobody can take the job: the attempt continues, and its end is guarded.
+        While the database is unreachable no other worker can take the job: the attempt continues, and its end
+        is guarded.
         """
         now_s, progress = time.monotonic(), (stage, fraction)
         if progress == self._progress and now_s - self._renewed_s < RENEWAL_S:
@@ -90,20 +91,20 @@ class Lease:
         try:
             return self._store.renew(*self._claim, *progress)
         except OperationalError:
-            logger.warning("%s: not renewed, the database does not answer", self._claim[0])
+            logger.warning("%s: not renewed, the database does not respond", self._claim[0])
             return True
 
     def keep_during(self, act: Callable[[], T], limit_s: float) -> T:
-        """Renew the lease while a step runs that reads or writes large files; return its result.
+        """Renew the lease while a step reads or writes large files; return its result.
 
-        A step that takes longer than the limit waits for a disk or a network that never answers: this process
-        ends, and whoever takes the job begins anew.
+        A step over the limit waits for a disk or network that never responds: this process exits, and the
+        next worker starts the job again.
         """
         end_s = time.monotonic() + limit_s
 
         def renew_until_limit() -> None:
             if time.monotonic() > end_s:
-                logger.critical("the store has not answered for %.0f s; the worker ends itself", limit_s)
+                logger.critical("the store has not responded for %.0f s; the worker exits", limit_s)
                 os._exit(1)
             self.renew(*self._progress)
 
@@ -112,7 +113,7 @@ class Lease:
 
 @dataclass(frozen=True, slots=True)
 class WorkerContext:
-    """Everything that a worker needs; ``make`` replaces the science where it is given."""
+    """Everything that a worker needs; ``make`` replaces the analysis in tests."""
 
     store: JobStore
     storage: Storage
@@ -123,7 +124,7 @@ class WorkerContext:
 
 
 def open_worker_context(settings: Settings, make: MakeReport | None = None) -> WorkerContext:
-    """Open database and store for one worker; ``make`` replaces the science.
+    """Open database and store for one worker; ``make`` replaces the analysis.
 
     Raises ServerRefused, DatabaseAway, StoreAway, DiskFull.
     """
@@ -138,7 +139,7 @@ def open_worker_context(settings: Settings, make: MakeReport | None = None) -> W
 
 
 def run_next(worker: WorkerContext) -> bool:
-    """Do one job, from claim to published report; False when nothing waits."""
+    """Do one job, from claim to published report; return False if none waits."""
     return_expired(worker)
     job = worker.store.claim()
     if job is None or job.token is None:
@@ -150,7 +151,7 @@ def run_next(worker: WorkerContext) -> bool:
             _publish(worker, job, job.token, outcome, lease)
             break
         except (OperationalError, StoreAway):  # a finished analysis is worth the wait
-            logger.exception("database or store does not answer; trying again")
+            logger.exception("database or store does not respond; trying again")
             lease.renew(None, 0.0)
             if worker.stopping.wait(TROUBLE_S):
                 raise
@@ -160,7 +161,7 @@ def run_next(worker: WorkerContext) -> bool:
 
 
 def return_expired(worker: WorkerContext) -> None:
-    """Put back what workers held that are gone, and remove what they left half made."""
+    """Put back jobs of dead workers, and remove their unfinished files."""
     for analysis_id, token in worker.store.return_expired():
         logger.warning("%s: its worker is gone", analysis_id)
         worker.storage.drop_attempt(analysis_id, token)
@@ -179,7 +180,7 @@ def run_worker(settings: Settings, make: MakeReport | None = None, parent_pid: i
 
 
 def run_by_settings(settings: Settings, parent_pid: int | None = None) -> None:
-    """Run the loop of the engine in the settings; Procrastinate is loaded only where it is chosen.
+    """Run the engine of the settings; Procrastinate is loaded only if it is chosen.
 
     Raises ServerRefused, DatabaseAway, StoreAway, DiskFull at the start, and DatabaseDamaged later.
     """
@@ -192,17 +193,17 @@ def run_by_settings(settings: Settings, parent_pid: int | None = None) -> None:
 
 
 def run_next_patiently(worker: WorkerContext) -> bool:
-    """Do one job, and wait where the database does not answer; the row remains the truth meanwhile."""
+    """Do one job; wait if the database does not respond. The row remains authoritative meanwhile."""
     try:
         return run_next(worker)
     except OperationalError:
-        logger.exception("the database does not answer; trying again")
+        logger.exception("the database does not respond; trying again")
         worker.stopping.wait(TROUBLE_S)
         return False
 
 
 def _attempt_or_delay(worker: WorkerContext, job: Job, token: str, lease: Lease) -> Outcome:
-    """Make the attempt; where the store or the disk fails, delay the job and put it back, uncounted."""
+    """Make the attempt; if store or disk fail, delay the job and put it back without counting."""
     try:
         outcome = _attempt(worker, job, token, lease)
     except StoreAway as trouble:
@@ -214,7 +215,7 @@ def _attempt_or_delay(worker: WorkerContext, job: Job, token: str, lease: Lease)
         return Refused(damaged.code, damaged.facts)
     if not isinstance(outcome, Refused) or outcome.code != DiskFull.code:
         return outcome
-    worker.storage.drop_attempt(job.id, token)  # its files fill the disk, too
+    worker.storage.drop_attempt(job.id, token)  # its files also fill the disk
     if job.put_backs >= worker.settings.max_put_backs:
         return Refused(DiskFull.code, {"tries": job.put_backs + 1})
     pause_s = min(TROUBLE_S * 2**job.put_backs, LONGEST_PAUSE_S)
@@ -223,9 +224,9 @@ def _attempt_or_delay(worker: WorkerContext, job: Job, token: str, lease: Lease)
 
 
 def _delay(worker: WorkerContext, job: Job, lease: Lease, code: str, pause_s: float) -> Outcome:
-    """Record the delay, and keep the job for a while: a peer on the same disk would meet the same trouble."""
-    logger.warning("%s: held up for %.0f s, then put back: %s", job.id, pause_s, code)
-    with suppress(OperationalError):  # the database may lie on the disk that is full
+    """Record the delay, and keep the job for a while: another worker on this disk would fail as well."""
+    logger.warning("%s: delayed for %.0f s, then put back: %s", job.id, pause_s, code)
+    with suppress(OperationalError):  # the database may be on the full disk
         worker.store.record_delay(job.id, str(job.token), code, job.put_backs)
     end_s = time.monotonic() + pause_s
     while time.monotonic() < end_s and _renew_unless_stopping(worker, lease, None, 0.0):
@@ -237,22 +238,22 @@ def _attempt(worker: WorkerContext, job: Job, token: str, lease: Lease) -> Outco
     worker.storage.drop_temporary(TEMPORARY_S)  # a killed worker may have left copies from a bucket
     out = worker.storage.open_attempt(job.id, token)
     limits = choose_limits(worker.settings, job.size_bytes)
-    # the digest that is verified now: the child need not compute it again
+    # The digest was just verified: the child need not compute it again.
     digests = () if job.request.joined else (job.sha256,)
-    known = KnownLogs(digests, replace(worker.cache, recording_id=job.recording_id))
+    known = KnownFiles(digests, replace(worker.cache, recording_id=job.recording_id))
     make = worker.make or partial(load_and_make_report, known=known)
     with ExitStack() as stack:
         own = borrow_recording(worker.storage, job.recording_id, job.sha256)
-        log = lease.keep_during(partial(stack.enter_context, own), limits.wall_s)
+        recording_path = lease.keep_during(partial(stack.enter_context, own), limits.wall_s)
         reference = _borrow_reference(worker, job)
         request = lease.keep_during(partial(stack.enter_context, reference), limits.wall_s)
-        attempt = Attempt(log, request, out, make, limits, gives_way=True)
+        attempt = Attempt(recording_path, request, out, make, limits, gives_way=True)
         on_progress = partial(_renew_unless_stopping, worker, lease)
         outcome = run_attempt(attempt, on_progress)
         header = outcome.facts.get("header") if isinstance(outcome, Refused) else None
         if header is None or job.request.profile:
             return outcome
-        # the columns confirmed for the header of a table that was refused
+        # use the columns that were confirmed for this header
         asked = MappingStore(worker.store.engine, worker.store.reader).adopt(job.id, token, str(header))
         if asked is None:
             return outcome
@@ -261,20 +262,20 @@ def _attempt(worker: WorkerContext, job: Job, token: str, lease: Lease) -> Outco
 
 
 def _renew_unless_stopping(worker: WorkerContext, lease: Lease, stage: str | None, fraction: float) -> bool:
-    """Renew the lease; False when the job was cancelled or taken, or this worker is to stop."""
+    """Renew the lease; return False if the job was cancelled or taken, or this worker must stop."""
     return not worker.stopping.is_set() and lease.renew(stage, fraction)
 
 
 @contextmanager
 def _borrow_reference(worker: WorkerContext, job: Job) -> Iterator[ReportRequest]:
-    """Return the request with the path of its reference, which the row knows by its id."""
+    """Yield the request with the file path of its reference, which the row identifies by id."""
     reference = job.request.reference
     if reference is None:
         yield job.request
         return
     try:
         sha256 = worker.store.find_sha256(reference.path)
-    except NotHere as gone:  # deleted with its recording meanwhile
+    except NotHere as gone:  # deleted with its recording in the meantime
         raise StoreDamaged from gone
     with borrow_recording(worker.storage, reference.path, sha256) as path:
         yield replace(job.request, reference=replace(reference, path=str(path)))
@@ -309,7 +310,7 @@ def _publish(worker: WorkerContext, job: Job, token: str, outcome: Outcome, leas
 def _read_headline(
     worker: WorkerContext, analysis_id: str, token: str, made: Finished
 ) -> HeadlineFigures | None:
-    """Read the headline figures of a finished attempt; a comparison with a reference has none."""
+    """Return the headline figures of a finished attempt; a comparison with a reference has none."""
     file = next((file for file in made.files if file.name == "results.json"), None)
     if file is None:
         return None
@@ -321,7 +322,7 @@ def _read_headline(
 
 
 def main() -> None:
-    """Enter from ``python -m app.queue.worker``; all other settings come from ``ACROMION_*``."""
+    """Run the worker (``python -m app.queue.worker``); other settings come from ``ACROMION_*``."""
     parser = argparse.ArgumentParser(description="Do queued analyses until stopped.")
     parser.add_argument("--data", type=Path, required=True, help="data folder of the server")
     parser.add_argument("--parent", type=int, help="end when this process is gone")

@@ -1,1 +1,1 @@
-"""From what an analysis found to what people and programs receive: reports, tables, files."""
+"""The output of an analysis for people and programs: reports, tables, files."""

@@ -1,6 +1,6 @@
-"""The agreement of a recording with a reference, and of a study of several: JSON and CSV, tables, the sheet.
+"""Agreement of a recording with a reference, and of a study of several: JSON and CSV, tables, the report.
 
-Nothing here knows HTML or PDF.
+This module is independent of HTML and PDF.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from fusion.comparison.alignment import WindowLag
 
 
-# ------------------------------------------------------------------ JSON and CSV
+# JSON and CSV.
 
 STATISTICS = (
     "r",
@@ -71,7 +71,7 @@ COLUMNS = ("subject", "device", "kind", "name", "lower", "upper", "paper_task", 
 
 
 def encode_agreement_table(validation: Mapping[str, Any]) -> bytes:
-    """Write ``validation.csv``: a row for each task and class of elevation and speed, and for everything.
+    """Encode ``validation.csv``: a row for each task, each class of elevation and speed, and for everything.
 
     ``kind`` is overall, task, elevation or speed; edges are in deg or deg/s; empty is "not computable".
     """
@@ -87,7 +87,10 @@ def encode_agreement_table(validation: Mapping[str, Any]) -> bytes:
 
 @dataclass(frozen=True, slots=True)
 class ComparisonSubject:
-    """All texts come from outside and are only ever text; ``method`` and ``pose`` are "" for ready angles."""
+    """Names and settings of a comparison; ``method`` and ``pose`` are "" if the file contained angles.
+
+    All texts are untrusted and are only ever used as text.
+    """
 
     file_name: str
     reference_name: str
@@ -104,7 +107,7 @@ SPREADS = ("r", "rmse_deg", "mean_absolute_error_deg", "bias_deg")
 
 
 def build_validation(comparison: Comparison, subject: ComparisonSubject) -> dict[str, Any]:
-    """Lay the comparison out; NaN becomes None, numbers are rounded to six decimals."""
+    """Return the comparison as a document; NaN becomes None, numbers are rounded to six decimals."""
     alignment = comparison.alignment
     built: dict[str, Any] = round_all(
         {
@@ -150,7 +153,7 @@ def build_validation(comparison: Comparison, subject: ComparisonSubject) -> dict
 
 
 def encode_validation(validation: Mapping[str, Any]) -> bytes:
-    """Write it as UTF-8 JSON: the same comparison gives the same bytes."""
+    """Encode it as UTF-8 JSON: the same comparison gives the same bytes."""
     text = json.dumps(validation, ensure_ascii=False, indent=2, allow_nan=False)
     return text.encode("utf-8") + b"\n"
 
@@ -191,7 +194,7 @@ def _describe_side(side: Side, file_name: str) -> dict[str, Any]:
     }
 
 
-# ------------------------------------------------------------------ a study
+# A study.
 
 
 def build_study_json(
@@ -201,7 +204,7 @@ def build_study_json(
     method: str,
     software: Software,
 ) -> bytes:
-    """Write every figure of the study; ``id`` is a hash of them all."""
+    """Encode every figure of the study; ``id`` is a hash of them all."""
     study: dict[str, Any] = round_all(
         {
             "schema": STUDY_SCHEMA,
@@ -242,7 +245,7 @@ def _describe_entry(entry: AgreementEntry) -> dict[str, Any]:
 
 
 def encode_cells(cells: Sequence[AgreementCell]) -> bytes:
-    """Write one row for each task and device: means, standard deviations, limits, the paper's figures."""
+    """Encode one row per task and device: means, standard deviations, limits, the paper's figures."""
     names = ["task", "paper_task", "device", "people"]
     names += [f"{name}_{part}" for name in SPREADS for part in ("mean", "sd")]
     names += ["loa_low_deg", "loa_high_deg", "paper_r", "paper_rmse_deg", "paper_mean_absolute_error_deg"]
@@ -259,12 +262,12 @@ def _make_row(cell: AgreementCell) -> Row:
 
 
 def encode_entries(entries: Sequence[AgreementEntry]) -> bytes:
-    """Write one row for each person, task and device."""
+    """Encode one row per person, task and device."""
     rows: list[Row] = [round_all(_describe_entry(entry)) for entry in entries]
     return encode_table([name for name in rows[0] if name != "quasi_static"], rows)
 
 
-# ------------------------------------------------------------------ the tables
+# The tables.
 
 LONGEST_TASK = 40
 MOST_LAGS = 12
@@ -272,13 +275,13 @@ MOST_LAGS = 12
 # The answer of a comparison in a few lines of plain text.
 
 
-def tell_agreement(validation: Mapping[str, Any], language: Language) -> bytes:
-    """Write the sentences of :func:`list_sentences` as text."""
+def encode_sentences(validation: Mapping[str, Any], language: Language) -> bytes:
+    """Encode the sentences of :func:`list_sentences` as text."""
     return ("\n".join(list_sentences(validation, language)) + "\n").encode("utf-8")
 
 
 def list_sentences(validation: Mapping[str, Any], language: Language) -> tuple[str, ...]:
-    """Return how far the two agree, and how their clocks were aligned."""
+    """Return how well the two agree, and how their clocks were aligned."""
     words = load_wording(language, "agreement")["sentence"]
     overall, alignment = validation["overall"], validation["alignment"]
     facts = {
@@ -287,10 +290,10 @@ def list_sentences(validation: Mapping[str, Any], language: Language) -> tuple[s
         "bias": format_angle(overall["bias_deg"], language, 2),
         "low": format_angle(overall["loa_low_deg"], language, 1),
         "high": format_angle(overall["loa_high_deg"], language, 1),
-        "r": tell_r(overall["r"], language),
+        "r": format_r(overall["r"], language),
         "duration": format_duration(overall["duration_s"], language),
         "offset": format_number(alignment["offset_s"], 3, language),
-        "drift": tell_drift(alignment["drift_ppm"], alignment["drift_margin_ppm"], language),
+        "drift": format_drift(alignment["drift_ppm"], alignment["drift_margin_ppm"], language),
     }
     clocks = (
         words["clocks"] if alignment["drift_fitted"] or alignment["drift_given"] else words["clocks_no_drift"]
@@ -298,8 +301,8 @@ def list_sentences(validation: Mapping[str, Any], language: Language) -> tuple[s
     return tuple(fill(text, facts) for text in (words["error"], words["bias"], words["r"], clocks))
 
 
-def tell_drift(drift_ppm: float, margin_ppm: float | None, language: Language) -> str:
-    """Write a drift with its margin, to what that bears: whole from 1 ppm on; one set by hand has none."""
+def format_drift(drift_ppm: float, margin_ppm: float | None, language: Language) -> str:
+    """Format a drift with its margin: without decimals from 1 ppm; a drift set by hand has no margin."""
     if margin_ppm is None or not math.isfinite(margin_ppm):
         return format_number(drift_ppm, 1, language)
     decimals = 0 if margin_ppm >= 1.0 else 1
@@ -307,8 +310,8 @@ def tell_drift(drift_ppm: float, margin_ppm: float | None, language: Language) -
     return f"{drift}\u00a0±\u00a0{margin}"
 
 
-def tell_r(r: float | None, language: Language) -> str:
-    """Write a correlation; where it is not given, NA as in the paper."""
+def format_r(r: float | None, language: Language) -> str:
+    """Format a correlation; NA if there is none, as in the paper."""
     text = format_number(r, 3, language)
     return "NA" if text == NONE else text
 
@@ -317,39 +320,39 @@ def tell_r(r: float | None, language: Language) -> str:
 
 
 def format_angles(values_deg: Iterable[float | None], language: Language) -> list[str]:
-    """Write angles to a hundredth of a degree."""
+    """Format angles to a hundredth of a degree."""
     return [format_angle(value_deg, language, 2) for value_deg in values_deg]
 
 
 def name_task(name: str, most: int = LONGEST_TASK) -> str:
-    """Write the name of a task as far as its column holds it."""
+    """Return the name of a task, cut to its column."""
     return cut_text(clean_text(name), most)
 
 
 def tabulate_tasks(comparison: Comparison, words: Words, language: Language) -> Table:
-    """Lay every task in a row, then all of them; the paper's figures beside those that repeat one of its."""
+    """Tabulate every task, then all together; add the paper's figures for tasks that repeat the paper's."""
     entry, paper_figures = words["tasks"], TABLE_1.get(comparison.ours.device, {})
     rows, has_paper = [], False
     for task in comparison.tasks:
         figures = paper_figures.get(task.paper_task) if task.paper_task else None
         paper = [NONE] * 3
-        if figures is not None:  # as it prints them
+        if figures is not None:  # as the paper prints them
             has_paper = True
             r = "NA" if task.paper_task in QUASI_STATIC else format_number(figures.r, 3, language)
             paper = [r, *format_angles((figures.rmse_deg, figures.absolute_deg), language)]
-        rows.append((name_task(task.name), *_tell_statistics(task.agreement, language), *paper))
-    rows.append((words["all"], *_tell_statistics(comparison.overall, language), *[NONE] * 3))
+        rows.append((name_task(task.name), *_format_statistics(task.agreement, language), *paper))
+    rows.append((words["all"], *_format_statistics(comparison.overall, language), *[NONE] * 3))
     columns = (*entry["columns"], *entry["paper_columns"])
     cut = len(columns) if has_paper else len(columns) - 3
     table = tuple(row[:cut] for row in rows)
     return Table(entry["caption"], columns[:cut], table, entry["note_paper" if has_paper else "note"])
 
 
-def _tell_statistics(agreement: Agreement, language: Language) -> list[str]:
+def _format_statistics(agreement: Agreement, language: Language) -> list[str]:
     low, high = (format_angle(edge, language, 1) for edge in (agreement.loa_low_deg, agreement.loa_high_deg))
     errors = (agreement.rmse_deg, agreement.mean_absolute_error_deg, agreement.bias_deg)
     limits = NONE if low == NONE else f"{low}\u00a0…\u00a0{high}"
-    return [tell_r(agreement.r, language), *format_angles(errors, language), limits]
+    return [format_r(agreement.r, language), *format_angles(errors, language), limits]
 
 
 def tabulate_overall(overall: Agreement, words: Words, language: Language) -> Table:
@@ -364,14 +367,14 @@ def tabulate_overall(overall: Agreement, words: Words, language: Language) -> Ta
         "high": overall.loa_high_deg,
     }
     values = {
-        "r": tell_r(overall.r, language),
+        "r": format_r(overall.r, language),
         **dict(zip(errors, format_angles(errors.values(), language), strict=True)),
-        "icc": tell_r(overall.icc, language),
-        "concordance": tell_r(overall.concordance, language),
+        "icc": format_r(overall.icc, language),
+        "concordance": format_r(overall.concordance, language),
         "duration": format_duration(overall.duration_s, language),
         "samples": format_number(overall.count, 0, language),
     }
-    return Table.lay(entry, ((entry["row"][name], value) for name, value in values.items()), entry["note"])
+    return Table.build(entry, ((entry["row"][name], value) for name, value in values.items()), entry["note"])
 
 
 def tabulate_strata(strata: Sequence[Stratum], key: str, words: Words, language: Language) -> Table:
@@ -384,7 +387,7 @@ def tabulate_strata(strata: Sequence[Stratum], key: str, words: Words, language:
         one = stratum.agreement
         errors = format_angles((one.rmse_deg, one.mean_absolute_error_deg, one.bias_deg), language)
         rows.append((name, format_percent(stratum.percent, language), *errors))
-    return Table.lay(entry, rows)
+    return Table.build(entry, rows)
 
 
 def tabulate_exposure(figures: Sequence[FigureDifference], words: Words, language: Language) -> Table:
@@ -393,17 +396,17 @@ def tabulate_exposure(figures: Sequence[FigureDifference], words: Words, languag
     for figure in figures:
         values = (figure.ours, figure.reference, figure.difference)
         if figure.name.endswith("_percent"):
-            told = [format_percent(value, language) for value in values]
+            shown = [format_percent(value, language) for value in values]
         elif figure.name.endswith("_deg"):
-            told = [format_angle(value, language, 1) for value in values]
+            shown = [format_angle(value, language, 1) for value in values]
         else:
-            told = [format_number(value, 0, language) for value in values]
-        rows.append((_name_figure(figure.name, entry), *told))
-    return Table.lay(entry, rows, entry["note"])
+            shown = [format_number(value, 0, language) for value in values]
+        rows.append((_name_figure(figure.name, entry), *shown))
+    return Table.build(entry, rows, entry["note"])
 
 
 def _name_figure(name: str, entry: Words) -> str:
-    """Return a figure's name: ``time_30_45_percent`` is "Time at 30–45°"."""
+    """Return the name of a figure: ``time_30_45_percent`` is "Time at 30–45°"."""
     parts = name.split("_")
     if name.startswith("time_above"):
         return fill(entry["above"], {"c": parts[2]})
@@ -425,17 +428,17 @@ def tabulate_repeated(tasks: Sequence[TaskAgreement], words: Words, language: La
         for task in tasks
         if task.repetitions > 1
     )
-    return Table.lay(words["repeated"], rows, words["repeated"]["note"])
+    return Table.build(words["repeated"], rows, words["repeated"]["note"])
 
 
 def format_limits(limits: Limits, language: Language) -> list[str]:
-    """Write bias, both limits, and the deviation between and within."""
+    """Format bias, both limits, and the deviation between and within people."""
     ends = (limits.bias_deg, limits.low_deg, limits.high_deg)
     return format_angles((*ends, limits.between_sd_deg, limits.within_sd_deg), language)
 
 
 def tabulate_lags(windows: Sequence[WindowLag], words: Words, language: Language) -> Table:
-    """Show what each stretch alone said of the clocks, before the last refinement; of many an even choice."""
+    """Tabulate the clock lag of each stretch, before the last refinement; of many show an even selection."""
     entry, last, is_cut = words["windows"], len(windows) - 1, len(windows) > MOST_LAGS
     chosen = [round(k * last / (MOST_LAGS - 1)) for k in range(MOST_LAGS)]
     rows = (
@@ -447,13 +450,13 @@ def tabulate_lags(windows: Sequence[WindowLag], words: Words, language: Language
         for k in (chosen if is_cut else range(len(windows)))
     )
     cut = {"shown": str(MOST_LAGS), "all": str(len(windows))} if is_cut else {}
-    return Table.lay(entry, rows, fill(entry["note"], cut))
+    return Table.build(entry, rows, fill(entry["note"], cut))
 
 
-# ------------------------------------------------------------------ the sheet
+# The report.
 
 DECIMALS = {"r": 3, "rmse_deg": 2, "mean_absolute_error_deg": 2}
-"""The statistics in the table of a study."""
+"""Statistics in the table of a study, with their decimals."""
 LONGEST_STUDY_NAME = 32
 
 
@@ -470,7 +473,7 @@ def _build_sheet(
     sections: Sequence[Section],
     label: Mapping[str, str],
 ) -> AgreementReport:
-    """Build what the sheet of a comparison and that of a study share; empty chapters are left out."""
+    """Build the parts that the reports of a comparison and of a study share; empty chapters are left out."""
     words, common = load_wording(language, "agreement"), load_wording(language)
     return AgreementReport(
         language=language,
@@ -488,20 +491,20 @@ def _build_sheet(
     )
 
 
-# ------------------------------------------------------------------ one comparison
+# One comparison.
 
 
 def build_agreement(
     comparison: Comparison, subject: ComparisonSubject, validation: Mapping[str, Any], language: Language
 ) -> AgreementReport:
-    """Turn a comparison into all that a template may use; ``validation`` is its ``validation.json``."""
+    """Build the report of a comparison; ``validation`` is its ``validation.json``."""
     words, devices = load_wording(language, "agreement"), load_device_names(language)
     overall, pairs, label = comparison.overall, comparison.pairs, words["header"]
     error = draw_error_over_time(pairs, words, language)
     sides = ((comparison.ours, subject.file_name), (comparison.reference, subject.reference_name))
     ours, reference = (f"{devices.get(side.device, NONE)} ({clean_text(name)})" for side, name in sides)
     unknown = load_wording(language)["label"]["not_given"]
-    named = [  # its identity: a hash of both inputs, settings and version
+    named = [  # its id: a hash of both inputs, settings and version
         validation[key] for key in ("recording", "reference", "alignment", "tasks", "method", "software")
     ]
     return _build_sheet(
@@ -541,7 +544,7 @@ def _build_sections(
     alignment, entry = comparison.alignment, words["clocks"]
     lags = tabulate_lags(alignment.windows, words, language)
     drift = "given" if alignment.is_drift_given else "found" if alignment.is_drift_fitted else "untold"
-    told_drift = tell_drift(alignment.drift_ppm, alignment.drift_margin_ppm, language)
+    told_drift = format_drift(alignment.drift_ppm, alignment.drift_margin_ppm, language)
     clocks = (
         Pair(entry["offset"], f"{format_number(alignment.offset_s, 4, language)} s"),
         Pair(entry["offset_source"], entry["given" if alignment.is_offset_given else "found"]),
@@ -577,7 +580,7 @@ def _build_sections(
     )
 
 
-# ------------------------------------------------------------------ a study, as in the source paper's Table 1
+# A study, as in the source paper's Table 1.
 
 
 def build_study(
@@ -588,7 +591,7 @@ def build_study(
     report_id: str,
     language: Language,
 ) -> AgreementReport:
-    """Turn a study into all that a template may use; ``problems`` are (file, what was wrong, code)."""
+    """Build the report of a study; ``problems`` are (file, error, code)."""
     words, common = load_wording(language, "agreement"), load_wording(language)
     entry, devices = words["study"], list(dict.fromkeys(cell.device for cell in cells))
     names = {device: find_device_name(common, device) for device in devices}
@@ -599,7 +602,7 @@ def build_study(
         "problems": str(len(problems)),
     }
     sentences = []
-    for device, name in names.items():  # between what means its error lies
+    for device, name in names.items():  # the range of its mean errors
         means = [cell.rmse_deg.mean for cell in cells if cell.device == device]
         known = [mean for mean in means if math.isfinite(mean)] or [float("nan")]
         low, high = format_angles((min(known), max(known)), language)
@@ -621,7 +624,7 @@ def build_study(
 def _tabulate_study(
     cells: Sequence[AgreementCell], devices: Sequence[str], entry: Words, language: Language
 ) -> Table:
-    """Lay the tasks in rows and each statistic of each device in columns: mean [SD] (paper)."""
+    """Tabulate the tasks in rows and each statistic of each device in columns: mean [SD] (paper)."""
     shown = [(name, device) for name in DECIMALS for device in devices]
     columns = [
         fill(
@@ -633,25 +636,25 @@ def _tabulate_study(
     rows = []
     for task in dict.fromkeys(cell.task for cell in cells):
         of = {cell.device: cell for cell in cells if cell.task == task}
-        told = (_tell_cell(of.get(device), name, language) for name, device in shown)
-        rows.append((name_task(task, LONGEST_STUDY_NAME), *told))
+        texts = (_format_cell(of.get(device), name, language) for name, device in shown)
+        rows.append((name_task(task, LONGEST_STUDY_NAME), *texts))
     return Table(entry["caption"], (entry["task"], *columns), tuple(rows), entry["note"], even=True)
 
 
-def _tell_cell(cell: AgreementCell | None, name: str, language: Language) -> str:
-    """Write mean [standard deviation over people] (the paper's); NA where nobody has the figure."""
+def _format_cell(cell: AgreementCell | None, name: str, language: Language) -> str:
+    """Format mean [standard deviation over people] (the paper's); NA if nobody has the figure."""
     if cell is None:
         return NONE
-    decimals, spread, told = DECIMALS[name], getattr(cell, name), "NA"
+    decimals, spread, shown = DECIMALS[name], getattr(cell, name), "NA"
     if math.isfinite(spread.mean):
-        told = format_number(spread.mean, decimals, language)
+        shown = format_number(spread.mean, decimals, language)
         if math.isfinite(spread.sd):
-            told += f"\u00a0[{format_number(spread.sd, decimals, language)}]"
+            shown += f"\u00a0[{format_number(spread.sd, decimals, language)}]"
     paper = find_paper_row(cell)
     if paper is None:
-        return told
+        return shown
     value = paper[name]
-    return f"{told} ({'NA' if value is None else format_number(value, decimals, language)})"
+    return f"{shown} ({'NA' if value is None else format_number(value, decimals, language)})"
 
 
 def _build_study_sections(
@@ -675,7 +678,7 @@ def _build_study_sections(
             name_task(one.person, LONGEST_STUDY_NAME),
             entry["short"].get(one.device, one.device),
             name_task(one.task, LONGEST_STUDY_NAME),
-            tell_r(of.r, language),
+            format_r(of.r, language),
             *format_angles((of.rmse_deg, of.mean_absolute_error_deg, of.bias_deg), language),
         )
         for one in entries

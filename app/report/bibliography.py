@@ -1,6 +1,6 @@
-"""What the report and a paper cite, with the identifiers that lead there, and the methods of a run as a text.
+"""Publications cited by the report and a paper, with their DOIs, and the methods text of a run.
 
-Context for a reader: nothing here is turned into a figure about one person.
+They are context for a reader: no figure about a person is derived from them.
 """
 
 import tomllib
@@ -18,7 +18,7 @@ from fusion.devices import find_device_name as find_known_name
 
 @dataclass(frozen=True, slots=True)
 class Publication:
-    """A publication as the text cites it and in full; ``doi`` is empty where none is known."""
+    """A publication as cited in the text and in full; ``doi`` is empty if unknown."""
 
     cited: str
     full: str
@@ -26,30 +26,30 @@ class Publication:
 
 
 _LISTED = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
-BIBLIOGRAPHY = tuple(Publication(cited, **told) for cited, told in _LISTED.items())
+BIBLIOGRAPHY = tuple(Publication(cited, **fields) for cited, fields in _LISTED.items())
 
 
 def format_bibliography() -> tuple[str, ...]:
-    """Return every publication in full, in the order of the first author."""
+    """Return every publication in full, ordered by first author."""
     return tuple(f"{one.full} doi:{one.doi}" if one.doi else one.full for one in BIBLIOGRAPHY)
 
 
-# ------------------------------------------------------------------ the methods of a run
+# The methods text of a run.
 
 Results = Mapping[str, Any]
 
 
 def write_methods(every: Sequence[Results], failed: int, language: Language) -> bytes:
-    """Write the paragraph as Markdown; ``every`` holds the results.json of each recording analysed."""
+    """Return the methods paragraph as Markdown; ``every`` contains the results.json of each recording."""
     words = load_wording(language, "run")["methods"]
     if not every:
         return f"# {words['title']}\n\n{words['nothing']}\n".encode()
     poses, axes = (_count(every, "calibration", name) for name in ("pose", "axis"))
-    told = ["sensor", "recordings", "fusion"]
-    told += ["pose"] if poses else []
-    told += ["axis"] if axes else []
-    told += ["elevation", "figures", "interval"]
-    told += ["npose"] if "n-pose" in poses else []
+    parts = ["sensor", "recordings", "fusion"]
+    parts += ["pose"] if poses else []
+    parts += ["axis"] if axes else []
+    parts += ["elevation", "figures", "interval"]
+    parts += ["npose"] if "n-pose" in poses else []
     facts = _describe_run(every, words, language) | {
         "failed": str(failed) if failed else "",
         "n": str(axes.total()),
@@ -57,7 +57,7 @@ def write_methods(every: Sequence[Results], failed: int, language: Language) -> 
             fill(words["pose_named"][pose], {"n": str(number)}) for pose, number in poses.items()
         ),
     }
-    text = " ".join(fill(words[name], facts) for name in (*told, "limits", "settings"))
+    text = " ".join(fill(words[name], facts) for name in (*parts, "limits", "settings"))
     sources = "\n".join(f"- {source}" for source in format_bibliography())
     cited = f"## {words['bibliography']}\n\n{sources}\n"
     return f"# {words['title']}\n\n{text}\n\n> {words['note']}\n\n{cited}".encode()
@@ -68,7 +68,7 @@ def _describe_run(every: Sequence[Results], words: Words, language: Language) ->
     for device in _count(every, "recording", "device"):
         known = fill(words["device"]["known"], {"name": find_known_name(device) or device})
         devices.append(str(words["device"].get(device) or known))
-    # Each method and its version once; a file of ready angles has none, which stands last.
+    # Each method and its version once; files with angles have none, which comes last.
     found = (results["method"] for results in every)
     named = {(m["name"], str(m["version"])) if m else ("none", "") for m in found}
     methods = sorted(named, key=lambda method: (method[0] == "none", method))

@@ -1,9 +1,9 @@
-"""Every figure of a recording, declared once: its name, its place in ``results.json``, where else it stands.
+"""Every figure of a recording, declared once: its name, its place in ``results.json``, and its tables.
 
-A figure is a field of a record of :mod:`fusion.exposure.types`. To add one: compute it there, give it an
-entry in its group here (and in :data:`SUMMARY` or :data:`REST_TABLE`, if it stands there), and one line in
-``words/en.toml`` and ``words/fr.toml``, under its place in ``results.json``. From the entries follow the
-JSON, the CSV, Excel and Parquet tables, the dictionary, the REDCap form and the FHIR bundle.
+A figure is a field of a record of :mod:`fusion.exposure.types`. To add one: compute it there, add an entry to
+its group here (and to :data:`SUMMARY` or :data:`REST_TABLE`, if it belongs there), and one line to
+``words/en.toml`` and ``words/fr.toml``, under its place in ``results.json``. The JSON, the CSV, Excel and
+Parquet tables, the dictionary, the REDCap form and the FHIR bundle are built from the entries.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ if TYPE_CHECKING:
 
 TableName = Literal["summary", "periods"]
 Results = Mapping[str, Any]
-"""A document ``results.json``."""
+"""The parsed ``results.json``."""
 
 DECIMALS = 6
 _PLACEHOLDER = re.compile(r"\{(\w+)\}")
 RANGE_ENDS = ("_low", "_high", "_low_pose", "_high_pose")
-"""What the names of the columns of a range end in: the 95 % range, and with the error of the N-pose."""
+"""Suffixes of range columns: the 95 % range, and the range with the error of the N-pose."""
 _UNITS = {"percent": "%", "per_h": "1/h", "dps": "deg/s", "deg": "deg", "cdeg": "0.01 deg", "hz": "Hz"}
 _UNITS |= {"s": "s", "us": "us"}
 
@@ -46,11 +46,11 @@ _UNITS |= {"s": "s", "us": "us"}
 class Figure:
     """One figure, of one record or of each record of a list.
 
-    ``key``: its key in ``results.json``; empty where the value stands there without a record about it.
-    ``name``: its name as a column, as the code in FHIR and of its range in ``exposure.intervals``, which ends
-    in the unit. A place such as ``{threshold_deg}`` takes the value of that key in the same record,
-    ``{name}`` the name of the record. Empty for what is no figure (an edge) or has another name already.
-    ``attribute``: the field of the record, where it is not called like the key.
+    ``key``: its key in ``results.json``; empty if the value has no record around it. ``name``: its name as a
+    column, as FHIR code and in ``exposure.intervals``, ending in the unit. A placeholder such as
+    ``{threshold_deg}`` takes the value of that key in the same record, ``{name}`` the name of the record.
+    Empty for a value that is not a figure (an edge) or already has another name. ``attribute``: the field of
+    the record, if it differs from the key.
     """
 
     key: str
@@ -58,7 +58,7 @@ class Figure:
     attribute: str = ""
 
     def spell(self, record: Mapping[str, Any]) -> str:
-        """Return the name in one record: ``time_above_60_percent``."""
+        """Return the name for one record: ``time_above_60_percent``."""
         facts = {"length_min": record["length_s"] // 60, **record} if "length_s" in record else record
 
         def spell_edge(place: re.Match[str]) -> str:
@@ -72,7 +72,7 @@ class Figure:
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """The figures of one kind of record; ``path`` is its place: ``[]`` any of a list, ``*`` any name."""
+    """The figures of one kind of record; ``path`` is its place: ``[]`` any list item, ``*`` any name."""
 
     path: str
     figures: tuple[Figure, ...]
@@ -87,15 +87,15 @@ class Group:
         return next(figure for figure in self.figures if figure.key == key)
 
     def describe(self, record: object) -> dict[str, Any]:
-        """Describe a record of the exposure as it stands in ``results.json``."""
+        """Convert a record of the exposure to its form in ``results.json``."""
         return {f.key: getattr(record, f.attribute or f.key) for f in self.figures}
 
-    def read(self, told: Mapping[str, Any]) -> dict[str, Any]:
-        """Read the fields of a record from what :meth:`describe` wrote."""
-        return {f.attribute or f.key: told[f.key] for f in self.figures}
+    def read(self, described: Mapping[str, Any]) -> dict[str, Any]:
+        """Convert the result of :meth:`describe` back to the fields of a record."""
+        return {f.attribute or f.key: described[f.key] for f in self.figures}
 
     def name_values(self, record: object, name: str = "") -> dict[str, Any]:
-        """Return the figures of a record of the exposure by their names."""
+        """Return the figures of a record of the exposure by name."""
         described = {"name": name, **self.describe(record)}
         return {figure.spell(described): described[figure.key] for figure in self.figures if figure.name}
 
@@ -155,7 +155,7 @@ VELOCITY = Group(
     ),
 )
 VELOCITIES = ("inclination", "generalised", "generalised_accelerometer", "gyroscope")
-"""The kinds of speed, in the order of ``results.json`` and of the report."""
+"""Kinds of speed, in the order of ``results.json`` and of the report."""
 
 WINDOWS = Group(
     "exposure.peak.windows[]",
@@ -214,14 +214,14 @@ _FACTS = (
     Group("quality", (Figure("verdict", "verdict"),)),
     Group("origin", (Figure("path", "path"), Figure("folder", "folder"))),
 )
-"""What is known of the recording beside its figures; ``origin`` stands only in tables of many recordings."""
+"""Facts about the recording; ``origin`` appears only in tables of many recordings."""
 
 GROUPS = (
     *(BINS, TIME_ABOVE, PERCENTILES, ENTRIES, CYCLES, EPISODES, VELOCITY, WINDOWS, RECOVERY, FREQUENCY),
     *(HOUR_VARIATION, EVA_SUMMARY),
 )
 SINGLE_GROUPS = (RECOVERY, FREQUENCY)
-"""Those of which an exposure has one record, or none."""
+"""Groups with at most one record in an exposure."""
 
 REST_TABLE = (
     "recovery_neutral_slow_percent",
@@ -231,11 +231,11 @@ REST_TABLE = (
     "inclination_velocity_zero_crossings_per_h",
     "inclination_velocity_mpf_hz",
 )
-"""The rows of the report's table of rest and change of direction, of the single groups."""
+"""Rows of the report's table of rest and change of direction, from the single groups."""
 
 
 def load_results(content: bytes | str) -> dict[str, Any]:
-    """Parse ``results.json`` for tables and pages, its numbers rounded to six decimals."""
+    """Parse ``results.json`` for tables and pages, with numbers rounded to six decimals."""
     results: dict[str, Any] = round_all(json.loads(content))
     return results
 
@@ -254,7 +254,7 @@ def round_all(value: Any, decimals: int | None = DECIMALS) -> Any:
 
 
 def read_figures(results: Results) -> dict[str, Cell]:
-    """Read every figure of ``results.json`` by its name."""
+    """Return every figure of ``results.json`` by name."""
     return {
         figure.spell(record): record[figure.key]
         for group in (*_FACTS, *GROUPS)
@@ -265,11 +265,11 @@ def read_figures(results: Results) -> dict[str, Cell]:
 
 
 def read_ranges(results: Results, suffix: str = "") -> dict[str, tuple[Cell, Cell]]:
-    """Read both ends of the 95 % ranges by the names of their figures; what has no range is absent.
+    """Return both ends of the 95 % ranges by the names of their figures; figures without a range are absent.
 
-    ``suffix``: "_pose" for those with the error of the N-pose, which other poses do not have.
+    ``suffix``: "_pose" for the ranges with the error of the N-pose, which other poses do not have.
     """
-    own = {  # records that hold the ends themselves
+    own = {  # records that contain the ends
         figure.spell(record): (record.get(f"low{suffix}"), record.get(f"high{suffix}"))
         for group, figure in ((TIME_ABOVE, TIME_ABOVE["percent"]), (BINS, BINS["percent"]))
         for record in _find_records(results, group.path.split("."))
@@ -280,7 +280,7 @@ def read_ranges(results: Results, suffix: str = "") -> dict[str, tuple[Cell, Cel
 
 
 def _find_records(value: Any, steps: list[str], name: str = "") -> Iterator[dict[str, Any]]:
-    """Find the records at a path; a value that is no record stands under the empty key."""
+    """Find the records at a path; a value without a record gets the empty key."""
     if value is None:
         return
     if not steps:
@@ -297,12 +297,12 @@ def _find_records(value: Any, steps: list[str], name: str = "") -> Iterator[dict
         yield from _find_records(value.get(step), rest)
 
 
-# Columns of the tables: which figures stand in them, in which order.
+# Columns of the tables: their figures and order.
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column of ``summary.csv`` or ``periods.csv``; ``pattern`` is its name with places for the facts."""
+    """A column of ``summary.csv`` or ``periods.csv``; ``pattern`` is its name with placeholders."""
 
     pattern: str
     facts: Mapping[str, str] = field(default_factory=dict)
@@ -310,11 +310,11 @@ class Column:
 
     @property
     def name(self) -> str:
-        """The name, which ends in the unit; behind it the end of a range, of :data:`RANGE_ENDS`."""
+        """The name, which ends in the unit, followed by the suffix of a range (:data:`RANGE_ENDS`)."""
         return fill(self.pattern, self.facts)
 
     def explain(self, language: Language, table: TableName = "summary") -> str:
-        """Return the meaning of the column: its own words, or those of its field in ``results.json``."""
+        """Return the meaning of the column: its own text, or that of its field in ``results.json``."""
         words = load_wording(language, "tables")[table]
         text = words.get(self.name) or words.get(self.pattern)
         return fill(text, self.facts) if text else str(load_wording(language, "fields")[_PATHS[self.pattern]])
@@ -355,10 +355,10 @@ SUMMARY: tuple[Column, ...] = (
         for end in ("low_pose", "high_pose")
     ),
 )
-"""The columns of ``summary.csv``, for each recording one row. A new one follows all others."""
+"""Columns of ``summary.csv``, one row per recording. Append new columns at the end."""
 
 SUMMARY_OF_ONE = tuple(column for column in SUMMARY if column.name not in ("error_code", "path", "folder"))
-"""Without what says something only in a table of many recordings."""
+"""Without the columns that are only useful in a table of many recordings."""
 
 PERIODS: tuple[Column, ...] = (
     *(Column(name, kind="text") for name in ("file_name", "subject", "kind", "label")),
@@ -372,20 +372,20 @@ PERIODS: tuple[Column, ...] = (
     Column("periods"),
     *(Column(name, kind="text") for name in ("path", "side")),
 )
-"""The columns of ``periods.csv``: a row for each clock hour, period and task of the diary."""
+"""Columns of ``periods.csv``: a row for each clock hour, period and task of the diary."""
 
 
-# Units: a figure is written in the unit that its name ends in.
+# Units: the end of a figure's name determines its unit.
 
 
 def find_unit(name: str) -> str:
-    """Read the unit off the end of a name, where it always stands; ends of ranges stand behind it."""
+    """Return the unit from the end of a name, before the suffix of a range."""
     stem = name.removesuffix("_pose").removesuffix("_low").removesuffix("_high").removesuffix("[]")
     return next((unit for ending, unit in _UNITS.items() if stem.endswith(f"_{ending}")), "")
 
 
 def format_figure(value: float, name: str, language: Language) -> str:
-    """Write a figure with its unit; a rate per hour has none."""
+    """Format a figure with its unit; a rate per hour has none."""
     unit = find_unit(name)
     if unit == "%":
         return format_percent(value, language)
@@ -397,5 +397,5 @@ def format_figure(value: float, name: str, language: Language) -> str:
 
 
 def format_figure_range(interval: Interval, name: str, language: Language) -> str:
-    """Write both ends of a range as the figure is written."""
+    """Format both ends of a range like the figure."""
     return f"{format_figure(interval.low, name, language)}–{format_figure(interval.high, name, language)}"

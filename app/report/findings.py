@@ -1,6 +1,6 @@
-"""The findings of an analysis: all that a report is made of, in no language and without the samples.
+"""The findings of an analysis: all content of a report, without language and samples.
 
-``results.json`` is their one encoding (:mod:`app.report.export.results`).
+``results.json`` is their only encoding (:mod:`app.report.export.results`).
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ class Software:
 
 @dataclass(frozen=True, slots=True)
 class ReportSubject:
-    """``subject`` is a code, never a name; all texts come from outside and are only ever text.
+    """The person, arm and version of a report. ``subject`` is a code, never a name; all texts are untrusted.
 
-    ``version`` counts from 1; a later one replaces the one before: ``changes`` name what is different (a
-    setting, "input" or "engine"), ``reason`` is what a person said. ``columns`` is the JSON of the column
-    profile by which a table was read, "" for none. ``conclusion`` is what a clinician concludes, and
-    ``report_id`` is made by :func:`app.report.export.results.identify_report`.
+    ``version`` counts from 1; a later one replaces the previous one: ``changes`` lists the differences (a
+    setting, "input" or "engine"), ``reason`` is the person's reason. ``columns`` is the JSON of a table's
+    column profile, "" for none. ``conclusion`` is the clinician's, and ``report_id`` comes from
+    :func:`app.report.export.results.identify_report`.
     """
 
     file_name: str
@@ -54,7 +54,7 @@ class ReportSubject:
 
 @dataclass(frozen=True, slots=True)
 class RecordingFacts:
-    """What the file states; as in :class:`fusion.recording.Recording`."""
+    """The facts stated by the file; see :class:`fusion.recording.Recording`."""
 
     device: str
     sha256: str
@@ -76,7 +76,7 @@ class StillFacts:
 
 @dataclass(frozen=True, slots=True)
 class RepeatFacts:
-    """The same pose held again, and how far it lies from the first."""
+    """A repetition of the pose, and its angle to the first."""
 
     start_s: float
     duration_s: float
@@ -85,10 +85,10 @@ class RepeatFacts:
 
 @dataclass(frozen=True, slots=True)
 class PartFacts:
-    """A stretch that the first pose does not read.
+    """A stretch that the first pose does not apply to.
 
-    ``pose_index``: the given pose that does, counted from 0 in order of time; None if another axis does, or
-    (not ``valid``) none.
+    ``pose_index``: the given pose that applies, counted from 0 in order of time; None if another axis
+    applies, or none (not ``valid``).
     """
 
     start_s: float
@@ -99,7 +99,7 @@ class PartFacts:
 
 @dataclass(frozen=True, slots=True)
 class QuestionFacts:
-    """When the sensor may have moved on the arm; as in :class:`fusion.pose.wear.Question`."""
+    """When the sensor may have moved on the arm; see :class:`fusion.pose.wear.Question`."""
 
     kind: Literal["slip", "put_back", "poses"]
     start_s: float
@@ -109,11 +109,11 @@ class QuestionFacts:
 
 @dataclass(frozen=True, slots=True)
 class CalibrationFacts:
-    """The pose and how it is known, in the order of ``results.json``.
+    """The pose and its evidence, in the order of ``results.json``.
 
     ``pose`` is None if ``axis`` names the sensor's axis that was strapped along the arm ("y", "-y").
-    ``start_s``, ``duration_s`` and ``score`` are of the first window, None without one; ``second`` is the
-    level one of the two-point pose.
+    ``start_s``, ``duration_s`` and ``score`` belong to the first window, None without one; ``second`` is the
+    level window of the two-point pose.
     """
 
     pose: Pose | None
@@ -155,7 +155,7 @@ class MethodFacts:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Findings:
-    """What an analysis found. ``calibration`` and ``method`` are None for a ready angle series."""
+    """The findings of an analysis. ``calibration`` and ``method`` are None for a file with angles."""
 
     __pydantic_config__: ClassVar = {"arbitrary_types_allowed": True}  # arrays
     recording: RecordingFacts
@@ -168,17 +168,18 @@ class Findings:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Kept:
-    """What a finished analysis keeps: what was found, and whose it is."""
+class FinishedAnalysis:
+    """The stored content of a finished analysis: its findings and its subject."""
 
     findings: Findings
     subject: ReportSubject
 
 
-def take_findings(analysis: Analysis) -> Findings:
-    """Take from an analysis what its report is made of."""
+def build_findings(analysis: Analysis) -> Findings:
+    """Extract the content of a report from an analysis."""
     recording, method = analysis.recording, analysis.elevation.method
-    timed = recording if recording.segments else max(analysis.elevation.segments, key=len)  # ready angles
+    # a file with angles has no recorded segments
+    timed = recording if recording.segments else max(analysis.elevation.segments, key=len)
     start, offset = recording.start, recording.start.utcoffset() if recording.start else None
     return Findings(
         recording=RecordingFacts(
@@ -191,7 +192,7 @@ def take_findings(analysis: Analysis) -> Findings:
             serial_hash=recording.serial_hash,
             reader=recording.reader,
         ),
-        calibration=_take_calibration(analysis),
+        calibration=_build_calibration(analysis),
         method=MethodFacts(method.name, method.version, dict(method.parameters)) if method else None,
         exclusions=analysis.exclusions,
         time=analysis.time,
@@ -200,7 +201,7 @@ def take_findings(analysis: Analysis) -> Findings:
     )
 
 
-def _take_calibration(analysis: Analysis) -> CalibrationFacts | None:
+def _build_calibration(analysis: Analysis) -> CalibrationFacts | None:
     calibration, settings = analysis.calibration, analysis.settings
     if calibration is None:
         return None

@@ -1,4 +1,4 @@
-"""The output of `acromion inspect` as lines for people; its JSON holds every figure too."""
+"""The output of `acromion inspect` as text lines; its JSON contains the same figures."""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -12,7 +12,7 @@ from fusion.recording import QualityFlag
 
 _MOST_LINES = 10
 _TOLD_ABOVE = frozenset({"jitter_us", "time_exponent", "left_gyr_factor"})
-"""Facts that the reader found and another line gives already."""
+"""Facts of the reader that another line already shows."""
 _NUMBER = re.compile(r"-?\d+(\.\d+)?")
 _NUMBERS = frozenset(
     {"samples", "records", "missing_seconds", "nominal_rate_hz", "rate_hz", "t_pose_elevation_deg"}
@@ -20,21 +20,21 @@ _NUMBERS = frozenset(
 
 
 def describe_inspection(facts: Mapping[str, Any], language: Language) -> str:
-    """Write the facts as lines for people."""
+    """Format the facts as text lines."""
     words, sanity = load_wording(language, "run")["inspection"], facts["sanity"]
     scale = str(words["unseen"])
     if sanity["gyro_scale"] is not None:
         ends = (format_number(sanity[name], 3, language) for name in ("gyro_scale", "gyro_scale_margin"))
         scale = " ± ".join(ends)
     corrected = (warning["facts"] for warning in facts["warnings"] if warning["code"] == Caveat.UNITS)
-    lists = {  # the corrections: what was wrong or not stated, and was put right
+    lists = {  # corrections: values that were wrong or not stated, and were corrected
         "corrections": [fill(words["correction"], format_facts(each, language)) for each in corrected],
         "gaps": [_format_gap(gap, words, language) for gap in facts["gaps"]],
         "warnings": [_format_warning(warning, language) for warning in facts["warnings"]],
         "proposals": [_format_proposal(each, words, language) for each in facts["calibration_proposals"]],
         "nonwear": [_format_gap(each, words, language) for each in facts["nonwear_proposals"]],
     }
-    told = {
+    shown = {
         name: _join(lines, words, facts["gap_count"] if name == "gaps" else 0)
         for name, lines in lists.items()
     }
@@ -49,9 +49,9 @@ def describe_inspection(facts: Mapping[str, Any], language: Language) -> str:
         (words["handedness"], _format_number(sanity["handedness"], "", words, language)),
         (words["axes"], sanity["axes"] or words["unseen"]),
         (words["gyro_scale"], scale),
-        (words["corrections"], told.pop("corrections")),
+        (words["corrections"], shown.pop("corrections")),
         *_format_understood(facts["understood"], words, language),
-        *((words[name], text) for name, text in told.items()),
+        *((words[name], text) for name, text in shown.items()),
     ]
     width = max(len(name) for name, _ in rows)
     return "\n".join(f"{name:<{width}}  {value}" for name, value in rows)
@@ -60,13 +60,13 @@ def describe_inspection(facts: Mapping[str, Any], language: Language) -> str:
 def _format_understood(
     understood: Mapping[str, Any], words: Words, language: Language
 ) -> Iterable[tuple[str, str]]:
-    """Return what the reader took the file for, in the words and numbers of the language."""
+    """Return the reader's interpretation of the file, formatted for the language."""
     for name, value in understood.items():
         if value and name not in _TOLD_ABOVE:
-            told = words["term"].get(name, {}).get(value) or clean_text(str(value))
-            if name in _NUMBERS and _NUMBER.fullmatch(told):
-                told = format_exact(float(told), language)
-            yield f"  {words['understood'].get(name, name)}", told
+            shown = words["term"].get(name, {}).get(value) or clean_text(str(value))
+            if name in _NUMBERS and _NUMBER.fullmatch(shown):
+                shown = format_exact(float(shown), language)
+            yield f"  {words['understood'].get(name, name)}", shown
 
 
 def _format_number(value: float | None, unit: str, words: Words, language: Language) -> str:
@@ -74,7 +74,7 @@ def _format_number(value: float | None, unit: str, words: Words, language: Langu
 
 
 def _join(lines: Sequence[str], words: Words, count: int) -> str:
-    """Write the first ten; ``count`` tells how many there are where not all are given."""
+    """Join the first ten; ``count`` is the total if not all are given."""
     further = max(len(lines), count) - len(lines[:_MOST_LINES])
     more = [fill(words["more"], {"n": str(further)})] if further else []
     return "; ".join([*lines[:_MOST_LINES], *more]) or str(words["none"])

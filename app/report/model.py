@@ -1,6 +1,6 @@
-"""The content of a report: rounded values and finished sentences, with nothing left to compute.
+"""The content of a report: rounded values and finished sentences.
 
-The templates (HTML and PDF) only loop over these.
+The templates (HTML and PDF) only loop over these and compute nothing.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from app.report.words.wording import Language, Words
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """A name and its value. ``code`` values are set in a fixed-width face and may break anywhere."""
+    """A name and its value. ``code`` values use a fixed-width font and may break anywhere."""
 
     name: str
     value: str
@@ -24,9 +24,9 @@ class Pair:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table whose first column heads its rows.
+    """A table; its first column contains the row headings.
 
-    ``prose``: the second column holds sentences; ``even``: all columns but the first are equally wide.
+    ``prose``: the second column contains sentences; ``even``: all columns but the first have the same width.
     """
 
     caption: str
@@ -37,18 +37,18 @@ class Table:
     even: bool = False
 
     @classmethod
-    def lay(
+    def build(
         cls, entry: Words, rows: Iterable[Iterable[str]], note: str = "", *, prose: bool = False
     ) -> Table:
-        """Lay rows out under the caption and the columns of their words."""
+        """Build a table from its words (caption and columns) and rows."""
         return cls(entry["caption"], tuple(entry["columns"]), tuple(map(tuple, rows)), note, prose)
 
 
 @dataclass(frozen=True, slots=True)
 class Chart:
-    """A chart twice, as SVG for paper and wide screens and for a telephone, with its text and its table.
+    """A chart as SVG in two widths (paper and wide screens, phones), with its text and its table.
 
-    ``alternative`` says in a sentence what the chart shows; ``table`` holds the values behind it.
+    ``alternative`` describes the chart in a sentence; ``table`` contains its values.
     """
 
     title: str
@@ -67,14 +67,14 @@ class Chart:
         rows: Iterable[tuple[str, ...]],
         note: str = "",
     ) -> Chart:
-        """Draw a chart in both widths; ``words`` are its title and text, ``draw`` takes them and a width."""
+        """Draw a chart in both widths; ``draw`` receives ``words`` (title and text) and a width."""
         table = Table(words[0], tuple(columns), tuple(rows))
         return cls(*words, draw(words, WIDE), draw(words, NARROW), table, note)
 
 
 @dataclass(frozen=True, slots=True)
 class VerdictLine:
-    """How far the data can be trusted; ``level`` is "good", "caution" or "poor", for shape and colour."""
+    """How far the data can be trusted; ``level`` ("good", "caution" or "poor") selects shape and colour."""
 
     level: str
     label: str
@@ -83,7 +83,7 @@ class VerdictLine:
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """A titled paragraph, or several."""
+    """A title with one or more paragraphs."""
 
     title: str
     paragraphs: tuple[str, ...]
@@ -91,7 +91,7 @@ class Note:
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A chapter after the first page; what is empty vanishes."""
+    """A chapter after the first page; empty parts are not shown."""
 
     key: str
     title: str
@@ -104,10 +104,10 @@ class Section:
 
 @dataclass(frozen=True, slots=True)
 class Tile:
-    """A main figure: its value, how long, its range, and a scale with the published value, which is named.
+    """A main figure: its value, duration and range, and a scale with the published value.
 
-    ``needed`` comes before the value if the pose has to be named first; ``pose`` says how far the error of
-    the calibration pose may raise it; may be empty, as all but name and value may.
+    ``needed`` precedes the value if the pose must be named first. ``pose`` states how far the error of the
+    calibration pose may raise the value. All except name and value may be empty.
     """
 
     name: str
@@ -123,9 +123,9 @@ class Tile:
 
 @dataclass(frozen=True, slots=True)
 class Drawing:
-    """A drawing with its title, its text alternative and where its values come from.
+    """A drawing with its title, its text alternative and the source of its values.
 
-    Without a drawing the note says why.
+    Without a drawing the note states the reason.
     """
 
     title: str
@@ -138,10 +138,11 @@ class Drawing:
 class Profile:
     """The first page, the Arm Elevation Profile (docs/profile.md).
 
-    ``quality`` names what limits the data; ``tiles`` are time above 30, 60 and 90 deg, and rises above 60 deg
-    an hour; ``strip`` is the day with its tasks. ``tasks``: the tasks, or the quarter hours, with the most
-    time above 60 deg; None without any. ``sure``: the doubts about the time above 60 deg. ``next_steps``:
-    each by a stated rule. ``amendment``: on paper, that the report replaces another; else empty.
+    ``quality`` lists limits of the data; ``tiles`` are time above 30, 60 and 90 deg, and rises above 60 deg
+    per hour; ``strip`` is the day with its tasks. ``tasks``: the tasks or quarter hours with the most time
+    above 60 deg; None if there are none. ``sure``: the uncertainty of the time above 60 deg. ``next_steps``:
+    each follows from a stated rule. ``amendment``: on paper, states that the report replaces another; else
+    empty.
     """
 
     quality: str
@@ -157,8 +158,10 @@ class Profile:
 
 @dataclass(frozen=True, slots=True)
 class Sheet:
-    """What every report has. ``figures`` stand beside the sentences, which are the answer; ``words`` are the
-    fixed words of the templates (headings, labels).
+    """Common content of every report.
+
+    ``figures`` are beside the sentences, which are the answer; ``words`` are the fixed words of the templates
+    (headings, labels).
     """
 
     language: Language
@@ -176,19 +179,17 @@ class Sheet:
 
 @dataclass(frozen=True, slots=True)
 class Report(Sheet):
-    """All that the template of a report of one recording, or of several, may use.
+    """The content of a report on one recording, or on several.
 
     ``pose_caution``: the known one-sided error of the calibration pose, in words beside the figures; may be
-    empty.
-    ``range_note``: what the ranges in the sentences hold; empty where no sentence has one.
-    ``brief``: the last line of the answer as plain text: whose, when, which report.
-    ``made_of``: end of the recording, the only date a report bears; None without a clock.
-    ``amendment``: which version this is and why, where it replaces an earlier one; else empty.
-    ``pose_state``: how the calibration pose is known, in a line; empty for ready angles.
-    ``needs_pose``: which stillness was the pose, if they disagree: it comes before every figure; else empty.
-    ``walking_note``: how far walking lies from the axis, if that is far; else empty.
-    ``profile``: the first page, behind which the rest then stands; None in a report of several.
-    ``conclusion``: what a clinician concludes: name and date as its title; None where nobody has.
+    empty. ``range_note``: meaning of the ranges in the sentences; empty if no sentence has one. ``brief``:
+    the last line of the answer as plain text: person, date, report. ``made_of``: end of the recording, the
+    only date in a report; None without a clock. ``amendment``: version and reason, if it replaces an earlier
+    one; else empty. ``pose_state``: evidence for the calibration pose, in a line; empty for a file with
+    angles. ``needs_pose``: asks which stillness was the pose, if they disagree, before every figure; else
+    empty. ``walking_note``: the angle between walking and the axis, if it is large; else empty. ``profile``:
+    the first page, followed by the rest; None in a report on several. ``conclusion``: the clinician's, with
+    name and date as its title; None if there is none.
     """
 
     verdict: VerdictLine
@@ -207,18 +208,18 @@ class Report(Sheet):
 
 @dataclass(frozen=True, slots=True)
 class AgreementReport(Sheet):
-    """All that the template of a comparison, or of a study of several, may use.
+    """The content of a report on a comparison, or on a study of several.
 
-    ``main`` is the table that answers the question. It has no date of its own.
+    ``main`` is the table that answers the question. It has no date.
     """
 
     main: tuple[Table, ...]
 
 
 def format_brief(report: Report) -> bytes:
-    """Write the answer as a few lines of plain text, to paste into a record.
+    """Encode the answer as a few lines of plain text, to paste into a record.
 
-    The pose comes first if it has to be named before the figures mean much.
+    The pose comes first if it must be named before the figures can be interpreted.
     """
     quality = " ".join(filter(None, (report.verdict.label, report.verdict.reason, report.pose_caution)))
     pose = " ".join(filter(None, (report.needs_pose, report.pose_state)))

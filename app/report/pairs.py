@@ -1,9 +1,9 @@
-"""The reports of two finished analyses: both arms of one shift, or a day beside an earlier one.
+"""Reports on two finished analyses: both arms of one shift, or a day compared with an earlier one.
 
-Pure. :func:`describe_pair` is what ``pair.json`` holds, :func:`build_pair` the report for people; the figures
-over the shared time come from :mod:`fusion.comparison.arms`. :func:`describe_comparison` is what
-``comparison.json`` and the API hold, :func:`build_comparison` the report for people; both come from
-:func:`fusion.comparison.change.compare_days`. The report of several days shares their skeleton.
+All functions are pure. :func:`describe_pair` returns the content of ``pair.json``, :func:`build_pair` the
+report; the figures over the shared time come from :mod:`fusion.comparison.arms`. :func:`describe_comparison`
+returns the content of ``comparison.json`` and the API, :func:`build_comparison` the report; both use
+:func:`fusion.comparison.change.compare_days`. The report on several days shares this structure.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from app.report.charts.bars import build_parts
 from app.report.charts.day import build_timeline, build_two_days, shift_day
 from app.report.charts.distribution import build_two_curves
 from app.report.figures import format_figure, round_all
-from app.report.findings import Findings, Kept
+from app.report.findings import Findings, FinishedAnalysis
 from app.report.model import Chart, Note, Pair, Report, Section, Table, VerdictLine
 from app.report.single.chapters import format_accuracy, format_found, format_pose_caution
 from app.report.words.numbers import (
@@ -57,24 +57,27 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class PairSide:
-    """One of the two, with the name it goes by."""
+    """One of the two analyses, with its name in the report."""
 
     name: str
-    kept: Kept
+    kept: FinishedAnalysis
 
 
 OnePerson = Literal["codes", "person", "unknown", "no"]
-"""Whether the recordings are of one person: their codes say so (or they are one recording), the person who
-asks does, nobody does (then no report is made of them), or the codes are of two people."""
+"""Whether the recordings are from one person.
+
+"codes": by their codes, or because they are one recording; "person": the caller states it; "unknown": nothing
+states it, and no report is made; "no": the codes are of two people.
+"""
 
 
-def read_code(kept: Kept) -> str:
+def read_code(kept: FinishedAnalysis) -> str:
     """Return the code of the person; empty if none was given."""
     return find_code(clean_text(kept.subject.subject))
 
 
-def judge_person(every: Sequence[Kept], *, is_stated: bool) -> OnePerson:
-    """Return whether all recordings are of one person; what a person states counts if a code is missing."""
+def judge_person(every: Sequence[FinishedAnalysis], *, is_stated: bool) -> OnePerson:
+    """Return whether all recordings are from one person; a person's statement counts if a code is missing."""
     codes = {read_code(kept) for kept in every}
     if len(codes - {""}) > 1:
         return "no"
@@ -84,36 +87,36 @@ def judge_person(every: Sequence[Kept], *, is_stated: bool) -> OnePerson:
 
 
 def name_method(findings: Findings) -> str:
-    """Name the method and its version; empty for angles that another program made."""
+    """Return the method and its version; empty for angles from another program."""
     return f"{findings.method.name} {findings.method.version}" if findings.method else ""
 
 
 def name_pose(findings: Findings) -> str:
-    """Name what the angle rests on; a day without a pose is not like one with."""
+    """Return the reference of the angle; a day without a pose differs from one with a pose."""
     return (findings.calibration.pose or "axis") if findings.calibration else ""
 
 
-def are_mixed(every: Iterable[Kept]) -> bool:
+def has_mixed_methods(every: Iterable[FinishedAnalysis]) -> bool:
     """Return whether several methods, or versions of one, made the figures."""
     return len({name_method(kept.findings) for kept in every}) > 1
 
 
 def format_person(one_person: OnePerson, language: Language) -> str:
-    """Return who says that all are of one person, if a code is missing; else empty."""
+    """Return who states that all are from one person, if a code is missing; else empty."""
     return str(load_pair_words(language)["one_person"].get(one_person, ""))
 
 
 def load_pair_words(language: Language) -> Words:
-    """Read the words of both reports."""
+    """Return the words of both reports."""
     return load_wording(language, "pairs")
 
 
 def build_two_bars(
     sides: Sequence[tuple[str, float, dict[int, float]]], note: str, language: Language
 ) -> Chart:
-    """Build one stacked bar for each, to one scale; ``note`` says which time they cover.
+    """Build one stacked bar per side, on one scale; ``note`` states the time they cover.
 
-    ``sides``: name, analysed time in s and the share of it above each threshold in percent.
+    ``sides``: name, analysed time in s and its share above each threshold in percent.
     """
     parts = [
         (name, PartExposure("", 0.0, 0.0, analysed_s, {}, above, None)) for name, analysed_s, above in sides
@@ -122,51 +125,51 @@ def build_two_bars(
 
 
 def build_curves(sides: Sequence[PairSide], language: Language) -> list[Chart]:
-    """Build both distributions in one picture; nothing unless both hold analysed time."""
+    """Build a chart of both distributions; empty unless both have analysed time."""
     named = [(side.name, side.kept.findings.exposure) for side in sides]
     if any(exposure.histogram_s.sum() <= 0 for _, exposure in named):
         return []
     return [build_two_curves(named, load_pair_words(language)["curves"], language)]
 
 
-def format_start(kept: Kept, language: Language) -> str:
-    """Write the date a recording began on, or that its file has no clock."""
+def format_start(kept: FinishedAnalysis, language: Language) -> str:
+    """Format the start date of a recording, or state that its file has no clock."""
     start = kept.findings.recording.start
     return format_date(start, language) if start else str(load_wording(language)["label"]["no_clock"])
 
 
 def format_cautions(sides: Sequence[PairSide], language: Language) -> str:
-    """Return which of the two has the one-sided error of the N-pose, and what that does to the difference."""
+    """Return which of the two has the one-sided error of the N-pose, and its effect on the difference."""
     words, entry = load_wording(language), load_pair_words(language)["pose_error"]
     posed = [side for side in sides if format_pose_caution(side.kept.findings, words)]
     if not posed:
         return ""
-    told = entry["both"] if len(posed) == len(sides) else fill(entry["one"], {"name": posed[0].name})
-    return f"{told} {entry['no_range']}"
+    shown = entry["both"] if len(posed) == len(sides) else fill(entry["one"], {"name": posed[0].name})
+    return f"{shown} {entry['no_range']}"
 
 
 def is_confirmed(findings: Findings) -> bool:
-    """Return whether a person confirmed the pose; a strapped axis and ready angles need none."""
+    """Return whether a person confirmed the pose; a strapped axis and a file with angles need none."""
     calibration = findings.calibration
     return calibration is None or calibration.state == "axis" or calibration.state in CONFIRMED
 
 
 def format_unconfirmed(sides: Sequence[PairSide], effect: str, language: Language) -> str:
-    """Return whose pose nobody confirmed and what follows from it; empty if both are confirmed.
+    """Return which poses are not confirmed and the consequence; empty if both are confirmed.
 
-    ``effect``: key of the sentence that says what follows.
+    ``effect``: key of the sentence with the consequence.
     """
     entry = load_pair_words(language)["unconfirmed"]
-    told = [
+    shown = [
         fill(entry[calibration.state], {"name": side.name})
         for side in sides
         if (calibration := side.kept.findings.calibration) and not is_confirmed(side.kept.findings)
     ]
-    return " ".join((*told, entry[effect])) if told else ""
+    return " ".join((*shown, entry[effect])) if shown else ""
 
 
 def build_report(
-    every: Sequence[Kept],
+    every: Sequence[FinishedAnalysis],
     document: Mapping[str, Any],
     words: Words,
     language: Language,
@@ -183,20 +186,20 @@ def build_report(
     needs_pose: str = "",
     first_limit: str = "",
 ) -> Report:
-    """Build what every report of several analyses has; the rest is given.
+    """Build the common parts of every report on several analyses.
 
-    Its only date is the end of the recording that ended last. ``version`` is of the software;
-    ``first_limit`` takes the place of the first limit that the report of one recording states.
+    Its only date is the end of the recording that ended last. ``version`` is the software's; ``first_limit``
+    replaces the first limit that the report on one recording states.
     """
     common = load_wording(language)
     limits, use, label = common["limits"], common["intended_use"], common["label"]
     accuracy = dict.fromkeys(format_accuracy(kept.findings, common) for kept in every)
     stated = (first_limit or limits["paragraphs"][0], *limits["paragraphs"][1:], *accuracy)
-    recordings = [kept.findings.recording for kept in every]  # compared by what their clocks showed
+    recordings = [kept.findings.recording for kept in every]  # compared by the time on their clocks
     ends = [r.start + timedelta(microseconds=r.duration_us) for r in recordings if r.start is not None]
     report_id = identify(document)
     footer = fill(words["footer"], {"version": version, "id": report_id})
-    told = ", ".join(fill(label["brief_fact"], {"name": pair.name, "value": pair.value}) for pair in header)
+    shown = ", ".join(fill(label["brief_fact"], {"name": pair.name, "value": pair.value}) for pair in header)
     return Report(
         language=language,
         title=title,
@@ -212,7 +215,7 @@ def build_report(
         sections=tuple(sections),
         report_id=report_id,
         footer=footer,
-        brief=fill(label["brief_two"], {"header": told, "footer": footer}),
+        brief=fill(label["brief_two"], {"header": shown, "footer": footer}),
         made_of=max(ends, key=lambda end: end.replace(tzinfo=None), default=None),
         needs_pose=needs_pose,
         words=label,
@@ -220,7 +223,7 @@ def build_report(
 
 
 def build_sources(sides: Sequence[PairSide], language: Language) -> Section:
-    """Build the table of where each comes from."""
+    """Build the table of sources."""
     words, pair_words = load_wording(language), load_pair_words(language)
     entry, unknown = pair_words["sources"], words["label"]["not_given"]
     columns = []
@@ -246,7 +249,7 @@ def build_sources(sides: Sequence[PairSide], language: Language) -> Section:
 
 
 def format_pose(findings: Findings, words: Words) -> str:
-    """Write the pose, or how the axis was found without one."""
+    """Format the pose, or how the axis was found without one."""
     calibration = findings.calibration
     if calibration is None:
         return NONE
@@ -256,7 +259,7 @@ def format_pose(findings: Findings, words: Words) -> str:
 
 
 def format_points(points: float | None, name: str, language: Language, *, is_signed: bool = False) -> str:
-    """Write a difference or a deviation: of shares in points, whose French plural begins at 2."""
+    """Format a difference or a deviation; shares are in points, whose French plural starts at 2."""
     if points is None:
         return NONE
     sign = "+" if is_signed and round(points, 1) > 0 else ""
@@ -267,8 +270,8 @@ def format_points(points: float | None, name: str, language: Language, *, is_sig
     return sign + fill(words[form], {"value": format_number(points, 1, language)})
 
 
-def describe_source(kept: Kept) -> dict[str, object]:
-    """Describe for JSON which analysis is meant."""
+def describe_source(kept: FinishedAnalysis) -> dict[str, object]:
+    """Return the identity of an analysis for JSON."""
     recording, subject = kept.findings.recording, kept.subject
     return {
         "report_id": subject.report_id,
@@ -283,16 +286,16 @@ def describe_source(kept: Kept) -> dict[str, object]:
 
 
 def identify(document: Mapping[str, Any]) -> str:
-    """Name a report of two by a hash of its figures: 16 hexadecimal digits."""
+    """Return the id of a report on two: 16 hexadecimal digits of a hash of its figures."""
     return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def encode_document(document: Mapping[str, Any]) -> bytes:
-    """Write the figures of a report of two as JSON: the same figures give the same bytes."""
+    """Encode the figures of a report on two as JSON: the same figures give the same bytes."""
     return json.dumps(document, ensure_ascii=False, indent=2, allow_nan=False).encode() + b"\n"
 
 
-# ------------------------------------------------------------------ both arms of one shift
+# Both arms of one shift.
 
 
 PAIR_SCHEMA = "acromion.pair/1"
@@ -300,7 +303,7 @@ PAIR_SCHEMA = "acromion.pair/1"
 
 @dataclass(frozen=True, slots=True)
 class TrunkClock:
-    """When the trunk's first sample was taken, seconds after the left arm's, and who states it."""
+    """Time of the trunk's first sample, seconds after the left arm's, and its source."""
 
     offset_s: float
     offset_from: Literal["clocks", "person"]
@@ -310,13 +313,13 @@ class TrunkClock:
 class ArmPair:
     """Two arms on one clock.
 
-    ``offset_s``: when the right recording's first sample was taken, seconds after the left's; ``offset_from``
-    says whether by the devices' clocks or by a person. ``trunk``: each arm relative to the trunk, whose clock
-    is ``trunk_clock``, None without one. ``one_person``: whether all of them are of one person.
+    ``offset_s``: time of the right recording's first sample, seconds after the left's; ``offset_from``: from
+    the devices' clocks or a person. ``trunk``: each arm relative to the trunk, with the clock
+    ``trunk_clock``, None without one. ``one_person``: whether all of them are from one person.
     """
 
-    left: Kept
-    right: Kept
+    left: FinishedAnalysis
+    right: FinishedAnalysis
     offset_s: float
     offset_from: Literal["clocks", "person"]
     shared: PairedArms
@@ -326,7 +329,7 @@ class ArmPair:
 
 
 def describe_pair(pair: ArmPair) -> dict[str, Any]:
-    """Return the figures of both arms over the time they share, for JSON."""
+    """Return the figures of both arms over their shared time, for JSON."""
     shared, clock = pair.shared, pair.trunk_clock
     document: dict[str, Any] = round_all(
         {
@@ -363,7 +366,7 @@ def describe_pair(pair: ArmPair) -> dict[str, Any]:
 
 
 def build_pair(pair: ArmPair, language: Language) -> Report:
-    """Turn both arms into one report."""
+    """Build the report on both arms."""
     words, common = load_pair_words(language)["pair"], load_wording(language)
     sides = (PairSide(words["left"], pair.left), PairSide(words["right"], pair.right))
     shared, label = pair.shared, common["label"]
@@ -374,7 +377,7 @@ def build_pair(pair: ArmPair, language: Language) -> Report:
     told_offset = fill(words["clock"][order], {"offset": offset})
     codes = dict.fromkeys(clean_text(side.kept.subject.subject) for side in sides)
     code = " / ".join(cut_text(code, LONGEST_CODE) for code in codes if code)
-    bars = [  # over the shared time, so that the page has one value for each arm
+    bars = [  # over the shared time, so that the page has one value per arm
         (side.name, shared.shared_s, arm.percent_above)
         for side, arm in zip(sides, (shared.left, shared.right), strict=True)
     ]
@@ -396,7 +399,7 @@ def build_pair(pair: ArmPair, language: Language) -> Report:
         sentences=_format_answers(pair, words, language),
         cautions=(
             format_person(pair.one_person, language),
-            f"{told_offset} {words['clock'][pair.offset_from]}",  # nothing in the signals confirms it
+            f"{told_offset} {words['clock'][pair.offset_from]}",  # the signals do not confirm it
             format_cautions(sides, language),
         ),
         figures=(build_two_bars(bars, words["bars_note"], language), _build_days(pair, sides, language)),
@@ -413,11 +416,11 @@ def build_pair(pair: ArmPair, language: Language) -> Report:
 
 
 def _judge_arms(sides: Sequence[PairSide], words: Words, verdicts: Words) -> VerdictLine:
-    """Return the worse of the two, and name the arm of each."""
+    """Return the worse verdict of the two, and both arms' verdicts as its reason."""
     levels = [side.kept.findings.quality.verdict for side in sides]
     worst = max(levels, key=("good", "caution", "poor").index)
-    told = dict(zip(("left", "right"), (words["verdict"][level] for level in levels), strict=True))
-    reason = words["verdict_both"] if len(set(levels)) == 1 else fill(words["verdict_each"], told)
+    shown = dict(zip(("left", "right"), (words["verdict"][level] for level in levels), strict=True))
+    reason = words["verdict_both"] if len(set(levels)) == 1 else fill(words["verdict_each"], shown)
     return VerdictLine(worst, verdicts[worst]["label"], reason)
 
 
@@ -437,7 +440,7 @@ def _format_answers(pair: ArmPair, words: Words, language: Language) -> tuple[st
     facts = {"shared": format_duration(shared.shared_s, language)}
     for key, (name, value) in figures.items():
         interval = _format_interval(pair, name, language)
-        pattern = entry["ranged_inside" if key == "ratio" else "ranged"]  # which stands in brackets already
+        pattern = entry["ranged_inside" if key == "ratio" else "ranged"]  # it is already in brackets
         facts[key] = fill(pattern, {"value": value, "range": interval}) if value and interval else value
     return tuple(fill(entry[key], facts) for key in ("above", "both", "median"))
 
@@ -452,7 +455,7 @@ def _format_interval(pair: ArmPair, name: str, language: Language) -> str:
 
 
 def _format_ranges_note(pair: ArmPair, entry: Words) -> str:
-    """State what the ranges hold, or that there are none."""
+    """Return the meaning of the ranges, or that there are none."""
     if pair.shared.shared_s < LEAST_RANGED_S or not pair.shared.intervals:
         return str(entry["short" if pair.shared.shared_s < LEAST_RANGED_S else "none"])
     is_open = not (is_confirmed(pair.left.findings) and is_confirmed(pair.right.findings))
@@ -460,7 +463,7 @@ def _format_ranges_note(pair: ArmPair, entry: Words) -> str:
 
 
 def _build_days(pair: ArmPair, sides: Sequence[PairSide], language: Language) -> Chart:
-    """Draw both days one above the other on the clock of the one that began first."""
+    """Draw both days one above the other, on the clock of the first."""
     entry, report_words = load_pair_words(language)["days"], load_wording(language)
     first_s = min(0.0, pair.offset_s)
     begins_s = (0.0 - first_s, pair.offset_s - first_s)
@@ -480,7 +483,7 @@ def _build_figures(pair: ArmPair, entry: Words, language: Language) -> Section:
     ranges_label, rows = name[0].upper() + name[1:], []
 
     def add(label: str, cells: Iterable[str], names: Iterable[str]) -> None:
-        """Add a row of figures, and the row of their ranges where any is known."""
+        """Add a row of figures, and a row of their ranges if any is known."""
         rows.append((label, *cells))
         ranges = tuple(_format_interval(pair, name, language) if name else "" for name in names)
         rows.extend([(ranges_label, *ranges)] if any(ranges) else [])
@@ -500,12 +503,12 @@ def _build_figures(pair: ArmPair, entry: Words, language: Language) -> Section:
         add(fill(entry["percentile"], {"p": str(p)}), (*angles, ratio), names)
     both = (format_percent(shared.both_above_60_percent, language), NONE, NONE)
     add(entry["both"], both, ("both_above_60_percent", "", ""))
-    table = Table.lay(entry, rows, entry["note"])
+    table = Table.build(entry, rows, entry["note"])
     return Section("figures", entry["title"], tables=(table,))
 
 
 def _build_trunk(pair: ArmPair, words: Words, language: Language) -> Section:
-    """Return the arm's elevation less the trunk's inclination, or state what is missing for it."""
+    """Return the arm's elevation minus the trunk's inclination, or state which data is missing."""
     entry = words["trunk"]
     rows = tuple(
         (
@@ -518,23 +521,25 @@ def _build_trunk(pair: ArmPair, words: Words, language: Language) -> Section:
     )
     if not rows:
         return Section("trunk", entry["title"], (entry["missing"],))
-    table = Table.lay(entry, rows)
+    table = Table.build(entry, rows)
     return Section("trunk", entry["title"], (entry["limit"],), tables=(table,))
 
 
-# ------------------------------------------------------------------ a day beside an earlier one
+# A day compared with an earlier one.
 
 
 COMPARISON_SCHEMA = "acromion.comparison/1"
 _TOLD = ("time_above_60_percent", "elevation_p50_deg")
-"""Figures of which the answer states the change."""
+"""Figures whose change the answer states."""
 _LONGEST_OF_TWO = 16
 
 
-def describe_comparison(before: Kept, after: Kept, *, same_subject: bool = False) -> dict[str, Any]:
-    """Return the changes, the verdicts and what the two differ in besides the work, for JSON.
+def describe_comparison(
+    before: FinishedAnalysis, after: FinishedAnalysis, *, same_subject: bool = False
+) -> dict[str, Any]:
+    """Return the changes, the verdicts and other differences between the two, for JSON.
 
-    ``same_subject``: a person states that both are of one person, if a code is missing.
+    ``same_subject``: a person states that both are from one person, if a code is missing.
     """
     compared = _compare(before, after)
     document: dict[str, Any] = round_all(
@@ -551,17 +556,19 @@ def describe_comparison(before: Kept, after: Kept, *, same_subject: bool = False
     return document
 
 
-def refuse_no_comparison(
-    before: Kept, after: Kept, *, same_subject: bool = False, mixed_methods: bool = False
+def check_comparable(
+    before: FinishedAnalysis,
+    after: FinishedAnalysis,
+    *,
+    same_subject: bool = False,
+    mixed_methods: bool = False,
 ) -> None:
-    """Refuse two people, the same hours of one arm, one analysis twice, and methods mixed unasked.
+    """Reject two people, the same hours of one arm, one analysis twice, and unrequested mixed methods.
 
-    The two arms of one shift are no change either, which their report says, with the cure.
+    The two arms of one shift are not a change either; the report of :func:`build_comparison` states this.
 
-    ``same_subject``: a person states that both are of one person, if a code is missing.
-    ``mixed_methods``: figures of two methods, or versions of one, may be compared.
-
-    Raises CannotCompare.
+    ``same_subject``: a person states that both are from one person, if a code is missing. ``mixed_methods``:
+    allow figures of two methods, or of two versions of one. Raises CannotCompare.
     """
     differences = _compare(before, after).differences
     if before.findings == after.findings:
@@ -572,12 +579,14 @@ def refuse_no_comparison(
         raise CannotCompare(why="person")
     if "hours" in differences and "side" not in differences:
         raise CannotCompare(why="same hours")
-    if are_mixed((before, after)) and not mixed_methods:
+    if has_mixed_methods((before, after)) and not mixed_methods:
         raise CannotCompare(why="methods")
 
 
-def build_comparison(before: Kept, after: Kept, language: Language, *, same_subject: bool = False) -> Report:
-    """Turn two analyses into a report on the change between them."""
+def build_comparison(
+    before: FinishedAnalysis, after: FinishedAnalysis, language: Language, *, same_subject: bool = False
+) -> Report:
+    """Build the report on the change between two analyses."""
     words, common, compared = load_pair_words(language), load_wording(language), _compare(before, after)
     entry, label, sides_of = words["compare"], common["label"], common["side"]
     sides = (PairSide(entry["before"], before), PairSide(entry["after"], after))
@@ -589,15 +598,15 @@ def build_comparison(before: Kept, after: Kept, language: Language, *, same_subj
     arms = dict.fromkeys(sides_of[subject.side or "unknown"] for subject in subjects)
     sentences = []
     for change in (each for name in _TOLD for each in compared.changes if each.name == name):
-        facts, told = _format_change(change, language), entry["sentence"]
-        sentences.append(f"{fill(told[change.name], facts)} {fill(told[change.verdict], facts)}")
+        facts, shown = _format_change(change, language), entry["sentence"]
+        sentences.append(f"{fill(shown[change.name], facts)} {fill(shown[change.verdict], facts)}")
     shares = [
         (side.name, exposure.analysed_s, {int(t.threshold_deg): t.percent for t in exposure.time_above})
         for side in sides
         for exposure in (side.kept.findings.exposure,)
     ]
     table, rows = entry["table"], format_rows(compared.changes, language)
-    changes = Table.lay(table, rows, fill(table["note"], {"source": SOURCE}))
+    changes = Table.build(table, rows, fill(table["note"], {"source": SOURCE}))
     return build_report(
         (before, after),
         describe_comparison(before, after, same_subject=same_subject),
@@ -623,11 +632,11 @@ def build_comparison(before: Kept, after: Kept, language: Language, *, same_subj
     )
 
 
-def _compare(before: Kept, after: Kept) -> DayComparison:
+def _compare(before: FinishedAnalysis, after: FinishedAnalysis) -> DayComparison:
     return compare_days(_build_day(before), _build_day(after))
 
 
-def _build_day(kept: Kept) -> ComparedDay:
+def _build_day(kept: FinishedAnalysis) -> ComparedDay:
     findings = kept.findings
     return ComparedDay(
         exposure=findings.exposure,
@@ -644,7 +653,7 @@ def _build_day(kept: Kept) -> ComparedDay:
 
 
 def _judge_change(compared: DayComparison, words: Words) -> VerdictLine:
-    """Return whether like is compared with like."""
+    """Return whether the two are comparable."""
     if not compared.differences:
         return VerdictLine("good", words["alike"]["label"], words["alike"]["reason"])
     for name, entry in words["no_two_days"].items():
@@ -666,7 +675,7 @@ def _format_change(change: FigureChange, language: Language) -> dict[str, str]:
 
 
 def format_rows(changes: Iterable[FigureChange], language: Language) -> tuple[tuple[str, ...], ...]:
-    """Write each change with its units: name, before, after, change, minimal detectable change, verdict."""
+    """Format each change with its units: name, before, after, change, minimal detectable change, verdict."""
     entry = load_pair_words(language)["compare"]["table"]
     return tuple(
         (

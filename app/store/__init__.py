@@ -1,1 +1,1 @@
-"""Where recordings and results are kept: a folder or a bucket."""
+"""Storage of recordings and results: a folder or a bucket."""

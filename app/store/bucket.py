@@ -1,12 +1,12 @@
-"""Recordings and reports as objects in a bucket (S3), read and written by any number of machines.
+"""Recordings and reports as objects in a bucket (S3), shared by any number of machines.
 
-    recordings/<recording>.json              its side file
-    erasures/<recording>                     the ledger of erasures
-    recordings/<recording>                   complete or absent: a multipart put shows nothing before its end
-    analyses/<analysis>/<attempt>/<file>     put before the row that states that the attempt counts
+ recordings/<recording>.json              its side file
+ erasures/<recording>                     the ledger of erasures
+ recordings/<recording>                   complete or absent: a multipart put shows nothing before its end
+ analyses/<analysis>/<attempt>/<file>     put before the row that states that the attempt counts
 
-No conditional put is used (not every S3 server has it): names are random, and rows decide. The folder of this
-machine holds temporary files only, which may be lost.
+No conditional put is used (some S3 servers lack it): names are random, and rows decide. The folder of this
+machine contains only temporary files, which may be lost.
 """
 
 import hashlib
@@ -58,7 +58,7 @@ def open_bucket(settings: Settings) -> "BucketStorage":
 
 
 class BucketUpload(Upload):
-    """Bytes that arrive for a bucket: sent on as they come, in parts."""
+    """An upload to a bucket, sent on in parts as the bytes arrive."""
 
     def __init__(self, recording_id: str, max_bytes: int, bucket: S3Store) -> None:
         super().__init__(recording_id, max_bytes)
@@ -70,32 +70,32 @@ class BucketUpload(Upload):
             self._writer.write(chunk)
 
     def _keep(self) -> None:
-        """End the put; from then on every machine can read the recording."""
+        """Finish the put; from then on every machine can read the recording."""
         with translate_store_errors():
             self._writer.close()
             if obstore.head(self._bucket, self._name)["size"] != self.size_bytes:
                 raise StoreAway
 
     def discard(self) -> None:
-        """Send no more. Parts of an unfinished put are invisible; a rule of the bucket removes them."""
+        """Stop sending. Parts of an unfinished put are invisible; a rule of the bucket removes them."""
 
 
 @dataclass(frozen=True, slots=True)
 class BucketStorage(Storage):
-    """A bucket, and a folder of this machine for temporary files and attempts under way."""
+    """A bucket, and a folder of this machine for temporary files and running attempts."""
 
     is_local: ClassVar[bool] = False
 
     bucket: S3Store = field(kw_only=True)
 
     def prepare(self) -> None:
-        """Create the folders of this machine, and check that the bucket answers."""
-        Storage.prepare(self)  # no super(): a class with slots is made twice
+        """Create the folders of this machine, and check that the bucket responds."""
+        Storage.prepare(self)  # no super(): a dataclass with slots is created twice
         with translate_store_errors():
             next(iter(obstore.list(self.bucket, "store.id", chunk_size=1)), None)
 
     def identify(self) -> str:
-        """Return the permanent id of this bucket's contents; the first call creates it."""
+        """Return the permanent id of the bucket's content; the first call creates it."""
         with translate_store_errors():
             with suppress(FileNotFoundError):
                 return bytes(obstore.get(self.bucket, "store.id").bytes()).decode()
@@ -108,11 +108,11 @@ class BucketStorage(Storage):
         return BucketUpload(recording_id, max_bytes, self.bucket)
 
     def adopt(self, path: Path, recording_id: str) -> None:
-        """Put a file of this machine as a recording; the caller removes the file after the commit."""
+        """Store a file of this machine as a recording; the caller removes the file after the commit."""
         self.put(path, format_recording_name(recording_id))
 
     def fetch(self, name: str) -> Fetched:
-        """Copy an object to this machine, unverified."""
+        """Copy an object to this machine without verifying it."""
         into = self.root / "uploads" / f"{secrets.token_hex(8)}.part"
         try:
             with translate_store_errors(), translate_disk_full():
@@ -138,35 +138,35 @@ class BucketStorage(Storage):
         """Return a part of an object."""
         with translate_store_errors():
             end_byte = min(first_byte + count, obstore.head(self.bucket, name)["size"])
-            if end_byte <= first_byte:  # of nothing no range can be asked
+            if end_byte <= first_byte:  # an empty range is not allowed
                 return b""
             return bytes(obstore.get_range(self.bucket, name, start=first_byte, end=end_byte))
 
     def find_mark(self, name: str) -> Mark | None:
-        """Return size and ETag of an object; None where there is none."""
+        """Return size and ETag of an object; None if it does not exist."""
         with translate_store_errors(), suppress(FileNotFoundError):
             return _read_mark(obstore.head(self.bucket, name))
         return None
 
     def drop_recording(self, recording_id: str) -> None:
-        """Remove a recording, then its side file; no harm when they are gone."""
+        """Remove a recording, then its side file; ignore missing ones."""
         self._delete([format_recording_name(recording_id)])
         self._delete([format_side_file_name(recording_id), *self._find(f"quarantine/{recording_id}.")])
 
     def put(self, path: Path, name: str) -> None:
-        """Put a file of this machine under a name."""
+        """Store a copy of a file of this machine under a name."""
         with translate_store_errors(), path.open("rb") as file:
             obstore.put(self.bucket, name, file, chunk_size=PART_BYTES)
 
     def keep_attempt(self, analysis_id: str, token: str) -> None:
-        """Put the attempt's files and remove them here; a second call finds nothing left to put."""
+        """Store the attempt's files and remove the local ones; a repeated call does nothing."""
         folder = self.attempt(analysis_id, token)
         for path in sorted(folder.glob("*")):
             self.put(path, format_result_name(analysis_id, token, path.name))
         shutil.rmtree(folder.parent, ignore_errors=True)
 
     def drop_attempt(self, analysis_id: str, token: str) -> None:
-        """Remove the files of an attempt that does not count, here and in the bucket."""
+        """Remove the files of a discarded attempt, here and in the bucket."""
         Storage.drop_attempt(self, analysis_id, token)
         self._delete(self._find(f"analyses/{analysis_id}/{token}/"))
 
@@ -180,7 +180,7 @@ class BucketStorage(Storage):
         path.unlink(missing_ok=True)
 
     def check_space(self, expected_bytes: int, min_free_bytes: int) -> None:  # noqa: ARG002
-        """Refuse when this machine has no room for temporary files; the recording goes to the bucket.
+        """Check that this machine has space for temporary files; the recording goes to the bucket.
 
         Raises DiskFull.
         """
@@ -198,12 +198,12 @@ class BucketStorage(Storage):
         return frozenset(name.removeprefix("recordings/") for name in self._find("recordings/"))
 
     def write_small(self, name: str, content: bytes) -> None:
-        """Put a small object."""
+        """Store a small object."""
         with translate_store_errors():
             obstore.put(self.bucket, name, content)
 
     def read_small(self, name: str) -> bytes | None:
-        """Get a small object; None where there is none."""
+        """Return the content of a small object; None if it does not exist."""
         with translate_store_errors(), suppress(FileNotFoundError):
             return bytes(obstore.get(self.bucket, name).bytes())
         return None
@@ -226,7 +226,7 @@ class BucketStorage(Storage):
         return frozenset(name.removeprefix("erasures/") for name in self._find("erasures"))
 
     def add_erased(self, ids: Collection[str]) -> None:
-        """Put an object for each new id."""
+        """Store an object for each new id."""
         for one in sorted(set(ids) - self.find_erased()):
             self.write_small(f"erasures/{one}", format_ledger([one]))
 
@@ -240,13 +240,13 @@ class BucketStorage(Storage):
 
 
 def _read_mark(found: "ObjectMeta") -> Mark:
-    """Return size and ETag; what has no ETag gets another mark each time, so that it is always compared."""
+    """Return size and ETag; without an ETag use a random value, so that the object is always verified."""
     return found["size"], found["e_tag"] or secrets.token_hex(8)
 
 
 @contextmanager
 def translate_store_errors() -> Iterator[None]:
-    """Turn errors of a store that does not answer into a refusal with a code."""
+    """Convert errors of an unreachable store to a refusal with a code."""
     try:
         yield
     except FileNotFoundError:
@@ -254,6 +254,6 @@ def translate_store_errors() -> Iterator[None]:
     except BaseError as error:
         raise StoreAway from error
     except OSError as error:
-        if error.errno is None:  # an error of obstore's writers; the system's own errors have a number
+        if error.errno is None:  # an error of obstore's writers; the system's errors have a number
             raise StoreAway from error
         raise

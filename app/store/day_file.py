@@ -1,9 +1,9 @@
 """The day file: the angle of a whole recording, from which the page draws any stretch in a few milliseconds.
 
-One line of JSON (segments, proposals, excluded spans), then plain arrays, which are memory-mapped: the angle
-of each row in hundredths of a degree (-1 where it is not valid), the lowest and highest angle of every 16,
-256, ... rows, and the moments of quarter seconds from which stillness is scored. It holds no figure of the
-report, and can be made again from the recording.
+It has one line of JSON (segments, proposals, excluded spans), then plain arrays, which are memory-mapped: the
+angle of each row in hundredths of a degree (-1 if invalid), the lowest and highest angle of every 16, 256,
+... rows, and the moments of quarter seconds from which stillness is scored. It contains no figure of the
+report, and can be created again from the recording.
 """
 
 import json
@@ -19,7 +19,7 @@ from fusion.conventions import MAIN_THRESHOLD_DEG
 
 DAY_NAME = "day.bin"
 OWN_CURVE, REFERENCE_CURVE = "own.bin", "reference.bin"
-"""Of a comparison: both angles where both were measured, on the recording's clock, without stillness."""
+"""Of a comparison: both angles at common times, on the recording's clock, without stillness."""
 ROWS_PER_STEP = 16
 LEVELS = 4
 UNITS_PER_DEG = 100
@@ -32,8 +32,10 @@ Table = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DaySegment:
-    """An unbroken run for the file: ``angle_deg`` (n,), NaN where it is not valid; ``quiet`` (m, 6): mean and
-    mean square of the acceleration's axes in blocks of ``block_s``, in g.
+    """An unbroken run for the file.
+
+    ``angle_deg`` (n,): NaN if invalid; ``quiet`` (m, 6): mean and mean square of the acceleration's axes in
+    blocks of ``block_s``, in g.
     """
 
     start_s: float
@@ -54,9 +56,9 @@ class HighEpisode:
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """Part of a curve: values from ``start_s``, one each ``step_s``; None where nothing is valid.
+    """Part of a curve: values from ``start_s``, one per ``step_s``; None if no row is valid.
 
-    ``low`` and ``high`` are the same where each value is a single row.
+    ``low`` and ``high`` are equal if each value is a single row.
     """
 
     start_s: float
@@ -66,13 +68,13 @@ class Stretch:
 
 
 def write_day(path: Path, segments: Sequence[DaySegment], facts: Mapping[str, Any]) -> None:
-    """Write the file; ``facts`` holds what else the page needs, ready for JSON."""
+    """Write the file; ``facts`` contains the other JSON data for the page."""
     arrays: list[NDArray[Any]] = []
     heads = []
     for segment in segments:
         exact = segment.angle_deg * UNITS_PER_DEG
         rounded = np.rint(exact)
-        # What was below the main threshold stays below it, so that time above it is the report's.
+        # Angles below the main threshold must stay below it, so that time above it matches the report.
         is_lifted = (rounded > exact) & (rounded == MAIN_THRESHOLD_DEG * UNITS_PER_DEG)
         rows = np.where(np.isnan(exact), INVALID, rounded - is_lifted).astype("<i2")
         packed = [rows, *_reduce_levels(rows), segment.quiet.astype("<f4")]
@@ -107,7 +109,7 @@ def _reduce(low: Angles, high: Angles, step: int) -> tuple[Angles, Angles]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _OpenSegment:
-    """A segment of an open file. ``levels`` are shape (n, 2), the first with one row for each sample."""
+    """A segment of an open file. ``levels`` have shape (n, 2); the first has one row per sample."""
 
     start_s: float
     rate_hz: float
@@ -122,13 +124,13 @@ class _OpenSegment:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DayFile:
-    """An open file."""
+    """An open day file."""
 
     facts: Mapping[str, Any]
     segments: tuple[_OpenSegment, ...]
 
     def cut(self, from_s: float, to_s: float, points: int) -> list[Stretch]:
-        """Return the curve between two times, in s, with about ``points`` values."""
+        """Return the curve between two times in s, with about ``points`` values."""
         span_s = max(to_s - from_s, 1e-6)
         return [
             _cut_segment(segment, from_s, to_s, max(1.0, segment.rate_hz * span_s / points))
@@ -137,9 +139,10 @@ class DayFile:
         ]
 
     def find_highest(self, threshold_deg: float, least_s: float, count: int) -> list[HighEpisode]:
-        """Find the ``count`` highest episodes at or above a threshold, the highest first.
+        """Find the ``count`` highest episodes at or above a threshold, highest first.
 
-        A dip of less than ``least_s`` does not end an episode; one that lasts less than ``least_s`` is none.
+        A dip shorter than ``least_s`` does not end an episode; an episode shorter than ``least_s`` does not
+        count.
         """
         found = [
             episode
@@ -149,7 +152,7 @@ class DayFile:
         return sorted(found, key=lambda episode: (-episode.highest_deg, episode.start_s))[:count]
 
     def measure_above(self, start_s: float, end_s: float, threshold_deg: float) -> tuple[float, float]:
-        """Return the valid time between two times, and that of it at or above a threshold, both in s."""
+        """Return the valid time between two times, and its part at or above a threshold, both in s."""
         valid_s = above_s = 0.0
         for segment in self.segments:
             first, stop = (round((at_s - segment.start_s) * segment.rate_hz) for at_s in (start_s, end_s))
@@ -161,8 +164,8 @@ class DayFile:
     def measure_quiet(self, start_s: float, end_s: float) -> tuple[NDArray[np.float64], float] | None:
         """Return mean acceleration, shape (3,), and the largest standard deviation of an axis, in g.
 
-        Both are of the whole quarter seconds between two times; None where these are not in one segment, or
-        hold no whole quarter second.
+        Both cover the whole quarter seconds between two times. Returns None if these are not in one segment,
+        or if there is no whole quarter second.
         """
         for segment in self.segments:
             first = int(np.ceil((start_s - segment.start_s) / segment.block_s - 1e-6))
@@ -195,7 +198,7 @@ def open_day(path: Path) -> DayFile:
 
 
 def _find_episodes(segment: _OpenSegment, threshold_deg: float, least_s: float) -> Iterator[HighEpisode]:
-    """Find episodes in one segment; time that is not valid ends an episode."""
+    """Find episodes in one segment; invalid time ends an episode."""
     rows = segment.levels[0][:, 0]
     is_above = rows >= threshold_deg * UNITS_PER_DEG
     edges = np.flatnonzero(np.diff(is_above, prepend=False, append=False))
@@ -214,7 +217,7 @@ def _find_episodes(segment: _OpenSegment, threshold_deg: float, least_s: float) 
 
 
 def _cut_segment(segment: _OpenSegment, from_s: float, to_s: float, rows_per_value: float) -> Stretch:
-    """Cut a stretch from the coarsest level that is fine enough, and reduce it further."""
+    """Return a stretch from the coarsest level that is fine enough, reduced further."""
     level = min(LEVELS, int(np.log(rows_per_value) / np.log(ROWS_PER_STEP) + 1e-9))
     step = max(1, round(rows_per_value / ROWS_PER_STEP**level))
     rows, row_s = segment.levels[level], ROWS_PER_STEP**level / segment.rate_hz

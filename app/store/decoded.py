@@ -2,12 +2,11 @@
 
 An entry may be removed at any time; a damaged one is replaced from the file.
 
-    folder/<recording>.<key>.samples    one line of JSON (what the file states) with the SHA-256 of what
-                                        follows: the samples as float32
+ folder/<recording>.<key>.samples    one line of JSON (the file's metadata) with the SHA-256 of the rest,
+                                     then the samples as float32
 
-The key is a digest of the file's own digest, of the reading options that a person chose, and of the
-revision of the software: a newer reader never gets the samples of an older one. An entry goes with its
-recording.
+The key is a digest of the file's digest, of the person's reading options, and of the software revision: a
+newer reader never gets the samples of an older one. An entry is deleted with its recording.
 """
 
 import hashlib
@@ -31,7 +30,7 @@ from fusion.recording import QualityFlag, Recording, Segment, Span, Stated
 
 LONGEST_HEAD_BYTES = 16 << 20
 SPARE_TIMES = 3
-"""An entry is kept only where this many times its size is free."""
+"""An entry is kept only if this many times its size is free."""
 
 _FACTS = tuple(field.name for field in fields(Recording))
 
@@ -39,21 +38,21 @@ logger = logging.getLogger(__name__)
 
 
 def hash_entry_key(sha256: str, reading: str, revision: str) -> str:
-    """Return the key of an entry; ``reading`` holds all options of the reading, as text."""
+    """Return the key of an entry; ``reading`` contains all reading options as text."""
     return hashlib.sha256(f"{sha256}\n{revision}\n{reading}".encode()).hexdigest()[:40]
 
 
 @dataclass(frozen=True, slots=True)
 class DecodedCache:
-    """A folder of decoded recordings that never holds more than ``max_bytes``."""
+    """A folder of decoded recordings with at most ``max_bytes``."""
 
     folder: Path
     max_bytes: int
     recording_id: str = ""
-    """The recording that is read or kept."""
+    """The recording to read or keep."""
 
     def find(self, key: str) -> Recording | None:
-        """Return the recording; None if it is missing or not whole."""
+        """Return the recording; None if it is missing or incomplete."""
         path = self._path(key)
         try:
             with path.open("rb") as file:
@@ -70,17 +69,17 @@ class DecodedCache:
                 if file.read(1) or digest.hexdigest().encode() != sha256:
                     raise ValueError
                 recording = _build(facts, tuple(segments))
-            os.utime(path)  # the entry that was used last is removed last
+            os.utime(path)  # least recently used entries are removed first
         except FileNotFoundError:
             return None
         except (OSError, ValueError, KeyError, TypeError):
-            logger.warning("a damaged entry of the cache is read anew: %s", path.name)
+            logger.warning("a damaged cache entry is read again from the file: %s", path.name)
             path.unlink(missing_ok=True)
             return None
         return recording
 
     def keep(self, key: str, recording: Recording) -> None:
-        """Keep the samples if there is room; no result depends on it."""
+        """Store the samples if there is space; no result depends on it."""
         size_bytes = sum(segment.acc_g.nbytes + segment.gyr_dps.nbytes for segment in recording.segments)
         try:
             make_folder(self.folder)
@@ -92,11 +91,11 @@ class DecodedCache:
             logger.warning("the decoded samples could not be kept", exc_info=True)
 
     def find_recordings(self) -> frozenset[str]:
-        """Return the id of every recording whose samples are here."""
+        """Return the id of every recording with samples in the cache."""
         return frozenset(path.name.partition(".")[0] for path in self.folder.glob("rec_*"))
 
     def forget(self, recording_ids: Collection[str]) -> None:
-        """Remove the samples of these recordings, entries that are being written too."""
+        """Remove the samples of these recordings, including entries that are being written."""
         for recording_id in recording_ids:
             for path in self.folder.glob(f"{recording_id}.*"):
                 path.unlink(missing_ok=True)
@@ -122,7 +121,7 @@ class DecodedCache:
             part.unlink(missing_ok=True)
 
     def _make_room(self, needed_bytes: int) -> None:
-        """Remove the entries that were used longest ago."""
+        """Remove the least recently used entries."""
         entries = sorted(_find_entries(self.folder), key=lambda entry: entry[1].st_mtime)
         held_bytes = sum(status.st_size for _, status in entries)
         for path, status in entries:
@@ -149,7 +148,7 @@ def _read_samples(file: IO[bytes], rows: int, digest: "hashlib._Hash") -> NDArra
 
 
 def _describe(recording: Recording) -> dict[str, Any]:
-    """Return everything but the samples, ready for JSON."""
+    """Return all fields except the samples, ready for JSON."""
     described = {name: getattr(recording, name) for name in _FACTS}
     return described | {
         "start": recording.start.isoformat() if recording.start else None,

@@ -1,20 +1,20 @@
-"""The store of recordings and results in a folder: verified at each reading, durable before it counts.
+"""Storage of recordings and results in a folder: verified at each reading, durable before it counts.
 
-    root/uploads/<name>.part             bytes still arriving, and copies from a bucket while they are read
-    root/recordings/<recording>          bytes whose arrival was acknowledged
-    root/recordings/<recording>.json     its side file: a copy of its rows (:mod:`app.library.side_files`)
-    root/quarantine/<name>               unknown entries of the recordings; only people remove them
-    root/analyses/<analysis>/<attempt>/  the files of one attempt; the job row states which attempt counts
-    root/erasures.jsonl                  the ledger of erasures: one line each, and nothing else about them,
-                                         synced before the first file is deleted
+ root/uploads/<name>.part             bytes still arriving, and copies from a bucket while they are read
+ root/recordings/<recording>          bytes whose arrival was acknowledged
+ root/recordings/<recording>.json     its side file: a copy of its rows (:mod:`app.library.side_files`)
+ root/quarantine/<name>               unknown entries among the recordings; only people remove them
+ root/analyses/<analysis>/<attempt>/  the files of one attempt; the job row states which attempt counts
+ root/erasures.jsonl                  the ledger of erasures: one line each, only id and time,
+                                      synced before the first file is deleted
 
-The ledger is outside the database: ``restore``, ``recover`` and every start erase again what is in it.
+The ledger is outside the database: ``restore``, ``recover`` and every start erase its entries again.
 
 With many machines, recordings and results are objects in a bucket instead (:mod:`app.store.bucket`), under
-the same names; the folder then only holds temporary files.
+the same names; the folder then contains only temporary files.
 
-The program makes every name on disk; a person's file name is never one. A file counts from the moment its row
-is committed, and it is on the disk before: write, fsync, rename, fsync of the folder, commit, response.
+The program creates every name on disk and never uses a person's file name. A file counts once its row is
+committed, and is on disk before that: write, fsync, rename, fsync of the folder, commit, response.
 """
 
 import errno
@@ -67,30 +67,30 @@ if sys.platform != "win32":
 
 COPY_BYTES = 1 << 20
 TEMPORARY_S = 6 * 3600.0
-"""A temporary file that nobody has written to for so long belongs to no upload or reading under way."""
+"""A temporary file unchanged for this time belongs to no running upload or reading."""
 SIDE_SUFFIX = ".json"
 VERIFIED_TERM_S = 3600.0
 MOST_VERIFIED = 100_000
 MOST_READ_FOR_PAGE_BYTES = 512 << 20
-"""Largest recording that is read whole to show a page: at most a second of work, once an hour."""
+"""Largest recording that is read completely to show a page: at most a second of work, once an hour."""
 LEDGER_FILE = "erasures.jsonl"
 TEMPORARY = re.compile(r"((rec_)?[0-9a-f]{16}(\.[0-9a-f]{8})?|restored)\.part")
-"""The names of our temporary files in ``uploads``; any other file is left alone."""
+"""Names of our temporary files in ``uploads``; any other file is left alone."""
 UNREADABLE = frozenset(
     {errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.ELOOP, errno.EACCES, errno.EPERM, errno.EIO}
 )
-"""The system's error numbers for a file that is missing, is no file, or lies on a broken disk."""
+"""System error numbers for a file that is missing, not a file, or on a broken disk."""
 
 logger = logging.getLogger(__name__)
 
 
 Mark = tuple[int | str, ...]
-"""It changes when stored bytes change: size, time and inode of a file, size and ETag of an object."""
+"""Changes when stored bytes change: size, time and inode of a file, size and ETag of an object."""
 
 
 @dataclass(frozen=True, slots=True)
 class StoredRecording:
-    """The bytes of one upload, safe on the disk."""
+    """The stored bytes of one upload."""
 
     id: str
     sha256: str
@@ -108,7 +108,7 @@ class ResultFile:
 
 @dataclass(frozen=True, slots=True)
 class Fetched:
-    """A stored file, not verified yet; ``mark`` is that of the store, ``own_mark`` that of ``path``."""
+    """A stored file, not verified yet; ``mark`` is the store's, ``own_mark`` belongs to ``path``."""
 
     path: Path
     mark: Mark
@@ -116,20 +116,20 @@ class Fetched:
 
 
 @dataclass(frozen=True, slots=True)
-class KnownLogs:
-    """What is known of files before they are read: their SHA-256, and the cache of their samples."""
+class KnownFiles:
+    """Known facts about files before they are read: their SHA-256, and the cache of their samples."""
 
     digests: tuple[str, ...] = ()
     cache: "DecodedCache | None" = None
 
 
-NOTHING_KNOWN = KnownLogs()
+NOTHING_KNOWN = KnownFiles()
 
 
 class VerifiedFiles:
-    """The stored files whose bytes were found to match the SHA-256 of their rows.
+    """The stored files whose bytes matched the SHA-256 of their rows.
 
-    A verification counts for an hour at most, in this process, and until the mark changes. Damage is not
+    A verification is valid for an hour at most, in this process, and until the mark changes. Damage is not
     remembered, so that a repaired file is served at once.
     """
 
@@ -146,7 +146,7 @@ class VerifiedFiles:
         )
 
     def remember(self, name: str, sha256: str, mark: Mark) -> None:
-        """Remember that the file is verified; the oldest one is dropped where there are too many."""
+        """Remember that the file is verified; drop the oldest one if there are too many."""
         with self._lock:
             self._whole.pop(name, None)
             self._whole[name] = (sha256, mark, self._clock())
@@ -155,7 +155,7 @@ class VerifiedFiles:
 
 
 class Upload(ABC):
-    """Bytes that arrive, hashed as they come: kept or discarded as a whole."""
+    """An upload, hashed while it arrives: kept or discarded as a whole."""
 
     def __init__(self, recording_id: str, max_bytes: int) -> None:
         self._id, self._max_bytes = recording_id, max_bytes
@@ -188,11 +188,11 @@ class Upload(ABC):
 
     @abstractmethod
     def discard(self) -> None:
-        """Leave nothing behind; harmless after :meth:`keep`."""
+        """Remove all traces; does nothing after :meth:`keep`."""
 
 
 class FolderUpload(Upload):
-    """Bytes that arrive in a folder."""
+    """An upload to a folder."""
 
     def __init__(self, recording_id: str, max_bytes: int, part: Path, kept: Path) -> None:
         super().__init__(recording_id, max_bytes)
@@ -220,22 +220,23 @@ class FolderUpload(Upload):
 
 @dataclass(frozen=True, slots=True)
 class Storage:
-    """The store of recordings and results: a folder, or a bucket (:mod:`app.store.bucket`).
+    """Storage of recordings and results: a folder, or a bucket (:mod:`app.store.bucket`).
 
-    :meth:`fetch` gives a file of this machine, which the caller releases. It verifies nothing: whatever is
-    shown or computed goes through :func:`borrow_recording` and :func:`borrow_result`. A name is that of a
-    file in the store, as ``recordings/...``. Where the store is a bucket, each method may raise StoreAway.
+    :meth:`fetch` returns a file of this machine, which the caller releases. It verifies nothing: use
+    :func:`borrow_recording` and :func:`borrow_result` for everything that is shown or computed. A name
+    identifies a file in the store, such as ``recordings/...``. With a bucket, each method may raise
+    StoreAway.
     """
 
     is_local: ClassVar[bool] = True
-    """Files can be read in place; else each reading is a copy."""
+    """Whether files can be read in place; otherwise each reading is a copy."""
 
     root: Path
     """The folder of this machine."""
     verified: VerifiedFiles = field(default_factory=VerifiedFiles, compare=False, repr=False)
 
     def prepare(self) -> None:
-        """Create missing folders; fail early where the store does not answer."""
+        """Create missing folders; fail early if the store does not respond."""
         for name in ("uploads", "recordings", "analyses"):
             make_folder(self.root / name)
 
@@ -246,7 +247,7 @@ class Storage:
             write_durably(path, f"folder-{secrets.token_hex(8)}".encode())
         return path.read_text()
 
-    # Recordings and any file by its name.
+    # Recordings, and files by name.
 
     def open_upload(self, max_bytes: int) -> Upload:
         """Start an upload of a recording under a new name."""
@@ -260,13 +261,13 @@ class Storage:
         return self.root / "recordings" / recording_id
 
     def adopt(self, path: Path, recording_id: str) -> None:
-        """Store a durable file of this machine as a recording; twice does no harm. The caller removes it."""
-        with translate_disk_full(), suppress(FileExistsError):  # a peer, or a crash, has linked it before
+        """Store a durable local file as a recording; can be repeated. The caller removes the file."""
+        with translate_disk_full(), suppress(FileExistsError):  # an earlier call has linked it
             os.link(path, self.recording(recording_id))
         sync_folder(self.root / "recordings")
 
     def put(self, path: Path, name: str) -> None:
-        """Store a copy of a file of this machine under a name, whole or not at all."""
+        """Store a copy of a file of this machine under a name, completely or not at all."""
         kept = self.root / name
         make_folder(kept.parent)
         part = self.root / "uploads" / f"{secrets.token_hex(8)}.part"
@@ -284,7 +285,7 @@ class Storage:
         return Fetched(self.root / name, mark, mark)
 
     def release(self, path: Path) -> None:
-        """End the use of a fetched file; a copy is removed."""
+        """End the use of a fetched file; remove it if it is a copy."""
 
     def hash(self, name: str) -> tuple[str, Mark]:
         """Return the SHA-256 of a file, and its mark. Raises FileNotFoundError."""
@@ -298,7 +299,7 @@ class Storage:
             return file.read(count)
 
     def find_mark(self, name: str) -> Mark | None:
-        """Return the mark of a file, its size first; None where there is none that can be read."""
+        """Return the mark of a file, its size first; None if it is missing or unreadable."""
         try:
             mark = read_mark(self.root / name)
             with (self.root / name).open("rb"):
@@ -309,7 +310,7 @@ class Storage:
             return None
 
     def write_small(self, name: str, content: bytes) -> None:
-        """Write a small file, durably, whole or not at all."""
+        """Write a small file durably, completely or not at all."""
         part = self.root / "uploads" / f"{secrets.token_hex(8)}.part"
         with translate_disk_full():
             make_folder((self.root / name).parent)
@@ -320,7 +321,7 @@ class Storage:
             sync_folder((self.root / name).parent)
 
     def read_small(self, name: str) -> bytes | None:
-        """Read a small file; None where there is none."""
+        """Return the content of a small file; None if it does not exist."""
         path = self.root / name
         try:
             return path.read_bytes() if path.is_file() else None  # a foreign pipe would block
@@ -328,7 +329,7 @@ class Storage:
             return None
 
     def drop_recording(self, recording_id: str) -> None:
-        """Remove a recording, then its side file; no harm when they are gone."""
+        """Remove a recording, then its side file; ignore missing ones."""
         for name in (recording_id, f"{recording_id}{SIDE_SUFFIX}"):
             if self.recording(name).is_dir():  # not ours
                 self.quarantine(name)
@@ -340,11 +341,11 @@ class Storage:
     # Attempts: files are written on this machine, and kept before the row states that the attempt counts.
 
     def attempt(self, analysis_id: str, token: str) -> Path:
-        """Return the folder of this machine for one attempt's files."""
+        """Return the local folder for one attempt's files."""
         return self.root / "analyses" / analysis_id / token
 
     def open_attempt(self, analysis_id: str, token: str) -> Path:
-        """Create that folder, empty."""
+        """Create the local folder of an attempt, empty."""
         folder = self.attempt(analysis_id, token)
         with translate_disk_full():
             make_folder(folder.parent)
@@ -362,7 +363,7 @@ class Storage:
                 sync_folder(changed)
 
     def drop_attempt(self, analysis_id: str, token: str) -> None:
-        """Remove the files of an attempt that does not count."""
+        """Remove the files of a discarded attempt."""
         shutil.rmtree(self.attempt(analysis_id, token), ignore_errors=True)
 
     def drop_analysis(self, analysis_id: str) -> None:
@@ -377,14 +378,14 @@ class Storage:
     # What is in the store.
 
     def check_space(self, expected_bytes: int, min_free_bytes: int) -> None:
-        """Refuse an upload that would fill the disk, before its first byte.
+        """Reject an upload that would fill the disk, before its first byte.
 
-        Raises DiskFull: less is free than ``min_free_bytes`` or three times the announced length.
+        Raises DiskFull if less is free than ``min_free_bytes`` or three times the announced length.
         """
         check_free(self.root, max(min_free_bytes, 3 * expected_bytes))
 
     def find_names(self) -> Iterator[str]:
-        """Return the name of every stored recording and result, as :meth:`put` takes them."""
+        """Return the name of every stored recording and result, as :meth:`put` expects it."""
         for kind in ("recordings", "analyses"):
             for path in (self.root / kind).rglob("*"):
                 if path.is_file():
@@ -396,7 +397,7 @@ class Storage:
             return frozenset(entry.name for entry in entries)
 
     def drop_temporary(self, min_age_s: float) -> int:
-        """Remove our temporary files that nobody has written to for so long; gives their number."""
+        """Remove our temporary files that are older than this; return their number."""
         newest_s = time.time() - min_age_s
         old = [
             path
@@ -411,7 +412,7 @@ class Storage:
     # about to write the row.
 
     def quarantine(self, name: str) -> bool:
-        """Move an entry into quarantine, under a name that is free there; False where it stays in place."""
+        """Move an entry into quarantine under a free name; return False if it stays in place."""
         quarantine = self.root / "quarantine"
         make_folder(quarantine)
         kept = quarantine / name
@@ -423,7 +424,7 @@ class Storage:
         return True
 
     def unquarantine(self, name: str) -> bool:
-        """Move a recording back from quarantine; False where none is ever moved there."""
+        """Move a recording back from quarantine; return False if this store never moves any there."""
         (self.root / "quarantine" / name).rename(self.recording(name))
         sync_folder(self.root / "recordings")
         return True
@@ -435,7 +436,7 @@ class Storage:
         except FileNotFoundError:
             return ()
 
-    # The ledger of erasures: nothing is ever taken out.
+    # The ledger of erasures: entries are never removed.
 
     def find_erased(self) -> frozenset[str]:
         """Return the id of every recording and analysis that was erased."""
@@ -445,7 +446,7 @@ class Storage:
             return frozenset()
 
     def add_erased(self, ids: Collection[str]) -> None:
-        """Add ids to the ledger, one writer at a time; durable when this returns. Raises DiskFull."""
+        """Add ids to the ledger, one writer at a time; durable on return. Raises DiskFull."""
         make_folder(self.root)
         opener = partial(os.open, mode=FILE_MODE)
         with translate_disk_full(), open(self.root / LEDGER_FILE, "a+b", opener=opener) as file:
@@ -453,7 +454,7 @@ class Storage:
                 fcntl.flock(file, fcntl.LOCK_EX)
             file.seek(0)
             content = file.read()
-            if not content.endswith(b"\n") and content:  # a power cut has torn the last line
+            if not content.endswith(b"\n") and content:  # a power failure has cut the last line
                 file.write(b"\n")
             file.write(format_ledger(set(ids) - parse_ledger(content)))
             file.flush()
@@ -463,9 +464,9 @@ class Storage:
 
 @contextmanager
 def borrow_result(storage: Storage, analysis_id: str, token: str, file: ResultFile) -> Iterator[Path]:
-    """Lend a result for the length of the block, verified against the SHA-256 of its row.
+    """Yield the path of a result, verified against the SHA-256 of its row.
 
-    Raises ResultDamaged: it is missing or altered, or was altered during the block.
+    Raises ResultDamaged if it is missing or altered, or was altered during the block.
     """
     damaged = ResultDamaged(name=file.name, analysis=analysis_id)
     with _borrow(storage, format_result_name(analysis_id, token, file.name), file.sha256, damaged) as path:
@@ -474,9 +475,9 @@ def borrow_result(storage: Storage, analysis_id: str, token: str, file: ResultFi
 
 @contextmanager
 def borrow_recording(storage: Storage, recording_id: str, sha256: str) -> Iterator[Path]:
-    """Lend a recording for the length of the block, verified against the SHA-256 of its row.
+    """Yield the path of a recording, verified against the SHA-256 of its row.
 
-    Raises StoreDamaged: it is missing or altered, or was altered during the block.
+    Raises StoreDamaged if it is missing or altered, or was altered during the block.
     """
     with _borrow(storage, format_recording_name(recording_id), sha256, StoreDamaged()) as path:
         yield path
@@ -490,7 +491,7 @@ def read_recording(storage: Storage, recording_id: str, first_byte: int, count: 
 
 
 def is_result_whole(storage: Storage, analysis_id: str, token: str, file: ResultFile) -> bool:
-    """Return whether a result is there and matches its row; reads it unless a verification is remembered."""
+    """Return whether a result exists and matches its row; reads it unless a verification is cached."""
     return _is_whole(storage, format_result_name(analysis_id, token, file.name), file.sha256)
 
 
@@ -499,8 +500,8 @@ def is_recording_whole(storage: Storage, recording_id: str, sha256: str) -> bool
     return _is_whole(storage, format_recording_name(recording_id), sha256)
 
 
-def seems_whole(storage: Storage, stored: StoredRecording) -> bool:
-    """Tell the same of a recording whose page is shown, by its size alone where reading would take long."""
+def seems_intact(storage: Storage, stored: StoredRecording) -> bool:
+    """Return whether a displayed recording seems complete, by its size only if reading it takes long."""
     mark = storage.find_mark(format_recording_name(stored.id))
     if mark is None or mark[0] != stored.size_bytes:
         return False
@@ -509,7 +510,7 @@ def seems_whole(storage: Storage, stored: StoredRecording) -> bool:
 
 
 def make_recording_id() -> str:
-    """Make the id of a new recording."""
+    """Return a new recording id."""
     return f"rec_{secrets.token_hex(8)}"
 
 
@@ -526,7 +527,7 @@ def format_result_name(analysis_id: str, token: str, name: str) -> str:
 def read_mark(path: Path) -> Mark:
     """Return size, time and inode of a file.
 
-    Raises FileNotFoundError: also for a folder, a device or a pipe.
+    Raises FileNotFoundError, also for a folder, a device or a pipe.
     """
     status = path.stat()
     if not S_ISREG(status.st_mode):
@@ -536,7 +537,7 @@ def read_mark(path: Path) -> Mark:
 
 @contextmanager
 def _borrow(storage: Storage, name: str, sha256: str, damaged: AppError) -> Iterator[Path]:
-    """Verify a file, give it, and check at the end that it has not changed."""
+    """Verify a file, yield its path, and check at the end that it has not changed."""
     with _translate_read_errors(name, damaged):
         fetched = storage.fetch(name)
     try:
@@ -556,13 +557,13 @@ def _compare(fetched: Fetched, name: str, sha256: str, damaged: AppError) -> Non
     with _translate_read_errors(name, damaged):
         found = hash_file(fetched.path)
     if found != sha256:
-        logger.error("%s is damaged: its row says SHA-256 %s, its bytes %s", name, sha256, found)
+        logger.error("%s is damaged: SHA-256 %s in its row, %s in the file", name, sha256, found)
         raise damaged
 
 
 @contextmanager
 def _translate_read_errors(name: str, damaged: AppError) -> Iterator[None]:
-    """Turn a missing or unreadable file into a refusal with a code."""
+    """Convert the error of a missing or unreadable file to a refusal with a code."""
     try:
         yield
     except OSError as error:
@@ -582,14 +583,14 @@ def _is_whole(storage: Storage, name: str, sha256: str) -> bool:
     except StoreDamaged:
         return False
     if found != sha256:
-        logger.error("%s is damaged: its row says SHA-256 %s, its bytes %s", name, sha256, found)
+        logger.error("%s is damaged: SHA-256 %s in its row, %s in the file", name, sha256, found)
         return False
     storage.verified.remember(name, sha256, mark)
     return True
 
 
 class FolderLock:
-    """Held by the one server of a data folder; the system releases it when the process ends."""
+    """The lock of the one server of a data folder; the system releases it when the process ends."""
 
     def __init__(self, root: Path) -> None:
         self._file = os.fdopen(os.open(root / "server.lock", os.O_WRONLY | os.O_CREAT, FILE_MODE), "w")
@@ -606,7 +607,7 @@ class FolderLock:
 
 
 def describe_files(folder: Path) -> tuple[ResultFile, ...]:
-    """Return name, SHA-256 and size of every file of a folder."""
+    """Return name, SHA-256 and size of every file in a folder."""
     paths = sorted(folder.iterdir())
     return tuple(ResultFile(path.name, hash_file(path), path.stat().st_size) for path in paths)
 
@@ -618,13 +619,13 @@ def hash_file(path: Path) -> str:
 
 
 def check_free(folder: Path, needed_bytes: int) -> None:
-    """Raise DiskFull when less than that is free."""
+    """Raise DiskFull if less than ``needed_bytes`` is free."""
     if shutil.disk_usage(folder).free < needed_bytes:
         raise DiskFull
 
 
 def write_durably(path: Path, content: bytes) -> None:
-    """Write a small file whole or not at all."""
+    """Write a small file completely or not at all."""
     part = path.with_name(f"{path.name}.{secrets.token_hex(4)}.new")
     with create_file(part) as file:
         file.write(content)
@@ -640,7 +641,7 @@ def sync_file(path: Path) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Make the names in a folder durable (a rename is not, before this)."""
+    """Make the names in a folder durable, for example after a rename."""
     if sys.platform == "win32":
         return
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
@@ -656,13 +657,13 @@ def format_side_file_name(recording_id: str) -> str:
 
 
 def too_large(size_bytes: int, max_bytes: int) -> FileTooLarge:
-    """Build the refusal of a file that is too large, in gigabytes."""
+    """Return the error for a file that is too large, in gigabytes."""
     return FileTooLarge(n=round(size_bytes / 1e9, 4), max=round(max_bytes / 1e9, 4))
 
 
 @contextmanager
 def translate_disk_full() -> Iterator[None]:
-    """Turn "no space left" into a refusal with a code; every other error passes unchanged."""
+    """Convert "no space left" to a refusal with a code; every other error passes unchanged."""
     try:
         yield
     except OSError as error:
@@ -682,7 +683,7 @@ _FOLDER_TROUBLE: Mapping[int, type[FolderUnusable]] = {
 
 @contextmanager
 def translate_folder_errors(folder: Path) -> Iterator[None]:
-    """Turn a system error about a data folder, or anything in it, into a refusal with a code."""
+    """Convert a system error about a data folder or its content to a refusal with a code."""
     try:
         with translate_disk_full():
             yield
@@ -695,7 +696,7 @@ def translate_folder_errors(folder: Path) -> Iterator[None]:
 
 
 def check_folder(folder: Path) -> None:
-    """Check that a data folder, and each folder of ours in it, can be written.
+    """Check that a data folder and each of our folders in it are writable.
 
     Raises FolderUnusable, DiskFull.
     """
@@ -708,13 +709,13 @@ def check_folder(folder: Path) -> None:
 
 
 def format_ledger(ids: Collection[str]) -> bytes:
-    """Return the lines of erasures of now."""
+    """Return ledger lines for these ids with the current time."""
     at = datetime.now(UTC).isoformat(timespec="seconds")
     return b"".join(json.dumps({"id": one, "at": at}).encode() + b"\n" for one in sorted(ids))
 
 
 def parse_ledger(content: bytes) -> frozenset[str]:
-    """Return the ids of a ledger; a torn line never counted."""
+    """Return the ids of a ledger; an incomplete line does not count."""
     found = set()
     for line in content.splitlines():
         try:
@@ -724,7 +725,7 @@ def parse_ledger(content: bytes) -> frozenset[str]:
     return frozenset(found)
 
 
-# ------------------------------------------------------------------ the folder or the bucket of the settings
+# The storage of the settings.
 
 
 def open_storage(settings: "Settings") -> Storage:
@@ -736,7 +737,7 @@ def open_storage(settings: "Settings") -> Storage:
 
 
 def load_extra(module: str, extra: str = "many") -> ModuleType:
-    """Load a module of ours that needs the libraries of an extra. Raises NotInstalled."""
+    """Import our module that needs the libraries of an extra. Raises NotInstalled."""
     try:
         return importlib.import_module(module)
     except ModuleNotFoundError as error:

@@ -1,9 +1,9 @@
-"""The bytes of resumable uploads (tus): one growing file for each.
+"""The bytes of resumable uploads (tus): one growing file each.
 
-    root/incoming/<upload>          the bytes that have come
+ root/incoming/<upload>          the received bytes
 
-Nothing here is a recording. The row of the upload states how many of the bytes count: bytes after them were
-written but never acknowledged, and are cut off before more are written.
+Nothing here is a recording. The row of the upload states how many bytes count: later bytes were written but
+never acknowledged, and are truncated before more are written.
 """
 
 import hashlib
@@ -41,7 +41,7 @@ class GrowingFile:
         self.offset_bytes += len(chunk)
 
     def flush(self) -> int:
-        """Hand every written byte to the system; gives the offset after them."""
+        """Pass every written byte to the system; return the offset after them."""
         with translate_disk_full():
             self._file.flush()
         return self.offset_bytes
@@ -58,14 +58,14 @@ class GrowingFile:
 
 @dataclass(slots=True)
 class UploadSlots:
-    """Limits how many uploads run at once: each costs memory while its bytes arrive. For one thread."""
+    """Limits how many uploads run at once, because each uses memory. For one thread."""
 
     most: int
     taken: int = 0
 
     @contextmanager
     def take(self) -> Iterator[None]:
-        """Hold a slot until the end of the block. Raises TooMany."""
+        """Occupy a slot until the end of the block. Raises TooMany."""
         if self.taken >= self.most:
             raise TooMany(max=self.most)
         self.taken += 1
@@ -85,7 +85,7 @@ class _Running:
 
 @dataclass(frozen=True, slots=True)
 class Incoming:
-    """The folder of growing files, and the uploads that have a writer now."""
+    """The folder of growing files, and the uploads with a current writer."""
 
     folder: Path
     _busy: set[str] = field(default_factory=set)
@@ -101,21 +101,21 @@ class Incoming:
         return self.folder / upload_id
 
     def open(self, upload_id: str, offset_bytes: int) -> GrowingFile:
-        """Open the file of an upload at its offset, created where there is none. Raises DiskFull."""
+        """Open the file of an upload at its offset; create it if needed. Raises DiskFull."""
         with translate_disk_full(), suppress(FileExistsError):
             create_file(self.path(upload_id)).close()
             sync_folder(self.folder)
         return GrowingFile(self.path(upload_id), offset_bytes)
 
     def measure(self, upload_id: str) -> int:
-        """Return the number of an upload's bytes that are on the disk."""
+        """Return the number of an upload's bytes on disk."""
         try:
             return self.path(upload_id).stat().st_size
         except FileNotFoundError:
             return 0
 
     def read_first(self, upload_id: str, count: int) -> bytes:
-        """Return the first bytes of an upload; none where there are none yet."""
+        """Return the first bytes of an upload; empty if there are none yet."""
         try:
             with self.path(upload_id).open("rb") as file:
                 return file.read(count)
@@ -123,25 +123,25 @@ class Incoming:
             return b""
 
     def acquire(self, upload_id: str) -> bool:
-        """Become the only writer of an upload; False while there is another."""
+        """Become the only writer of an upload; return False if there is another."""
         with self._guard:
             is_free = upload_id not in self._busy
             self._busy.add(upload_id)
             return is_free
 
     def release(self, upload_id: str) -> None:
-        """Cease to be the writer of an upload."""
+        """Stop being the writer of an upload."""
         with self._guard:
             self._busy.discard(upload_id)
 
     def hash_chunk(self, upload_id: str, offset_bytes: int, chunk: bytes) -> None:
-        """Hash bytes that begin at an offset, where the hash of all bytes before it is known."""
+        """Hash bytes at an offset, if the hash of all bytes before it is known."""
         running = self._hashes.get(upload_id)
         if offset_bytes == 0:
             running = self._hashes[upload_id] = _Running(hashlib.sha256(), 0)
         if running is None:
             return
-        if running.offset_bytes != offset_bytes:  # bytes that did not count were hashed
+        if running.offset_bytes != offset_bytes:  # hashed bytes that were not acknowledged
             del self._hashes[upload_id]
             return
         running.sha256.update(chunk)
@@ -150,7 +150,7 @@ class Incoming:
     def hash(self, upload_id: str, size_bytes: int) -> str:
         """Return the SHA-256 of a whole upload; it is read again only after a restart of the server.
 
-        Bytes behind the last that counts are cut off. Raises FileNotFoundError.
+        Bytes after the last acknowledged one are truncated. Raises FileNotFoundError.
         """
         with self.path(upload_id).open("r+b") as file:
             if os.fstat(file.fileno()).st_size > size_bytes:
@@ -169,7 +169,7 @@ class Incoming:
     def find_stale(
         self, growing: Collection[str], known: Collection[str], min_age_s: float
     ) -> frozenset[str]:
-        """Find the known uploads that have ended, and old unknown ones, of which there are files.
+        """Find files of known uploads that have ended, and old files of unknown ones.
 
         Any file that is not ours is left alone.
         """
@@ -182,7 +182,7 @@ class Incoming:
         )
 
     def sweep(self, upload_id: str) -> int:
-        """Remove every file of an upload; gives their number."""
+        """Remove every file of an upload; return their number."""
         left = [path for path in self.folder.glob(f"{upload_id}*") if _OWN_NAME.fullmatch(path.name)]
         for path in left:
             path.unlink(missing_ok=True)
@@ -190,5 +190,5 @@ class Incoming:
 
 
 def name_recording(upload_id: str) -> str:
-    """Return the id of the recording that an upload becomes: the same, however often its end is repeated."""
+    """Return the id of the recording from an upload; repeated calls return the same id."""
     return f"rec_{upload_id.removeprefix('up_')[:16]}"

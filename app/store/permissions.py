@@ -1,6 +1,6 @@
-"""Files and folders that only the user who runs Acromion may read, whatever the umask.
+"""Files and folders that only the user who runs Acromion may read, regardless of the umask.
 
-Each is created with its final mode. A given folder that holds anything that is not ours keeps its mode.
+Each is created with its final mode. A given folder that contains other files keeps its mode.
 """
 
 import os
@@ -37,10 +37,10 @@ def create_file(path: Path) -> IO[bytes]:
 
 
 def restrict_permissions(data_dir: Path, database: Path | None = None) -> None:
-    """Take from others the permissions that a wide umask gave them.
+    """Remove permissions that a wide umask gave to other users.
 
-    Only files and folders with one of our names are changed; the data folder itself only when it holds
-    nothing else. ``database`` is the file of the rows, where they are in one.
+    Only files and folders with one of our names are changed; the data folder itself only if it contains
+    nothing else. ``database`` is the database file, if there is one.
     """
     ours = {*OUR_FILES, *OUR_FOLDERS, *(f"{OUR_DATABASE}{ending}" for ending in DATABASE_ENDINGS)}
     held = list(data_dir.iterdir())
@@ -55,7 +55,7 @@ def restrict_permissions(data_dir: Path, database: Path | None = None) -> None:
 
 
 def is_readable_by_others(path: Path) -> bool:
-    """Return whether anybody else may read it; False where there are no such modes, and for a link."""
+    """Return whether other users may read it; False for a link, and on systems without such modes."""
     if sys.platform == "win32":
         return False
     mode = path.lstat().st_mode

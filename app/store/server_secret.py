@@ -1,9 +1,9 @@
-"""The secret of a server: encrypts what the server itself has to read again (second factors, webhooks).
+"""The server secret: encrypts data that the server must read again (second factors, webhooks).
 
-    data_dir/server.key     32 random bytes in base64, created at the first encryption
+ data_dir/server.key     32 random bytes in base64, created at the first encryption
 
-Copy the file to every further server of the same database. Its loss costs the enrolment of second factors and
-the secrets of webhooks, and nothing else.
+Copy the file to every further server of the same database. If it is lost, second factors must be enrolled
+again and webhooks need new secrets; nothing else is lost.
 """
 
 import base64
@@ -26,23 +26,23 @@ SECRET_FILE = "server.key"  # noqa: S105 - the name of a file
 
 @dataclass(frozen=True, slots=True)
 class ServerSecret:
-    """The secret in a data folder; it is read anew each time."""
+    """The secret in a data folder; the file is read at each use."""
 
     data_dir: Path
 
     @property
     def file(self) -> Path:
-        """The file of the secret."""
+        """Path of the secret."""
         return self.data_dir / SECRET_FILE
 
     def encrypt(self, text: str, about: str) -> str:
-        """Encrypt a text; ``about`` says what it is, and is bound to it."""
+        """Encrypt a text; ``about`` describes its purpose and is needed to decrypt it."""
         return Fernet(self._derive(about, self._create())).encrypt(text.encode()).decode()
 
     def decrypt(self, token: str, about: str) -> str:
-        """Decrypt what :meth:`encrypt` gave for the same ``about``.
+        """Decrypt a text from :meth:`encrypt` with the same ``about``.
 
-        Raises SecretUnreadable: the file is gone, or is not the one that encrypted it.
+        Raises SecretUnreadable if the file is missing or did not encrypt the text.
         """
         try:
             return Fernet(self._derive(about, self.file.read_bytes())).decrypt(token).decode()
@@ -66,8 +66,8 @@ class ServerSecret:
         return base64.urlsafe_b64encode(key)
 
     def _create(self) -> bytes:
-        """Read the secret; the first call creates it, durable when this returns."""
-        if not self.file.exists() or self.file.stat().st_size < LENGTH_BYTES:  # a power cut has torn it
+        """Return the secret; the first call creates it durably."""
+        if not self.file.exists() or self.file.stat().st_size < LENGTH_BYTES:  # a power failure has cut it
             self.file.unlink(missing_ok=True)
             make_folder(self.data_dir)
             part = self.file.with_name(f"{SECRET_FILE}.{secrets.token_hex(8)}.part")
@@ -77,7 +77,7 @@ class ServerSecret:
                     file.flush()
                     os.fsync(file.fileno())
                 os.link(part, self.file)
-            except FileExistsError:  # a peer was quicker
+            except FileExistsError:  # another process was faster
                 pass
             finally:
                 part.unlink(missing_ok=True)

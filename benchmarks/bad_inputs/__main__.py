@@ -1,10 +1,10 @@
-"""The table of bad inputs: what must become of each file, and what did, by each way in.
+"""Write the table of bad inputs: the expected and the actual outcome of each file, by each way in.
 
-    python -m benchmarks.bad_inputs > docs/bad-inputs.md
+    python -m benchmarks.bad_inputs > docs/reference/bad-inputs.md
 
-Takes some minutes: every file goes through `fusion`, the command line and the API, each analysis in a process
-of its own as ever. (A folder with this file in it, not a module: those processes would else load the whole of
-it again for each file.) Exit code 1 where an outcome is not the expected one.
+Takes some minutes: every file goes through `fusion`, the command line and the API, each analysis in its
+own process. (This is a folder with a `__main__.py`, not a module: the processes would import a module again
+for each file.) Exit code 1 if an outcome differs from the expected one.
 """
 
 import csv
@@ -25,13 +25,14 @@ from tests.badfiles.expected import ALWAYS, BAD_FILES, PARTS
 from tests.badfiles.outcomes import BadFile
 from tests.badfiles.ways_in import Server, analyse_by_fusion, codes_in, content_of
 
-HEAD = """# Bad inputs: expected and seen
+HEAD = """Made from the code: `python -m benchmarks.bad_inputs > docs/reference/bad-inputs.md`
 
-`python -m benchmarks.bad_inputs` writes this page. A generator in `tests/badfiles` makes each file; row
-numbers are those of `tests/badfiles/expected.py`. An outcome is a refusal (`E-`), or a report with caveats
-and with its seconds: analysed + missing + excluded = recorded. Caveats that every short recording calibrated
-in a proposed window of the N-pose carries (W-FEW-HOURS, W-NPOSE) are left out. "same" means: exactly the
-expected outcome.
+# Bad inputs: expected and actual outcomes
+
+A generator in `tests/badfiles` makes each file; the row numbers are those of `tests/badfiles/expected.py`. An
+outcome is a refusal (`E-`), or a report with its caveats and its seconds: analysed + missing + excluded =
+recorded. W-FEW-HOURS and W-NPOSE, which every short recording with a proposed N-pose has, are left out.
+"same" means exactly the expected outcome.
 """
 Outcomes = dict[BadFile, str]
 
@@ -104,7 +105,7 @@ def go_each_way(folder: Path) -> dict[str, Outcomes]:
 
 
 def write_table(seen: dict[str, Outcomes]) -> int:
-    """Print the document; return how many outcomes are not the expected ones."""
+    """Print the page; return how many outcomes differ from the expected ones."""
     wrong = 0
     print(HEAD)
     for part, files in PARTS.items():

@@ -1,4 +1,4 @@
-"""When a person is to be told: rules over the live angle (docs/live.md gives what is known of each).
+"""When a person is to be told: rules over the live angle (docs/it/live.md gives what is known of each).
 
 Only counted rows (valid) matter: a hole, or the first seconds after one, ends a stay.
 """

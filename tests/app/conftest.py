@@ -27,7 +27,7 @@ from tests.postgres import PostgresServer
 from tests.swift import SwiftServer
 
 AddJob = Callable[..., Job]
-OpenBench = Callable[..., WorkerContext]
+OpenWorker = Callable[..., WorkerContext]
 
 on_both_set_ups = pytest.mark.parametrize(
     ("database", "objects"),
@@ -53,10 +53,10 @@ def serving(settings: Settings, **changes: object) -> Iterator[TestClient]:
         yield client
 
 
-def do_next(bench: WorkerContext) -> bool:
+def do_next(worker: WorkerContext) -> bool:
     """Do the next job beside a running server: a worker passes over a row that the server is writing."""
     for _ in range(200):
-        if run_next(bench):
+        if run_next(worker):
             return True
         time.sleep(0.05)
     return False
@@ -152,8 +152,8 @@ def add_job(store: JobStore, storage: Storage) -> AddJob:
 
 
 @pytest.fixture
-def bench(settings: Settings) -> Iterator[OpenBench]:
-    """Open worker's benches over the folder, with a stand-in for the science."""
+def open_worker(settings: Settings) -> Iterator[OpenWorker]:
+    """Open workers of the folder with a stand-in for the analysis."""
     opened: list[WorkerContext] = []
 
     def make(make_report: MakeReport | None, **changes: object) -> WorkerContext:

@@ -113,7 +113,7 @@ def test_the_command_line_gives_the_other_files_their_warnings(tmp_path: Path) -
 def test_the_api_names_a_refusal(server: Server, language: Language) -> None:
     bad = next(one for one in ONE_OF_EACH if one.code == "E-COLS")
 
-    problem = server.tell_problem(server.send(bad), language)
+    problem = server.build_problem_row(server.send(bad), language)
 
     assert (problem["title"], problem["code"]) == (title_of(bad, language), bad.code)
     assert problem["detail"]

@@ -39,12 +39,12 @@ class Server:
     def send(self, bad: BadFile) -> str:
         """Send a file, let a worker do it, and give the address of what became of it."""
         answer = self.client.post("/api/v1/analyze", content=content_of(bad), params={"file_name": bad.name})
-        bench = open_worker_context(self.settings)
-        run_next(bench)
-        bench.store.close()
+        worker = open_worker_context(self.settings)
+        run_next(worker)
+        worker.store.close()
         return str(answer.headers["location"])
 
-    def tell_problem(self, address: str, language: Language) -> dict[str, str]:
+    def build_problem_row(self, address: str, language: Language) -> dict[str, str]:
         """Why there is no report, in a language."""
         seen = self.client.get(address, headers={"Accept-Language": language})
         problem: dict[str, str] = seen.json()["problem"]

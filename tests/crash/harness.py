@@ -20,10 +20,10 @@ from typing import Literal
 import httpx2
 
 from app.errors import Crashed, Interrupted
-from app.library.audit_log import AuditQuestion, find_lines
+from app.library.audit_log import AuditFilter, find_lines
 from app.library.jobs import JobStore
 from app.library.rows import Job, JobState
-from app.ops.verify import find_faults, find_kept
+from app.ops.verify import find_expected, find_faults
 from app.settings import Settings
 from app.store.folder import format_result_name, open_storage
 from tests import ROOT
@@ -213,7 +213,7 @@ def check_acknowledged(settings: Settings, journal: Journal) -> list[str]:
             broken.append(f"I3 {analysis_id} went back from its end")
         elif job.is_over:
             journal.ends[analysis_id] = (job.state, job.token)
-    faults = find_faults(settings, find_kept(settings))
+    faults = find_faults(settings, find_expected(settings))
     return broken + [f"I2/I5 {fault.name} {fault.finding}" for fault in faults if fault.finding in LOSSES]
 
 
@@ -238,7 +238,7 @@ def check_audit_log(settings: Settings, journal: Journal) -> list[str]:
     """Every act that was acknowledged has its line, once; every line is of an act."""
     store = JobStore(settings)
     try:
-        lines = tuple(find_lines(store.reader, AuditQuestion()))
+        lines = tuple(find_lines(store.reader, AuditFilter()))
         jobs = {job.id: job for job in store.find_newest(1_000_000)}
     finally:
         store.close()
@@ -265,7 +265,7 @@ def _find_lags(settings: Settings) -> list[str]:
 
 
 def _list_lags(settings: Settings) -> list[str]:
-    faults = find_faults(settings, find_kept(settings))
+    faults = find_faults(settings, find_expected(settings))
     return [f"I15 {fault.name} {fault.finding}" for fault in faults if fault.finding.startswith("side_")]
 
 
@@ -311,7 +311,7 @@ def _check_results(settings: Settings, journal: Journal) -> list[str]:
 
 def _find_litter(settings: Settings) -> list[str]:
     """Files on the disk that no row promises; each recording has its side file."""
-    promised = {file.name for file in find_kept(settings)}
+    promised = {file.name for file in find_expected(settings)}
     promised |= {f"{name}.json" for name in promised if name.startswith("recordings/")}
     kept = [path for kind in ("recordings", "analyses") for path in (settings.data_dir / kind).rglob("*")]
     names = {str(path.relative_to(settings.data_dir)) for path in kept if path.is_file()}

@@ -8,7 +8,7 @@ from app.settings import Settings
 from tests.crash.program import write_digest
 
 if __name__ == "__main__":
-    bench = open_worker_context(Settings(data_dir=Path(sys.argv[1])), write_digest)
-    done = run_next(bench)
-    bench.store.close()
+    worker = open_worker_context(Settings(data_dir=Path(sys.argv[1])), write_digest)
+    done = run_next(worker)
+    worker.store.close()
     sys.exit(not done)

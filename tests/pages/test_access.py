@@ -13,8 +13,8 @@ from playwright.sync_api import BrowserContext, Page, expect
 from sqlalchemy import update
 
 from app.accounts.accounts import AccountStore
-from app.accounts.logins import Logins
 from app.accounts.passwords import hash_password
+from app.accounts.sign_in import SignIn
 from app.accounts.subjects import Role
 from app.library.database.tables import sessions
 from app.library.jobs import JobStore
@@ -40,11 +40,11 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def logins(data: Path) -> Iterator[Logins]:
+def sign_in(data: Path) -> Iterator[SignIn]:
     """The accounts: Maria manages people, Clara is a clinician and manages them, too."""
     settings = Settings(data_dir=data)
     accounts = AccountStore(settings)
-    opened = Logins(accounts, settings)
+    opened = SignIn(accounts, settings)
     kept = hash_password(PASSWORD)
     for login, (name, *roles) in PEOPLE.items():
         person = accounts.add_person(login, name, cast("list[Role]", roles))
@@ -54,7 +54,7 @@ def logins(data: Path) -> Iterator[Logins]:
 
 
 @pytest.fixture(scope="module")
-def clinic(data: Path, logins: Logins) -> Iterator[RunningServer]:
+def clinic(data: Path, sign_in: SignIn) -> Iterator[RunningServer]:
     """A server that people log in to."""
     running = RunningServer(data, data.parent / "log", workers=0, ACROMION_NO_SECRET="0")
     yield running
@@ -62,13 +62,13 @@ def clinic(data: Path, logins: Logins) -> Iterator[RunningServer]:
 
 
 @pytest.fixture(autouse=True)
-def unused_codes(logins: Logins) -> None:
+def unused_codes(sign_in: SignIn) -> None:
     """Everybody has an authenticator, of which no code was used; the person of Maria sets hers up anew."""
     for login in ("maria", "clara"):
-        person = logins.accounts.find_person(login)
+        person = sign_in.accounts.find_person(login)
         assert person is not None
         codes = [f"aaaa-bbbb-cccc-dddd-eeee-fff{n}" for n in range(2, 8)]
-        logins.credentials.set_second_factor(person.id, SECRET, 0, codes)
+        sign_in.credentials.set_second_factor(person.id, SECRET, 0, codes)
 
 
 def log_in(page: Page, clinic: RunningServer, login: str = "clara", language: str = "en") -> None:
@@ -119,11 +119,11 @@ def test_a_wrong_password_is_told_above_the_form(page: Page, clinic: RunningServ
 
 
 def test_who_has_no_authenticator_sets_one_up_on_the_way_in(
-    page: Page, clinic: RunningServer, logins: Logins
+    page: Page, clinic: RunningServer, sign_in: SignIn
 ) -> None:
-    person = logins.accounts.find_person("maria")
+    person = sign_in.accounts.find_person("maria")
     assert person is not None
-    logins.drop_second_factor(person.id)
+    sign_in.drop_second_factor(person.id)
     page.goto(f"{clinic.address}login?lang=en")
     page.get_by_label("Login name").fill("maria")
     page.get_by_label("Password").fill(PASSWORD)
@@ -187,12 +187,12 @@ def test_a_token_is_shown_once_on_the_page(page: Page, clinic: RunningServer) ->
 
 @pytest.mark.parametrize("name", ["summary.csv", "reports.zip", "recordings.zip"])
 def test_whoever_takes_many_recordings_out_is_asked_for_the_password_again(
-    page: Page, clinic: RunningServer, logins: Logins, data: Path, name: str
+    page: Page, clinic: RunningServer, sign_in: SignIn, data: Path, name: str
 ) -> None:
     log_in(page, clinic)
     add_row(data)
     page.goto(f"{clinic.address}?lang=en")
-    make_session_old(logins)
+    make_session_old(sign_in)
 
     page.locator(f".take a[href*='{name}']").click()
     expect(page.get_by_role("heading", name="Is it still you?")).to_be_visible()
@@ -211,9 +211,9 @@ def add_row(data: Path) -> None:
     store.close()
 
 
-def make_session_old(logins: Logins) -> None:
+def make_session_old(sign_in: SignIn) -> None:
     """Have every session be confirmed long ago."""
-    with logins.accounts.database.write() as connection:
+    with sign_in.accounts.database.write() as connection:
         connection.execute(update(sessions).values(confirmed_s=0.0))
 
 
@@ -227,14 +227,14 @@ def test_logging_out_leads_to_the_login_and_nothing_opens_any_more(page: Page, c
 
 
 def test_the_list_leads_to_the_login_when_the_session_has_ended(
-    page: Page, clinic: RunningServer, logins: Logins
+    page: Page, clinic: RunningServer, sign_in: SignIn
 ) -> None:
     log_in(page, clinic)
     page.goto(clinic.address)
-    person = logins.accounts.find_person("clara")
+    person = sign_in.accounts.find_person("clara")
     assert person is not None
 
-    logins.accounts.end_sessions(person.id)
+    sign_in.accounts.end_sessions(person.id)
 
     expect(page).to_have_url(re.compile("/login"))
 
@@ -259,11 +259,11 @@ def submit(page: Page, button: str) -> None:
 
 @pytest.mark.parametrize("look", LOOKS)
 def test_the_pages_of_the_accounts_fit_and_have_no_barrier(
-    page: Page, clinic: RunningServer, logins: Logins, look: Look
+    page: Page, clinic: RunningServer, sign_in: SignIn, look: Look
 ) -> None:
     show_as(page, look)
     found: dict[str, list[str]] = {}
-    person = logins.accounts.find_person("clara")
+    person = sign_in.accounts.find_person("clara")
     assert person is not None
 
     def look_at(name: str, part: str | None = None) -> None:
@@ -278,7 +278,7 @@ def test_the_pages_of_the_accounts_fit_and_have_no_barrier(
     page.locator("input[name=password]").fill("wrong wrong wrong")
     submit(page, "main button")
     look_at("wrong")
-    page.goto(f"{clinic.address}login/link/{logins.make_link(person.id, 60)}")
+    page.goto(f"{clinic.address}login/link/{sign_in.make_link(person.id, 60)}")
     look_at("new-password")
     log_in(page, clinic, language=look.language)
     page.locator(".more > summary").click()
@@ -295,12 +295,12 @@ def test_the_pages_of_the_accounts_fit_and_have_no_barrier(
 
 @pytest.mark.parametrize("look", LOOKS)
 def test_what_is_told_of_a_link_fits_has_no_barrier_and_leads_on(
-    page: Page, clinic: RunningServer, logins: Logins, look: Look
+    page: Page, clinic: RunningServer, sign_in: SignIn, look: Look
 ) -> None:
     show_as(page, look)
-    person = logins.accounts.find_person("clara")
+    person = sign_in.accounts.find_person("clara")
     assert person is not None
-    logins.set_password_by_link(logins.make_link(person.id, 60), PASSWORD, "192.0.2.1")
+    sign_in.set_password_by_link(sign_in.make_link(person.id, 60), PASSWORD, "192.0.2.1")
 
     log_in(page, clinic, language=look.language)
     expect(page.locator("[role=status]")).to_contain_text("192.0.2.1")

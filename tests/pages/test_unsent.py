@@ -7,8 +7,8 @@ import pytest
 from playwright.sync_api import Dialog, Page, expect
 
 from app.accounts.accounts import AccountStore
-from app.accounts.logins import Logins
 from app.accounts.passwords import hash_password
+from app.accounts.sign_in import SignIn
 from app.settings import Settings
 from fusion.simulation import write_recordings
 from tests.pages.conftest import finish
@@ -234,35 +234,35 @@ def shared_id(data: Path) -> str:
 def clinic(data: Path, shared_id: str) -> Iterator[RunningServer]:
     """A server on which Anna and Clara sign in, both clinicians."""
     settings = Settings(data_dir=data)
-    logins = Logins(AccountStore(settings), settings)
+    sign_in = SignIn(AccountStore(settings), settings)
     for login in ("anna", "clara"):
-        person = logins.accounts.add_person(login, login.title(), ["clinician"])
-        logins.credentials.set_password(person.id, hash_password(PASSWORD))
-    logins.accounts.database.close()
+        person = sign_in.accounts.add_person(login, login.title(), ["clinician"])
+        sign_in.credentials.set_password(person.id, hash_password(PASSWORD))
+    sign_in.accounts.database.close()
     running = RunningServer(data, data.parent / "log", workers=0, ACROMION_NO_SECRET="0")
     yield running
     running.stop()
 
 
 @pytest.fixture
-def unused_codes(data: Path, clinic: RunningServer) -> Iterator[Logins]:
+def unused_codes(data: Path, clinic: RunningServer) -> Iterator[SignIn]:
     """The authenticators of both; none of their codes was used."""
     settings = Settings(data_dir=data)
-    logins = Logins(AccountStore(settings), settings)
-    renew_codes(logins)
-    yield logins
-    logins.accounts.database.close()
+    sign_in = SignIn(AccountStore(settings), settings)
+    renew_codes(sign_in)
+    yield sign_in
+    sign_in.accounts.database.close()
 
 
-def renew_codes(logins: Logins) -> None:
+def renew_codes(sign_in: SignIn) -> None:
     for login in ("anna", "clara"):
-        person = logins.accounts.find_person(login)
+        person = sign_in.accounts.find_person(login)
         assert person is not None
-        logins.credentials.set_second_factor(person.id, SECRET, 0, ["aaaa-bbbb-cccc-dddd-eeee-fff2"])
+        sign_in.credentials.set_second_factor(person.id, SECRET, 0, ["aaaa-bbbb-cccc-dddd-eeee-fff2"])
 
 
 def test_no_other_person_sees_what_was_typed(
-    page: Page, clinic: RunningServer, shared_id: str, unused_codes: Logins
+    page: Page, clinic: RunningServer, shared_id: str, unused_codes: SignIn
 ) -> None:
     log_in(page, clinic, "clara")
     open_analysis(page, clinic, shared_id)
@@ -282,7 +282,7 @@ def test_no_other_person_sees_what_was_typed(
 
 
 def test_signing_out_deletes_what_was_typed(
-    page: Page, clinic: RunningServer, shared_id: str, unused_codes: Logins
+    page: Page, clinic: RunningServer, shared_id: str, unused_codes: SignIn
 ) -> None:
     log_in(page, clinic, "clara")
     open_analysis(page, clinic, shared_id)
@@ -295,7 +295,7 @@ def test_signing_out_deletes_what_was_typed(
 
 
 def test_a_conclusion_sent_after_the_session_ended_is_there_after_signing_in(
-    page: Page, clinic: RunningServer, shared_id: str, unused_codes: Logins
+    page: Page, clinic: RunningServer, shared_id: str, unused_codes: SignIn
 ) -> None:
     log_in(page, clinic, "clara")
     open_analysis(page, clinic, shared_id)

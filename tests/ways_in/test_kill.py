@@ -45,9 +45,9 @@ class Slow:
 
     def finish(self) -> tuple[JobState, int, int]:
         """Have another worker do what it left; return what became of it."""
-        bench = open_worker_context(self.settings, write_report)
-        wait_for(lambda: run_next(bench))
-        bench.store.close()
+        worker = open_worker_context(self.settings, write_report)
+        wait_for(lambda: run_next(worker))
+        worker.store.close()
         return self.job.state, self.job.attempts, self.job.interruptions
 
 

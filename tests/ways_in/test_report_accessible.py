@@ -8,7 +8,7 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser
 
-from app.report.findings import Kept
+from app.report.findings import FinishedAnalysis
 from app.report.model import Report
 from app.report.pairs import build_comparison, build_pair
 from app.report.render.html import render_html
@@ -32,7 +32,9 @@ def first_minutes(count: int = 5) -> MinuteProfile:
     return MinuteProfile(*(getattr(day, field.name)[:count] for field in fields(day)))
 
 
-KEPT = Kept(make_analysis(exposure=replace(make_exposure(), minutes=first_minutes())), make_subject())
+KEPT = FinishedAnalysis(
+    make_analysis(exposure=replace(make_exposure(), minutes=first_minutes())), make_subject()
+)
 PAIR = replace(make_pair(), left=KEPT, right=KEPT)
 REPORTS: dict[str, Callable[[Language], Report]] = {
     "one arm": lambda language: build_report(KEPT.findings, KEPT.subject, language),

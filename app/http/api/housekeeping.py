@@ -16,22 +16,22 @@ from app.http.api.library.analyses import run_to_end
 from app.http.api.library.recordings import finish_purge, forget_samples, purge_recording
 from app.http.api.library.uploads import drop_upload
 from app.http.api.webhooks import WebhookSender
-from app.library.audit_log import Act, AuditQuestion, find_lines, record_alone
+from app.library.audit_log import Act, AuditFilter, find_lines, record_alone
 from app.ops.copies import keep_daily_copy, renew_copies
 from app.ops.recover import (
-    catch_up,
     check_known,
     drop_stale_attempts,
     find_strange,
     finish_purges,
     quarantine_strange,
     restore_known,
+    update_side_files,
 )
 from app.queue.leader import Leader
 from app.services import Services
 from app.store.folder import TEMPORARY_S
 
-LOOK_S = 1.0
+CHECK_PERIOD_S = 1.0
 SIDE_FILES_AT_ONCE = 200
 AGE_S = 60.0
 INCOMING_S = 24 * 3600.0
@@ -47,7 +47,7 @@ async def keep_house(services: Services) -> None:
     looked_s = aged_s = time.monotonic()
     try:
         while True:
-            await anyio.sleep(LOOK_S)
+            await anyio.sleep(CHECK_PERIOD_S)
             now_s = time.monotonic()
             try:
                 if not await run_to_end(leader.is_leader):
@@ -107,7 +107,7 @@ def reconcile(services: Services) -> None:
     for upload_id in services.incoming.find_stale(uploads.find_growing(), uploads.find_known(), INCOMING_S):
         swept += services.incoming.sweep(upload_id)
     swept += storage.drop_temporary(TEMPORARY_S)
-    written = catch_up(store, storage)
+    written = update_side_files(store, storage)
     services.quarantined = find_strange(storage)
     counts = {
         "recordings came back from quarantine: they have rows": back,
@@ -130,7 +130,7 @@ def _finish_dropped(services: Services) -> int:
     strays = there - services.store.find_analyses()
     if not strays:
         return 0
-    lines = find_lines(services.store.reader, AuditQuestion(act="analysis.purged"))
+    lines = find_lines(services.store.reader, AuditFilter(act="analysis.purged"))
     dropped = strays & {line.analysis_id for line in lines}
     for analysis_id in dropped:
         services.storage.drop_analysis(analysis_id)
@@ -147,7 +147,7 @@ def apply_retention(services: Services, elapsed_s: float) -> None:
             continue
     services.retention.add_running_time(elapsed_s)
     trash_term_s = services.retention.find_trash_term_s(settings.trash_term_s)
-    due = services.recordings.age_trash(elapsed_s, trash_term_s)
+    due = services.recordings.advance_trash(elapsed_s, trash_term_s)
     begun = []
     for recording_id in (
         *services.recordings.find_purging(),

@@ -1,4 +1,4 @@
-"""Live sessions over a WebSocket: docs/live.md describes the messages.
+"""Live sessions over a WebSocket: docs/it/live.md describes the messages.
 
 The science is loaded with the first session: a server that only takes requests stays small.
 """

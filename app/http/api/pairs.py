@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from app.errors import BadParameter
 from app.http.api.library.files import serve_bytes
 from app.http.middleware.problems import PROBLEM_RESPONSES
-from app.library.kept_pairs import AnyJobs, AskedJobs
+from app.library.report_cache import AnyReportJobs, ReportJobs
 from app.report.words.wording import Language
 from app.request import LONGEST_OFFSET_S, PairRequest, Paper, ProfileRequest
 from app.services import Services, UsedLanguage, UsedServices
@@ -266,13 +266,15 @@ class ProfileView(_Exact):
     source: str
 
 
-def find_jobs(services: Services, ids: Iterable[str], request: R, paper: Paper | None = None) -> AskedJobs[R]:
+def find_jobs(
+    services: Services, ids: Iterable[str], request: R, paper: Paper | None = None
+) -> ReportJobs[R]:
     """Find the analyses of a request; its report is on the paper of the first unless one is named.
 
     Raises NotHere.
     """
     jobs = tuple(map(services.store.get, ids))
-    return AskedJobs(jobs, replace(request, paper=paper or jobs[0].request.paper))
+    return ReportJobs(jobs, replace(request, paper=paper or jobs[0].request.paper))
 
 
 class ChangeQuery(_Exact):
@@ -284,7 +286,7 @@ class ChangeQuery(_Exact):
     mixed_methods: MixedMethods = False
     paper: PaperChoice = None
 
-    def find(self, services: Services) -> AskedJobs[PairRequest]:
+    def find(self, services: Services) -> ReportJobs[PairRequest]:
         """Find the analyses. Raises NotHere."""
         request = PairRequest("compare", same_subject=self.same_subject, mixed_methods=self.mixed_methods)
         return find_jobs(services, self.analysis, request, self.paper)
@@ -312,7 +314,7 @@ class PairQuery(_Exact):
             raise BadParameter(name="trunk", value="", allowed="trunk_offset_s + trunk")
         return self
 
-    def find(self, services: Services) -> AskedJobs[PairRequest]:
+    def find(self, services: Services) -> ReportJobs[PairRequest]:
         """Find the analyses. Raises NotHere."""
         request = PairRequest(
             "pair",
@@ -339,7 +341,7 @@ class ProfileQuery(_Exact):
     paper: PaperChoice = None
     lang: Language | None = None
 
-    def find(self, services: Services) -> AskedJobs[ProfileRequest]:
+    def find(self, services: Services) -> ReportJobs[ProfileRequest]:
         """Find the analyses. Raises NotHere."""
         request = ProfileRequest(
             len(self.analysis) if self.after else None,
@@ -411,7 +413,7 @@ def get_profile_report(
     return _serve_report(request, services, asked.find(services), name, language)
 
 
-def build_pair_download_name(asked: AnyJobs, ending: str) -> str:
+def build_pair_download_name(asked: AnyReportJobs, ending: str) -> str:
     """Name a download by its subject: ``S012_pair.en.pdf``; several are a group."""
     codes = {job.request.subject for job in asked.jobs} - {""}
     code = "group" if len(codes) > 1 else "".join(codes)
@@ -419,13 +421,13 @@ def build_pair_download_name(asked: AnyJobs, ending: str) -> str:
     return f"{subject}_{asked.request.kind}.{ending}"
 
 
-def _serve_figures(request: Request, services: Services, asked: AnyJobs) -> Response:
+def _serve_figures(request: Request, services: Services, asked: AnyReportJobs) -> Response:
     body = services.pairs.make(asked).read(asked.request.figures_name)
     return serve_bytes(request, body, build_pair_download_name(asked, "json"))
 
 
 def _serve_report(
-    request: Request, services: Services, asked: AnyJobs, name: str, language: Language
+    request: Request, services: Services, asked: AnyReportJobs, name: str, language: Language
 ) -> Response:
     stem, _, kind = name.partition(".")
     report = services.pairs.make(asked)

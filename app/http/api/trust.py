@@ -22,8 +22,8 @@ from app.library.audit_log import (
     AUDIT_COLUMNS,
     NOBODY,
     SYSTEM,
+    AuditFilter,
     AuditLine,
-    AuditQuestion,
     find_lines,
     parse_moment,
 )
@@ -77,7 +77,7 @@ def release_report(analysis_id: str, services: UsedServices, subject: UsedSubjec
 def take_release_back(analysis_id: str, services: UsedServices, subject: UsedSubject) -> ReleaseView:
     """Take a release back, by a further row."""
     job = services.store.get(analysis_id)
-    return view_release(job.id, services.releases.take_back(job, subject.id))
+    return view_release(job.id, services.releases.withdraw(job, subject.id))
 
 
 class HoldRequest(BaseModel):
@@ -113,7 +113,7 @@ def put_hold(recording_id: str, asked: HoldRequest, services: UsedServices, subj
 @router.delete("/recordings/{recording_id}/hold", tags=["recordings"])
 def end_hold(recording_id: str, services: UsedServices) -> HoldView:
     """End the hold of a recording."""
-    services.recordings.let_go(recording_id)
+    services.recordings.release_hold(recording_id)
     return get_hold(recording_id, services)
 
 
@@ -184,14 +184,14 @@ class AuditQuery(BaseModel):
     lang: str | None = None
 
 
-def build_question(services: Services, asked: AuditQuery) -> AuditQuestion:
+def build_question(services: Services, asked: AuditQuery) -> AuditFilter:
     """Turn what is asked into what the lines hold: a subject code into ids of recordings."""
     ids: frozenset[str] | None = None
     if asked.recording:
         ids = frozenset({asked.recording})
     elif asked.subject:
         ids = services.recordings.find_of_subject(asked.subject)
-    return AuditQuestion(ids, asked.who, asked.act, asked.begin, asked.end)
+    return AuditFilter(ids, asked.who, asked.act, asked.begin, asked.end)
 
 
 class AuditView(BaseModel):

@@ -267,6 +267,6 @@ def _store(
         return services.store.add(own, compared, study=study)
     except BaseException:
         for kept in filter(None, (other, own)):
-            if not services.store.may_hold(kept.id):  # the answer to a commit can be lost on its way
+            if not services.store.may_have_row(kept.id):  # the answer to a commit can be lost on its way
                 services.storage.drop_recording(kept.id)
         raise

@@ -24,8 +24,8 @@ from starlette.status import WS_1008_POLICY_VIOLATION
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.accounts.gate import Credentials, Gate
-from app.accounts.logins import find_network
 from app.accounts.routes import ROUTE_TABLE, Route
+from app.accounts.sign_in import find_network
 from app.accounts.subjects import Permission, Subject
 from app.errors import AppError, NotConfirmed, NotPermitted, NotSignedIn, TokenInAddress
 from app.http.middleware.guard import SESSION_COOKIE, find_address, name_cookie
@@ -33,7 +33,7 @@ from app.http.middleware.problems import holds_token
 from app.library.audit_log import (
     NOBODY,
     Act,
-    begin_touching,
+    begin_collecting_reads,
     record_alone,
     record_readings,
     record_refusal,
@@ -120,7 +120,7 @@ class Recorder:
 
     def __init__(self, scope: Scope, send: Send, known: KnownReadings, refused: RefusedLines) -> None:
         self._scope, self._send, self._known, self._refused = scope, send, known, refused
-        self._touched = begin_touching()
+        self._touched = begin_collecting_reads()
         self.refusal: Exception | None = None
         self._is_open = False
 
@@ -215,7 +215,7 @@ def _find_status(message: Message, *, is_open: bool) -> int | None:
     return 403 if message["type"] == "websocket.close" and not is_open else None
 
 
-LOOK_S = 2.0
+CHECK_PERIOD_S = 2.0
 """How often it is looked up whether the login of a lasting request still holds."""
 
 HEALTH = frozenset({"/healthz", "/readyz"})
@@ -272,7 +272,7 @@ class Access:
 
     async def _end_with_login(self, subject: Subject, lasting: anyio.CancelScope) -> None:
         while await run_sync(self._gate.is_alive, subject):
-            await anyio.sleep(LOOK_S)
+            await anyio.sleep(CHECK_PERIOD_S)
         lasting.cancel()
 
 

@@ -18,7 +18,7 @@ from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from app.accounts.logins import Caller, Logins
+from app.accounts.sign_in import Caller, SignIn
 from app.errors import AppError, BadParameter, ForeignHostName, ForeignOrigin, SlowUpload
 from app.settings import Settings
 from app.store.folder import too_large
@@ -36,9 +36,9 @@ def find_settings(connection: HTTPConnection) -> Settings:
     return cast("Settings", connection.app.state.services.settings)
 
 
-def find_logins(connection: HTTPConnection) -> Logins:
+def find_logins(connection: HTTPConnection) -> SignIn:
     """Return what logs people in."""
-    return cast("Logins", connection.app.state.logins)
+    return cast("SignIn", connection.app.state.sign_in)
 
 
 def find_address(connection: HTTPConnection) -> str:

@@ -11,7 +11,7 @@ from typing import cast
 from fastapi import APIRouter, Response
 
 from app.accounts.accounts import DAYS, LONGEST_S, MOST_DAYS, Person, hash_secret, make_token
-from app.accounts.logins import FORGOTTEN_S, INVITED_S
+from app.accounts.sign_in import FORGOTTEN_S, INVITED_S
 from app.accounts.subjects import ROLES, Permission, Role, Subject, collect_permissions
 from app.errors import (
     AppError,
@@ -47,9 +47,9 @@ def show_account(page: UsedPage, person: UsedPerson, next: str = "/account") -> 
 
 
 @router.post("/account/told")
-def note_told(page: UsedPage, form: UsedForm, person: UsedPerson) -> Response:
+def mark_link_use_shown(page: UsedPage, form: UsedForm, person: UsedPerson) -> Response:
     """Note that a person knows by which link the password was set, and lead on."""
-    page.logins.credentials.note_told(person.id)
+    page.sign_in.credentials.mark_link_use_shown(person.id)
     return page.go(check_next(first(form, "next")))
 
 
@@ -58,7 +58,7 @@ def change_password(page: UsedPage, form: UsedForm, person: UsedPerson) -> Respo
     """Set another password; every other session ends."""
     proof, password = take_secret(form, "proof"), take_secret(form, "password")
     try:
-        cookie = page.logins.change_password(person, proof, password, find_caller(page.request))
+        cookie = page.sign_in.change_password(person, proof, password, find_caller(page.request))
     except (LoginRefused, SecondFactorLost, TooManyTries, WeakPassword) as refusal:
         return _render_account(page, person, refusal)
     response = _render_account(page, replace(person, session=hash_secret(cookie)), done="password")
@@ -69,7 +69,7 @@ def change_password(page: UsedPage, form: UsedForm, person: UsedPerson) -> Respo
 @router.post("/account/second-factor")
 def set_up_second_factor(page: UsedPage, person: UsedPerson) -> Response:
     """Begin to set up an authenticator; the one before holds until a code of the new one was given."""
-    return render_enrolment(page, page.logins.begin_enrolment(person.id), "/account")
+    return render_enrolment(page, page.sign_in.begin_enrolment(person.id), "/account")
 
 
 @router.post("/account/second-factor/drop")
@@ -77,14 +77,14 @@ def drop_second_factor(page: UsedPage, person: UsedPerson) -> Response:
     """Turn the second factor off, where it is not required."""
     if find_settings(page.request).second_factor == "required":
         raise NotPermitted(permission="own")
-    page.logins.drop_second_factor(person.id)
+    page.sign_in.drop_second_factor(person.id)
     return page.go("/account")
 
 
 @router.post("/account/sessions/end")
 def end_sessions(page: UsedPage, form: UsedForm, person: UsedPerson) -> Response:
     """End one session, or every one but this."""
-    accounts, session = page.logins.accounts, first(form, "session")
+    accounts, session = page.sign_in.accounts, first(form, "session")
     if session:
         accounts.end_session_of(person.id, session)
     else:
@@ -99,7 +99,7 @@ def add_token(page: UsedPage, form: UsedForm, person: UsedPerson) -> Response:
     name, days = first(form, "name"), first(form, "days")
     try:
         _, bearer = make_token(
-            page.logins.accounts, person, name, chosen, int(days) if days.isdecimal() else 0
+            page.sign_in.accounts, person, name, chosen, int(days) if days.isdecimal() else 0
         )
     except (BadParameter, NotPermitted) as refusal:
         return _render_account(page, person, refusal)
@@ -109,7 +109,7 @@ def add_token(page: UsedPage, form: UsedForm, person: UsedPerson) -> Response:
 @router.post("/account/tokens/{token_id}/revoke")
 def revoke_token(token_id: str, page: UsedPage, person: UsedPerson) -> Response:
     """Revoke a token."""
-    page.logins.accounts.end_token(person.id, token_id)
+    page.sign_in.accounts.end_token(person.id, token_id)
     return page.go("/account")
 
 
@@ -123,7 +123,7 @@ def _render_account(
     wanted: str = "/account",
 ) -> Response:
     """``done``: what was changed; ``bearer``: a token to be shown once; ``wanted``: where to go on to."""
-    accounts, credentials = page.logins.accounts, page.logins.credentials
+    accounts, credentials = page.sign_in.accounts, page.sign_in.credentials
     person, use = accounts.get_person(subject.id), credentials.find_link_use(subject.id)
     set_by = None
     if use is not None:
@@ -173,7 +173,7 @@ def invite(page: UsedPage, form: UsedForm, subject: UsedPerson) -> Response:
     """Add a person, and show the address that works once by which a password is chosen."""
     try:
         roles = _read_roles(form)
-        person = page.logins.accounts.add_person(first(form, "login"), first(form, "name"), roles)
+        person = page.sign_in.accounts.add_person(first(form, "login"), first(form, "name"), roles)
     except BadParameter as refusal:
         return _render_people(page, subject, refusal)
     return _render_link(page, subject, person, INVITED_S)
@@ -185,7 +185,7 @@ def set_roles(person_id: str, page: UsedPage, form: UsedForm, subject: UsedPerso
     person = _get_other(page, subject, person_id)
     if person.issuer is not None:
         raise NotPermitted(permission="provided")  # the provider says them at each login
-    page.logins.accounts.set_roles(person.id, _read_roles(form))
+    page.sign_in.accounts.set_roles(person.id, _read_roles(form))
     return page.go("/people")
 
 
@@ -201,20 +201,20 @@ def make_link(person_id: str, page: UsedPage, subject: UsedPerson) -> Response:
 @router.post("/people/{person_id}/end")
 def end(person_id: str, page: UsedPage, subject: UsedPerson) -> Response:
     """Let a person log in no more; what is open ends, too."""
-    page.logins.accounts.end_person(_get_other(page, subject, person_id).id)
+    page.sign_in.accounts.end_person(_get_other(page, subject, person_id).id)
     return page.go("/people")
 
 
 @router.post("/people/{person_id}/resume")
 def resume(person_id: str, page: UsedPage, subject: UsedPerson) -> Response:
     """Let a person log in again."""
-    page.logins.accounts.resume_person(_get_other(page, subject, person_id).id)
+    page.sign_in.accounts.resume_person(_get_other(page, subject, person_id).id)
     return page.go("/people")
 
 
 def _get_other(page: Page, subject: Subject, person_id: str) -> Person:
     """Return a person who is not the one who asks."""
-    person = page.logins.accounts.get_person(person_id)
+    person = page.sign_in.accounts.get_person(person_id)
     if person.id == subject.id:
         raise NotPermitted(permission="themselves")
     return person
@@ -228,14 +228,14 @@ def _read_roles(form: Form) -> frozenset[Role]:
 
 
 def _render_link(page: Page, subject: Subject, person: Person, term_s: float) -> Response:
-    ticket = page.logins.make_link(person.id, term_s)
+    ticket = page.sign_in.make_link(person.id, term_s)
     link = f"{find_origin(page.request)}{page.base}/login/link/{ticket}"
     return _render_people(page, subject, link=link, link_of=person.name, link_hours=str(int(term_s // 3600)))
 
 
 def _render_people(page: Page, subject: Subject, refusal: AppError | None = None, **link: str) -> Response:
     """``link``: to be handed on, whose it is (``link_of``), and how long it works (``link_hours``)."""
-    people = page.logins.accounts.find_people()
+    people = page.sign_in.accounts.find_people()
     rows = [(person, _list_roles(person.roles, page.language), person.id == subject.id) for person in people]
     shown = {"link": "", "link_of": "", "link_hours": ""} | link
     return render_with_problem(page, "access/people.html", refusal, rows=rows, roles=tuple(ROLES), **shown)

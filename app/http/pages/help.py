@@ -28,7 +28,7 @@ from app.http.pages.rendering import UsedPage, lay_way_of_query
 from app.http.pages.views import build_answer
 from app.intake import Intake
 from app.report.charts.day import Day, DayLabels, Mark, MinuteBand, build_day_labels, draw_day
-from app.report.charts.profile import Doubt, Sureness, TileScale, draw_sureness, draw_tile
+from app.report.charts.profile import TileScale, UncertaintyBar, UncertaintyChart, draw_tile, draw_uncertainty
 from app.report.charts.svg import NARROW, WIDE
 from app.report.export.results import decode_results
 from app.report.figures import load_results
@@ -200,20 +200,20 @@ def draw_example(language: Language) -> Mapping[str, str]:
     )
     entry = words["profile"]["sure"]
     most = fill(entry["up_to"], {"high": _tell(SHARE_POSE[1:], language)})
-    sureness = Sureness(
+    sureness = UncertaintyChart(
         words=(told["sure_title"], told["sure"]),
         measured=SHARE,
         end=END,
         end_label=_tell((END,), language),
         doubts=(
-            Doubt(entry["sensor"], _tell(SHARE_RANGE, language), SHARE_RANGE),
-            Doubt(entry["pose"], most, (SHARE, SHARE_POSE[1]), is_pose=True),
-            Doubt(entry["days"], _tell(SHARE_DAYS, language), SHARE_DAYS),
+            UncertaintyBar(entry["sensor"], _tell(SHARE_RANGE, language), SHARE_RANGE),
+            UncertaintyBar(entry["pose"], most, (SHARE, SHARE_POSE[1]), is_pose=True),
+            UncertaintyBar(entry["days"], _tell(SHARE_DAYS, language), SHARE_DAYS),
         ),
     )
     day = _build_day(words, told, language)
     drawn = {"day": draw_day(*day, WIDE), "day_narrow": draw_day(*day, NARROW)}
-    return {"tile": draw_tile(scale), **drawn, "sure": draw_sureness(sureness)}
+    return {"tile": draw_tile(scale), **drawn, "sure": draw_uncertainty(sureness)}
 
 
 def _build_day(words: Words, told: Words, language: Language) -> tuple[Day, DayLabels]:

@@ -440,7 +440,7 @@ def delete_for_good(recording_id: str, page: UsedPage) -> Response:
 
 
 @router.post("/recordings/{recording_id}/restore")
-def take_back(recording_id: str, page: UsedPage) -> Response:
+def withdraw(recording_id: str, page: UsedPage) -> Response:
     """Take a recording out of the trash."""
     page.services.recordings.restore(recording_id)
     return page.go("/")

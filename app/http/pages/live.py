@@ -1,4 +1,4 @@
-"""The page of live sessions; docs/live.md says what it shows and what it does not."""
+"""The page of live sessions; docs/it/live.md says what it shows and what it does not."""
 
 from importlib.util import find_spec
 

@@ -7,7 +7,7 @@ from fastapi import APIRouter, Request, Response
 from fastapi.responses import RedirectResponse
 
 from app.accounts.accounts import LONGEST_S
-from app.accounts.logins import BROWSER_TERM_S, EXTRA, Entered
+from app.accounts.sign_in import BROWSER_TERM_S, EXTRA, SignedIn
 from app.accounts.subjects import Permission, Subject
 from app.errors import (
     AppError,
@@ -78,22 +78,22 @@ def log_in(page: UsedPage, form: UsedForm) -> Response:
         return _render_login(page, wanted, NotSignedIn())
     caller = find_caller(page.request)
     try:
-        step = page.logins.give_password(first(form, "login"), take_secret(form, "password"), caller)
+        step = page.sign_in.submit_password(first(form, "login"), take_secret(form, "password"), caller)
     except (LoginRefused, TooManyTries) as refusal:
         return _render_login(page, wanted, refusal)
     if step.next == "in":
-        return _let_in(page, page.logins.enter(step.person_id, caller), wanted)
+        return _let_in(page, page.sign_in.enter(step.person_id, caller), wanted)
     if step.next == "enrol":
         return render_enrolment(page, step.ticket, wanted)
     return _render_code(page, form, step.ticket)
 
 
 @router.post("/login/code")
-def give_code(page: UsedPage, form: UsedForm) -> Response:
+def submit_code(page: UsedPage, form: UsedForm) -> Response:
     """Let in whoever gives the code of the authenticator, or a recovery code, too."""
     ticket = first(form, "ticket")
     try:
-        entered = page.logins.give_code(ticket, first(form, "code"), find_caller(page.request))
+        entered = page.sign_in.submit_code(ticket, first(form, "code"), find_caller(page.request))
     except (LoginRefused, SecondFactorLost, TooManyTries) as refusal:
         return _render_code(page, form, ticket, refusal)
     except TicketSpent as refusal:
@@ -106,14 +106,14 @@ def enrol(page: UsedPage, form: UsedForm) -> Response:
     """Turn the authenticator on by its first code, and show the recovery codes once."""
     ticket, wanted = first(form, "ticket"), first(form, "next")
     try:
-        person_id, codes = page.logins.enrol(ticket, first(form, "code"))
+        person_id, codes = page.sign_in.enrol(ticket, first(form, "code"))
     except LoginRefused as refusal:
         return render_enrolment(page, ticket, wanted, refusal)
     except TicketSpent as refusal:
         return _render_login(page, wanted, refusal)
     if page.subject is not None and page.subject.id == person_id:
         return page.render("access/codes.html", codes=codes, next=check_next(wanted))
-    entered = page.logins.enter(person_id, find_caller(page.request))
+    entered = page.sign_in.enter(person_id, find_caller(page.request))
     response = page.render("access/codes.html", codes=codes, next=_find_way_on(entered, wanted))
     _set_cookies(page, response, entered)
     return response
@@ -134,7 +134,7 @@ def open_once(ticket: str, page: UsedPage) -> Response:
 @router.get("/login/link/{ticket}")
 def open_link(ticket: str, page: UsedPage) -> Response:
     """Ask for a password; the link is used up by setting one, not by looking."""
-    page.logins.tickets.look("password", ticket)
+    page.sign_in.tickets.peek("password", ticket)
     return render_with_problem(page, "access/new_password.html", None, ticket=ticket)
 
 
@@ -143,7 +143,7 @@ def set_password(ticket: str, page: UsedPage, form: UsedForm) -> Response:
     """Set a password; its person logs in by it then, with the second factor."""
     try:
         address = find_address(page.request)
-        page.logins.set_password_by_link(ticket, take_secret(form, "password"), address)
+        page.sign_in.set_password_by_link(ticket, take_secret(form, "password"), address)
     except WeakPassword as refusal:
         return render_with_problem(page, "access/new_password.html", refusal, ticket=ticket)
     return page.go("/login")
@@ -177,9 +177,9 @@ def come_back(page: UsedPage) -> Response:
         subject = page.subject
         if subject is None or subject.id != back.person.id or subject.session != back.confirms:
             raise NotSignedIn
-        response = _lead_with(page, page.logins.accounts.confirm_session(back.confirms), back.wanted)
+        response = _lead_with(page, page.sign_in.accounts.confirm_session(back.confirms), back.wanted)
     else:
-        response = _let_in(page, page.logins.enter(back.person.id, find_caller(request)), back.wanted)
+        response = _let_in(page, page.sign_in.enter(back.person.id, find_caller(request)), back.wanted)
     drop_cookie(request, response, STATE_COOKIE)
     return response
 
@@ -198,7 +198,7 @@ def confirm(page: UsedPage, form: UsedForm, subject: UsedSubject) -> Response:
     """Take the password or a code again, and lead on."""
     wanted = first(form, "next")
     try:
-        cookie = page.logins.confirm(subject, take_secret(form, "proof"), find_caller(page.request))
+        cookie = page.sign_in.confirm(subject, take_secret(form, "proof"), find_caller(page.request))
     except (LoginRefused, SecondFactorLost, TooManyTries) as refusal:
         return _render_confirmation(page, subject, wanted, refusal)
     return _lead_with(page, cookie, wanted)
@@ -209,7 +209,7 @@ def log_out(page: UsedPage) -> Response:
     """End the session, and have the browser forget what it keeps of us."""
     request = page.request
     if find_gate(request).needs_accounts:
-        page.logins.accounts.end_session(request.cookies.get(name_cookie(request, SESSION_COOKIE), ""))
+        page.sign_in.accounts.end_session(request.cookies.get(name_cookie(request, SESSION_COOKIE), ""))
     response = page.go("/login")
     drop_cookie(request, response, SESSION_COOKIE)
     response.headers["Clear-Site-Data"] = '"cache", "storage"'
@@ -249,7 +249,7 @@ def _lead(request: Request, place: str, wanted: str) -> Response:
 
 def render_enrolment(page: Page, ticket: str, wanted: str, refusal: AppError | None = None) -> Response:
     """Show the secret of an authenticator, and ask for its first code."""
-    secret, drawing = page.logins.show_enrolment(ticket)
+    secret, drawing = page.sign_in.show_enrolment(ticket)
     values = {"ticket": ticket, "secret": secret, "drawing": drawing, "next": check_next(wanted)}
     return render_with_problem(page, "access/enrol.html", refusal, **values)
 
@@ -290,28 +290,28 @@ def _render_confirmation(
 ) -> Response:
     if subject.kind != "person":
         raise NotPermitted(permission="own")
-    by_provider = page.logins.accounts.get_person(subject.id).issuer is not None
+    by_provider = page.sign_in.accounts.get_person(subject.id).issuer is not None
     values = {"next": check_next(wanted), "by_provider": by_provider}
     return render_with_problem(page, "access/confirm.html", refusal, **values)
 
 
-def _let_in(page: Page, entered: Entered, wanted: str) -> Response:
+def _let_in(page: Page, entered: SignedIn, wanted: str) -> Response:
     """Return a browser its new session; one that it had before ends."""
     response = page.go(_find_way_on(entered, wanted))
     _set_cookies(page, response, entered)
     return response
 
 
-def _find_way_on(entered: Entered, wanted: str) -> str:
+def _find_way_on(entered: SignedIn, wanted: str) -> str:
     """Return where a login leads: first to the account, if there is something that its person is to know."""
     on = check_next(wanted)
-    return f"/account?{urlencode({'next': on})}" if entered.is_to_be_told else on
+    return f"/account?{urlencode({'next': on})}" if entered.must_show_link_use else on
 
 
-def _set_cookies(page: Page, response: Response, entered: Entered) -> None:
+def _set_cookies(page: Page, response: Response, entered: SignedIn) -> None:
     before = page.request.cookies.get(name_cookie(page.request, SESSION_COOKIE), "")
     if before:
-        page.logins.accounts.end_session(before)
+        page.sign_in.accounts.end_session(before)
     set_cookie(page.request, response, SESSION_COOKIE, entered.session, int(LONGEST_S))
     set_cookie(page.request, response, BROWSER_COOKIE, entered.browser, BROWSER_TERM_S)
 
@@ -333,7 +333,7 @@ def _open_provider(page: Page) -> Any:
     settings = find_settings(page.request)
     if not settings.oidc_issuer or not find_gate(page.request).needs_accounts:
         raise ProviderRefused(said="none")
-    return load_extra("app.accounts.provider", EXTRA).Provider(page.logins.accounts, settings)
+    return load_extra("app.accounts.provider", EXTRA).Provider(page.sign_in.accounts, settings)
 
 
 def _find_back(page: Page) -> str:

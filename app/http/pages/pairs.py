@@ -17,8 +17,8 @@ from app.http.api.library.files import respond_with_file
 from app.http.api.pairs import MOST_DAYS, build_pair_download_name, find_jobs
 from app.http.pages.recording.page_one import Laid, build_curves
 from app.http.pages.rendering import Page, UsedPage, lay_way_of_query
-from app.library.kept_pairs import AnyJobs, AskedJobs, PairReport
 from app.library.listing import Entry, Library, LibraryFilter
+from app.library.report_cache import AnyReportJobs, PairReport, ReportJobs
 from app.library.rows import Job
 from app.report.pairs import format_rows, load_pair_words
 from app.report.words.messages import describe_problem
@@ -80,7 +80,7 @@ class PairQuery(BaseModel):
 
 def find_asked(
     kind: PairKind, first: str, second: str, services: UsedServices, query: Annotated[PairQuery, Query()]
-) -> AskedJobs[PairRequest]:
+) -> ReportJobs[PairRequest]:
     """Find the analyses that an address names; a comparison has neither trunk nor offset."""
     trunk = ""
     offsets_s: tuple[float | None, float | None] = (None, None)
@@ -91,7 +91,7 @@ def find_asked(
     return find_jobs(services, (first, second, *filter(None, [trunk])), request)
 
 
-AskedPair = Annotated[AskedJobs[PairRequest], Depends(find_asked)]
+AskedPair = Annotated[ReportJobs[PairRequest], Depends(find_asked)]
 
 
 @router.get("/beside/{kind}")
@@ -135,7 +135,7 @@ def show_pair(asked: AskedPair, page: UsedPage) -> Response:
 
 
 def _lay_curves(
-    page: Page, asked: AskedJobs[PairRequest], figures: Mapping[str, Any], days: tuple[str, str]
+    page: Page, asked: ReportJobs[PairRequest], figures: Mapping[str, Any], days: tuple[str, str]
 ) -> tuple[Laid, ...]:
     """Lay a pair, and its trunk, on one clock; two visits by the time of the day."""
     words = page.words("pair_pages")
@@ -158,7 +158,7 @@ def get_report(form: Literal["html", "pdf"], asked: AskedPair, page: UsedPage) -
     return _respond_with_report(page, asked, _make(page.services, asked), form)
 
 
-def _respond_with_report(page: Page, asked: AnyJobs, report: PairReport, form: str) -> Response:
+def _respond_with_report(page: Page, asked: AnyReportJobs, report: PairReport, form: str) -> Response:
     body, kind = report.read(report.find("report", form, page.language)), asked.request.kind
     if form == "html":
         return lay_way_of_query(page, body.decode(), "/days" if kind == "profile" else f"/beside/{kind}")
@@ -190,7 +190,7 @@ def parse_offset(text: str) -> float | None:
     return offset_s if abs(offset_s) <= LONGEST_OFFSET_S else None
 
 
-def _make(services: Services, asked: AskedJobs[PairRequest]) -> PairReport:
+def _make(services: Services, asked: ReportJobs[PairRequest]) -> PairReport:
     """Make the report of two; where methods differ, too, for the page says so and offers to analyse alike."""
     try:
         return services.pairs.make(asked)
@@ -201,7 +201,7 @@ def _make(services: Services, asked: AskedJobs[PairRequest]) -> PairReport:
 
 
 def _offer_trunks(
-    services: Services, asked: AskedJobs[PairRequest], figures: Mapping[str, Any]
+    services: Services, asked: ReportJobs[PairRequest], figures: Mapping[str, Any]
 ) -> tuple[Job, ...]:
     """Offer the recordings that may be of the trunk: same person, same day, neither arm stated.
 
@@ -241,7 +241,7 @@ class DaysQuery(BaseModel):
     mixed_methods: bool = False
 
 
-def find_days(services: UsedServices, query: Annotated[DaysQuery, Query()]) -> AskedJobs[ProfileRequest]:
+def find_days(services: UsedServices, query: Annotated[DaysQuery, Query()]) -> ReportJobs[ProfileRequest]:
     """Find the analyses that an address names; one that stands on both sides is after the change."""
     if query.study:
         first, after = _find_study(services, query)
@@ -259,7 +259,7 @@ def find_days(services: UsedServices, query: Annotated[DaysQuery, Query()]) -> A
         mixed_methods=query.mixed_methods,
         has_drawings=True,
     )
-    return AskedJobs(jobs, request)
+    return ReportJobs(jobs, request)
 
 
 def _find_study(services: Services, query: DaysQuery) -> tuple[list[Job], list[Job]]:
@@ -277,7 +277,7 @@ def _find_study(services: Services, query: DaysQuery) -> tuple[list[Job], list[J
     return before, [job for job, start in placed if start >= since]
 
 
-AskedDays = Annotated[AskedJobs[ProfileRequest], Depends(find_days)]
+AskedDays = Annotated[ReportJobs[ProfileRequest], Depends(find_days)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -337,7 +337,7 @@ def find_days_address(services: Services, job: Job) -> str:
     return "/days?" + "&".join(f"analysis={each}" for each in (job.id, *ids)) if ids else ""
 
 
-def _list_choices(page: Page, asked: AskedJobs[ProfileRequest]) -> tuple[Choice, ...]:
+def _list_choices(page: Page, asked: ReportJobs[ProfileRequest]) -> tuple[Choice, ...]:
     """List the chosen recordings and the others of the same people.
 
     What has no subject code stands by itself.

@@ -21,12 +21,12 @@ from fastapi.staticfiles import StaticFiles
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from starlette.types import Scope
 
-from app.accounts.logins import Logins
+from app.accounts.sign_in import SignIn
 from app.accounts.subjects import Permission, Subject
 from app.errors import BadParameter, NotHere
 from app.http.middleware.guard import REPORT_POLICY, find_logins
 from app.http.middleware.problems import drop_secrets
-from app.report.render.html import trust_drawing
+from app.report.render.html import mark_drawing_safe
 from app.report.words.numbers import format_angle, format_duration, format_number, format_percent
 from app.report.words.wording import Language, Part, Words, fill, is_french, load_wording
 from app.services import LANGUAGE_COOKIE, SUBJECT, Services, choose_language, find_services, prefer_language
@@ -114,7 +114,7 @@ pages = Environment(
     trim_blocks=True,
     lstrip_blocks=True,
 )
-pages.filters["drawing"] = trust_drawing
+pages.filters["drawing"] = mark_drawing_safe
 pages.globals |= {
     "fill": fill,
     "find_style_ids": find_style_ids,
@@ -154,7 +154,7 @@ class Page:
         return cast("Subject | None", self.request.scope.get(SUBJECT))
 
     @property
-    def logins(self) -> Logins:
+    def sign_in(self) -> SignIn:
         """What logs people in."""
         return find_logins(self.request)
 

@@ -65,7 +65,7 @@ def hold(recording_id: str, page: UsedPage, form: UsedForm, subject: UsedSubject
     typed, recordings = first(form, "reason"), page.services.recordings
     reason = next((one for one in HOLD_REASONS if one == typed), None)
     if not typed:
-        recordings.let_go(recording_id)
+        recordings.release_hold(recording_id)
     elif reason is None:
         raise BadParameter(name="reason", value=typed[:20], allowed=", ".join(HOLD_REASONS))
     else:
@@ -77,7 +77,7 @@ def hold(recording_id: str, page: UsedPage, form: UsedForm, subject: UsedSubject
 def release(analysis_id: str, page: UsedPage, form: UsedForm, subject: UsedSubject) -> Response:
     """Release a report under one's name, or take that back."""
     job, releases = page.services.store.get(analysis_id), page.services.releases
-    change = releases.take_back if first(form, "back") else releases.release
+    change = releases.withdraw if first(form, "back") else releases.release
     change(job, subject.id)
     return page.go(f"/analyses/{analysis_id}")
 

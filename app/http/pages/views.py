@@ -14,15 +14,15 @@ from fastapi import Request
 from app.http.pages.recording.day import DayClock, format_axis, place_rows
 from app.http.pages.rendering import OldVersion, Page
 from app.library.listing import (
-    FALLING,
+    DESCENDING,
     GROUPS,
     ORDERS,
+    AnalysisDuration,
     Entry,
     Group,
     Library,
     LibraryFilter,
     Order,
-    Took,
 )
 from app.library.rows import Job, JobState
 from app.report.words.messages import Problem, describe_problem, format_columns
@@ -108,7 +108,7 @@ class JobRow:
     compared: str
 
 
-def build_row(job: Job, language: Language, took: Sequence[Took] = ()) -> JobRow:
+def build_row(job: Job, language: Language, took: Sequence[AnalysisDuration] = ()) -> JobRow:
     """Build the row of a job in the list; its time left is estimated from ``took``, earlier analyses."""
     words, request, now = load_wording(language, "page"), job.request, datetime.now(UTC)
     told, state_word, percent = words["row"], str(words["state"][job.state.value]), round(100 * job.progress)
@@ -152,7 +152,7 @@ def build_row(job: Job, language: Language, took: Sequence[Took] = ()) -> JobRow
     )
 
 
-def estimate_left_s(job: Job, took: Sequence[Took], now: datetime) -> float | None:
+def estimate_left_s(job: Job, took: Sequence[AnalysisDuration], now: datetime) -> float | None:
     """Estimate how long a running analysis still takes, s, by files of its kind and about its size.
 
     None where no such file was analysed before, or when it takes longer than those.
@@ -401,7 +401,7 @@ def build_library(page: Page, wanted: LibraryFilter) -> dict[str, Any]:
     facts = {"done": str(counts["all"] - counts["active"]), "all": str(counts["all"])}
     done = fill(words["list"]["summary"], facts)
     entries = library.find_page(wanted, PER_PAGE, (number - 1) * PER_PAGE)
-    took = find_took(services, entries)
+    took = find_durations(services, entries)
     return dict(  # noqa: C408  as keywords of a template
         entries=[build_entry(entry, page.language, took) for entry in entries],
         headings=[_build_heading(order, str(words["column"][order]), wanted) for order in SORTED],
@@ -431,14 +431,14 @@ def build_library(page: Page, wanted: LibraryFilter) -> dict[str, Any]:
     )
 
 
-def find_took(services: Services, entries: Sequence[Entry]) -> tuple[Took, ...]:
+def find_durations(services: Services, entries: Sequence[Entry]) -> tuple[AnalysisDuration, ...]:
     """Return the durations of earlier analyses if one of these runs."""
     jobs = (job for entry in entries for job in (entry.job, entry.attempt) if job)
     is_running = any(job.state is JobState.RUNNING for job in jobs)
-    return Library(services.store.reader).find_took() if is_running else ()
+    return Library(services.store.reader).find_durations() if is_running else ()
 
 
-def build_entry(entry: Entry, language: Language, took: Sequence[Took] = ()) -> ShownEntry:
+def build_entry(entry: Entry, language: Language, took: Sequence[AnalysisDuration] = ()) -> ShownEntry:
     """Show a recording with its report or, without one, its newest analysis."""
     job, words, attempt = entry.job, load_wording(language, "page"), entry.attempt
     if attempt is not None and attempt.state is JobState.CANCELLED:
@@ -501,7 +501,7 @@ def find_neighbours(page: Page, job: Job) -> dict[str, Any]:
 def _build_heading(order: Order, name: str, wanted: LibraryFilter) -> Heading:
     """Build the head of a column; a second click turns the order round."""
     is_chosen = wanted.order == order
-    is_falling = (order in FALLING) != (is_chosen and wanted.is_reversed)
+    is_falling = (order in DESCENDING) != (is_chosen and wanted.is_reversed)
     again = "1" if is_chosen and not wanted.is_reversed else ""
     turned = ("descending" if is_falling else "ascending") if is_chosen else ""
     return Heading(order, name, write_filter(wanted, order=order, reversed=again), turned)

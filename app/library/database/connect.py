@@ -1,6 +1,6 @@
-"""Connect to the database, SQLite or PostgreSQL; refuse it if its tables are of another revision.
+"""Connect to the database, SQLite or PostgreSQL; reject tables of another revision.
 
-A new database gets its tables here. The server alone migrates (:mod:`app.library.migrations`).
+A new database gets its tables here. Only the server migrates (:mod:`app.library.migrations`).
 """
 
 import base64
@@ -30,18 +30,18 @@ from sqlalchemy.engine import make_url
 from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError
 
 from app.errors import AppError, DatabaseAway, DatabaseDamaged, DatabaseLocked, DiskFull, WrongSchema
-from app.library.audit_log import keep_audit_log
+from app.library.audit_log import attach_audit_log
 from app.library.database.tables import REVISION, analyses, metadata, schema_revision
 from app.settings import Settings
 from app.store.folder import check_folder, translate_folder_errors
 from app.store.permissions import create_file, make_folder
 
 READ_ONLY = {"acromion_read_only": True}
-_TABLES_LOCK = 0x6163726F  # an arbitrary number: whoever holds this advisory lock prepares the tables
-_REQUEST_LOCK = 0x61637271  # whoever holds this one looks for a requested analysis and adds it
+_TABLES_LOCK = 0x6163726F  # arbitrary number of the advisory lock for creating tables
+_REQUEST_LOCK = 0x61637271  # advisory lock for finding or adding a requested analysis
 _CONNECT_TIMEOUT_S = 10
 BUSY_TIMEOUT_S = 30
-_WRITE_LOCK_BYTE = 120  # of SQLite's file "-shm" (sqlite.org/walformat.html, "WAL locks")
+_WRITE_LOCK_BYTE = 120  # in SQLite's file "-shm" (sqlite.org/walformat.html, "WAL locks")
 # Words of SQLite's messages, and of PostgreSQL's for a full disk.
 FULL_DISK = ("disk is full", "No space left")
 DAMAGED = ("malformed", "not a database")
@@ -50,7 +50,7 @@ UNWRITABLE = ("unable to open", "readonly database")
 
 
 def open_database(url: str) -> Engine:
-    """Connect, and create the tables of a database that has none. Raises WrongSchema."""
+    """Connect, and create the tables of an empty database. Raises WrongSchema."""
     engine = connect(url)
     try:
         with engine.begin() as connection:
@@ -67,7 +67,7 @@ def open_database(url: str) -> Engine:
 
 
 def bring_up_to_date(settings: Settings) -> None:
-    """Migrate the tables if they are of an earlier revision of ours.
+    """Migrate tables of an earlier revision.
 
     Only for the server and the recovery, before they open the database. Raises WrongSchema.
     """
@@ -83,9 +83,9 @@ def bring_up_to_date(settings: Settings) -> None:
 
 
 def connect(url: str) -> Engine:
-    """Return an engine whose commits outlast a power cut and take their lines of the audit log with them.
+    """Return an engine whose commits survive a power failure and include their lines of the audit log.
 
-    Its errors hold no subject code.
+    Its errors contain no subject code.
     """
     if make_url(url).get_backend_name() == "sqlite":
         engine = _connect_sqlite(create_engine(url, hide_parameters=True))
@@ -94,12 +94,12 @@ def connect(url: str) -> Engine:
         engine = create_engine(
             url, pool_size=20, pool_pre_ping=True, connect_args=timeout, hide_parameters=True
         )
-    keep_audit_log(engine)
+    attach_audit_log(engine)
     return engine
 
 
 def check_writable(url: str, timeout_s: int) -> None:
-    """Check that rows could be written now; writes none, and waits at most ``timeout_s`` for a lock.
+    """Check that rows could be written, without writing; wait at most ``timeout_s`` for a lock.
 
     Raises DatabaseAway, DatabaseLocked, DatabaseDamaged, DiskFull.
     """
@@ -110,13 +110,13 @@ def check_writable(url: str, timeout_s: int) -> None:
         chosen = make_url(url).query.get("options", "")
         timeouts = {"connect_timeout": timeout_s, "options": f"{chosen} -c lock_timeout={timeout_s}s"}
         engine = create_engine(url, poolclass=NullPool, connect_args=timeouts)
-    with translate_database_errors(url), engine.begin() as connection:  # SQLite's write lock is taken here
+    with translate_database_errors(url), engine.begin() as connection:  # takes SQLite's write lock
         if connection.dialect.name == "postgresql":
             connection.execute(text("LOCK TABLE analyses IN ROW EXCLUSIVE MODE"))
 
 
 def check_whole(url: str) -> None:
-    """Check the whole file of a SQLite database; it is not changed. Raises DatabaseDamaged."""
+    """Check the whole file of a SQLite database without changing it. Raises DatabaseDamaged."""
     file = find_database_file(url)
     if file is None or not Path(file).exists():
         return
@@ -132,14 +132,14 @@ def check_whole(url: str) -> None:
 
 @contextmanager
 def translate_start_errors(settings: Settings) -> Iterator[None]:
-    """Turn an error while data folder or database are opened into a refusal with a code."""
+    """Convert an error from opening data folder or database to a refusal with a code."""
     with translate_folder_errors(settings.data_dir), translate_database_errors(settings.database_url):
         yield
 
 
 @contextmanager
 def translate_database_errors(url: str) -> Iterator[None]:
-    """Turn an error of the database into a refusal with a code; bugs pass unchanged."""
+    """Convert an error of the database to a refusal with a code; bugs pass unchanged."""
     try:
         yield
     except DBAPIError as error:
@@ -150,7 +150,7 @@ def translate_database_errors(url: str) -> Iterator[None]:
 
 
 def classify_error(error: DBAPIError, url: str) -> AppError | None:
-    """Classify an error: full disk, damaged, locked or absent database; None for a bug."""
+    """Classify an error: full disk, damaged, locked or unreachable database; None for a bug."""
     words = " ".join(str(error.orig).split())
     if any(sign in words for sign in FULL_DISK):
         return DiskFull()
@@ -169,25 +169,25 @@ def classify_error(error: DBAPIError, url: str) -> AppError | None:
 
 
 def find_database_file(url: str) -> str | None:
-    """Find the file that holds the rows; None where they are on a server."""
+    """Return the path of the SQLite file; None for a database server."""
     parts = make_url(url)
     return str(parts.database) if parts.get_backend_name() == "sqlite" else None
 
 
 def lock_tables(connection: Connection, lock: int = _TABLES_LOCK) -> None:
-    """Let one transaction at a time create tables, or look for a repeated request and add it.
+    """Lock the creation of tables, or the search for a requested analysis, until the transaction ends.
 
-    ``lock`` names other work. SQLite's transaction has locked the database already.
+    ``lock`` identifies other work. SQLite's transaction has already locked the database.
     """
     if connection.dialect.name == "postgresql":
         connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": lock})
 
 
 @contextmanager
-def one_request_at_a_time(engine: Engine) -> Iterator[None]:
-    """Let one server of a PostgreSQL database at a time look for an analysis and add it.
+def lock_requests(engine: Engine) -> Iterator[None]:
+    """Allow only one server of a PostgreSQL database at a time to find or add an analysis.
 
-    SQLite has one server, which takes turns by itself.
+    SQLite has only one server, whose requests already take turns.
     """
     if engine.dialect.name != "postgresql":
         yield
@@ -198,7 +198,7 @@ def one_request_at_a_time(engine: Engine) -> Iterator[None]:
 
 
 def read_revision(connection: Connection) -> str | None:
-    """Read the revision of the tables; None when none was ever recorded."""
+    """Return the revision of the tables; None if it was never recorded."""
     if not inspect(connection).has_table(schema_revision.name):
         return None
     return connection.execute(select(schema_revision.c.version_num)).scalar()
@@ -224,7 +224,7 @@ def _explain_unwritable(file: Path) -> AppError | None:
 def _find_lock_holder(file: Path) -> int | None:
     """Find the process that holds the write lock (Linux).
 
-    The system's list is read: to open and close the file would release locks of our own.
+    This reads the system's list, because opening and closing the file would release our locks.
     """
     try:
         inode = file.stat().st_ino
@@ -236,10 +236,10 @@ def _find_lock_holder(file: Path) -> int | None:
 
 
 def _connect_sqlite(engine: Engine) -> Engine:
-    """Prepare each connection; a new database gets a file of our mode, and SQLite gives its log the same."""
+    """Prepare each connection; create a new database file with our mode, which SQLite also gives its log."""
     file = Path(str(engine.url.database))
     make_folder(file.parent)
-    with suppress(OSError):  # it exists already, or SQLite reports why it cannot
+    with suppress(OSError):  # it exists already, or SQLite reports the error
         create_file(file).close()
     event.listen(engine, "connect", _prepare_sqlite)
     event.listen(engine, "begin", _begin_sqlite)
@@ -251,12 +251,12 @@ def _set_busy_timeout(timeout_s: int, connection: Any, _record: Any) -> None:
 
 
 def _prepare_sqlite(connection: Any, _record: Any) -> None:
-    """Make commits durable through a power cut, and wait for other writers instead of failing.
+    """Make commits survive a power failure, and wait for other writers instead of failing.
 
-    The time-out is set first: turning on WAL takes a lock that a peer that starts now may hold.
+    The timeout is set first, because turning on WAL takes a lock that another starting process may have.
     """
-    connection.isolation_level = None  # _begin_sqlite begins the transactions
-    # SQLite's own knows ASCII only
+    connection.isolation_level = None  # _begin_sqlite starts the transactions
+    # SQLite's function supports ASCII only
     connection.create_function("lower", 1, lambda text: text and text.lower(), deterministic=True)
     cursor = connection.cursor()
     settings = ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON", "secure_delete=ON")
@@ -271,17 +271,17 @@ def _begin_sqlite(connection: Connection) -> None:
     connection.exec_driver_sql("BEGIN" if only_reads else "BEGIN IMMEDIATE")
 
 
-# ------------------------------------------------------------------ the rows of a backup
+# The rows of a backup.
 
 ROWS_AT_ONCE = 1000
 LEFT_OUT = ("sessions", "tickets", "tries", "known_browsers")
-"""What goes on at the moment, and is in no copy: everybody signs in again."""
+"""Short-lived rows that are not copied: everyone must sign in again."""
 
 
 def reflect_tables(connection: Connection) -> tuple[Table, ...]:
     """Return our tables as they are in this database, referenced tables first.
 
-    Tables that are not ours are neither read nor touched.
+    Other tables are neither read nor changed.
     """
     found = MetaData()
     found.reflect(connection, only=lambda name, _: name in metadata.tables)
@@ -299,7 +299,7 @@ def _read_bytes(value: dict[str, Any]) -> object:
 
 
 def write_all_rows(connection: Connection, archive: zipfile.ZipFile) -> None:
-    """Write every table that is copied as a member of its own, ``rows/<table>.jsonl``."""
+    """Write each copied table as a separate member ``rows/<table>.jsonl``."""
     tables = [table for table in reflect_tables(connection) if table.name not in LEFT_OUT]
     streamed = connection.execution_options(yield_per=ROWS_AT_ONCE)
     for table in tables:
@@ -310,7 +310,7 @@ def write_all_rows(connection: Connection, archive: zipfile.ZipFile) -> None:
 
 
 def read_rows(archive: zipfile.ZipFile, table: str) -> Iterator[dict[str, Any]]:
-    """Return the rows of a table in a backup; none when the backup has no such table."""
+    """Return the rows of a table in a backup; none if the backup has no such table."""
     name = f"rows/{table}.jsonl"
     if name in archive.namelist():
         with archive.open(name) as member:
@@ -319,7 +319,7 @@ def read_rows(archive: zipfile.ZipFile, table: str) -> Iterator[dict[str, Any]]:
 
 
 def reset_row(table: str, row: dict[str, Any]) -> dict[str, Any]:
-    """Reset what holds only at a row's origin: a running analysis waits again, no side file is written."""
+    """Reset values that are only valid at the origin: running analyses and written side files."""
     if table == "recordings" and "side_revision" in row:
         return row | {"side_revision": 0}
     if table == "audit_log":  # numbered again, in order

@@ -14,11 +14,11 @@ from sqlalchemy import (
     Text,
 )
 
-REVISION = "b1"  # of these tables; a change of them comes with a migration in app/library/migrations
+REVISION = "b1"  # of these tables; changing them needs a migration in app/library/migrations
 
 metadata = MetaData()
 
-# Written by Alembic, whose name it bears; not one of our tables.
+# Written by Alembic; not one of our tables.
 schema_revision = Table("alembic_version", MetaData(), Column("version_num", String(32), primary_key=True))
 
 recordings = Table(
@@ -95,7 +95,7 @@ batches = Table(
     metadata,
     Column("id", String(32), primary_key=True),
     Column("name", Text, nullable=False),
-    Column("item_count", Integer, nullable=False),  # as it was asked for; those in it now are counted
+    Column("item_count", Integer, nullable=False),  # as requested; the current ones are counted
     Column("created_at", String(32), nullable=False),
     Column("duplicate_count", Integer, nullable=False, server_default="0"),
     Column("key", String(64), unique=True),
@@ -110,7 +110,7 @@ batch_items = Table(
     Column("analysis_id", ForeignKey("analyses.id", ondelete="CASCADE"), nullable=False, index=True),
 )
 
-# Hashes of what was uploaded and then deleted for good, for a day: a repeated request stores it not again.
+# Hashes of permanently deleted uploads, kept for a day: a repeated request must not store them again.
 purged_uploads = Table(
     "purged_uploads",
     metadata,
@@ -153,7 +153,7 @@ uploads = Table(
     Column("created_at", String(32), nullable=False),
 )
 
-# The columns of a table named by a person, by the identity of its header.
+# Table columns named by a person, by the identity of the header.
 column_mappings = Table(
     "column_mappings",
     metadata,
@@ -187,7 +187,7 @@ answers = Table(
     Column("calibration_state", String(16)),
 )
 
-# A filter and order of the list under a name.
+# A named filter and order of the list.
 saved_views = Table(
     "saved_views",
     metadata,
@@ -197,8 +197,8 @@ saved_views = Table(
     Column("created_at", String(32), nullable=False),
 )
 
-# Every act (app/library/audit_log.py). No key leads to other tables: its lines stay. ``since_s``: the running
-# time of the server at that moment, by which retention counts.
+# Every act (app/library/audit_log.py). No foreign keys, so that its lines stay. ``since_s``: the running time
+# of the server at that moment, which retention uses.
 audit_log = Table(
     "audit_log",
     metadata,
@@ -216,7 +216,7 @@ audit_log = Table(
     sqlite_autoincrement=True,
 )
 
-# How long the server of this database has run in all; one row.
+# Total running time of the server of this database; one row.
 running_time = Table(
     "running_time",
     metadata,
@@ -224,7 +224,7 @@ running_time = Table(
     Column("running_s", Float, nullable=False),
 )
 
-# A report released under somebody's name, or taken back; the newest row of an analysis counts.
+# A release of a report, or its withdrawal; the newest row of an analysis counts.
 releases = Table(
     "releases",
     metadata,
@@ -237,7 +237,7 @@ releases = Table(
     Column("is_taken_back", Integer, nullable=False, server_default="0"),
 )
 
-# How many days of the server's running time each kind is kept; a kind without a row is kept for good.
+# Days of the server's running time for which each kind is kept; a kind without a row is kept permanently.
 retention = Table(
     "retention",
     metadata,
@@ -245,7 +245,7 @@ retention = Table(
     Column("days", Integer, nullable=False),
 )
 
-# Group figures of a study as they were published once (app/library/governance.py).
+# Published group figures of a study (app/library/governance.py).
 aggregate_blocks = Table(
     "aggregate_blocks",
     metadata,
@@ -263,7 +263,7 @@ aggregate_members = Table(
     Column("block_id", ForeignKey("aggregate_blocks.id"), nullable=False, index=True),
 )
 
-# Who may sign in (app/accounts), and with what.
+# Accounts and their credentials (app/accounts).
 people = Table(
     "people",
     metadata,
@@ -288,7 +288,7 @@ recovery_codes = Table(
     Column("hash", String(64), primary_key=True),
 )
 
-# A session is known by the SHA-256 of its cookie. Ages are kept by the clock of the server, in seconds.
+# A session is identified by the SHA-256 of its cookie. Ages use the clock of the server, in s.
 sessions = Table(
     "sessions",
     metadata,
@@ -313,8 +313,7 @@ tokens = Table(
     Column("ended_at", String(32)),
 )
 
-# Failed logins by what was tried: an account (a keyed digest of what was typed), an address, or a browser
-# that logged in before.
+# Failed sign-ins by target: an account (a keyed digest of the typed name), an address, or a known browser.
 tries = Table(
     "tries",
     metadata,
@@ -323,7 +322,7 @@ tries = Table(
     Column("blocked_until_s", Float, nullable=False),
 )
 
-# A browser in which a person logged in before; several people may share one.
+# A browser with which a person has signed in before; several people may share one.
 known_browsers = Table(
     "known_browsers",
     metadata,
@@ -332,7 +331,7 @@ known_browsers = Table(
     Column("used_s", Float, nullable=False),
 )
 
-# What works once and for a while: an invitation, a forgotten password, the second step of a login.
+# Single-use tickets with a term: an invitation, a forgotten password, the second step of a sign-in.
 tickets = Table(
     "tickets",
     metadata,
@@ -343,7 +342,7 @@ tickets = Table(
     Column("expires_s", Float, nullable=False),
 )
 
-# By which link a person's password was last set, and whether the person was told.
+# The link with which a person's password was last set, and whether the person was informed.
 link_uses = Table(
     "link_uses",
     metadata,

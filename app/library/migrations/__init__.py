@@ -1,4 +1,4 @@
-"""The changes of the tables, one file for each; see ``docs/decisions/0018-two-databases.md``.
+"""Changes of the tables, one file each; see ``docs/decisions/0018-two-databases.md``.
 
 This package imports Alembic: the server loads it only if there is something to migrate.
 """
@@ -15,9 +15,9 @@ from app.library.database.tables import REVISION
 
 
 def upgrade(connection: Connection, found: str) -> None:
-    """Run the missing migrations in the transaction of the connection: all of them happen, or none.
+    """Run the missing migrations in the transaction of the connection, all or none.
 
-    Raises WrongSchema: our migrations do not know the revision; nothing is changed.
+    Raises WrongSchema, without any change, if our migrations do not include the revision.
     """
     config = configure(connection)
     if found not in {script.revision for script in ScriptDirectory.from_config(config).walk_revisions()}:
@@ -26,7 +26,7 @@ def upgrade(connection: Connection, found: str) -> None:
 
 
 def configure(connection: Connection) -> Config:
-    """Point Alembic at our migrations and at a connection."""
+    """Return an Alembic configuration with our migrations and a connection."""
     config = Config()
     config.set_main_option("script_location", str(Path(__file__).parent))
     config.attributes["connection"] = connection

@@ -1,4 +1,4 @@
-"""What Alembic runs: the migrations, in the transaction of :mod:`app.library.migrations`."""
+"""The script that Alembic runs: the migrations, in the transaction of :mod:`app.library.migrations`."""
 
 from alembic import context
 

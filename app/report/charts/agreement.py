@@ -1,4 +1,4 @@
-"""The drawings of a comparison: Bland and Altman's plot, both angles over time, the error over time."""
+"""Charts of a comparison: the Bland-Altman plot, both angles over time, the error over time."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ if TYPE_CHECKING:
 SHOWN_S = 30.0
 MOST_POINTS = 600
 STEPS = 60
-"""Stretches of the error over time."""
+"""Number of intervals of the error over time."""
 COLUMNS, ROWS = 60, 40
-"""Of the cells of Bland and Altman's plot."""
+"""Cells of the Bland-Altman plot."""
 _PLOT = Plot(38, 0, 24)
 _DEGREES = (0.0, 180.0)
 Tick = tuple[float, str]
 
-# ------------------------------------------------------------------ the three charts of one comparison
+# The three charts of one comparison.
 
 
 def draw_bland_altman(pairs: Pairs, overall: Agreement, words: Words, language: Language) -> Chart:
-    """Plot the difference over the mean of both, as a density, with bias and limits of agreement."""
+    """Plot the difference over the mean of both as a density, with bias and limits of agreement."""
     middle = (pairs.ours_deg + pairs.reference_deg) / 2.0
     error = pairs.ours_deg - pairs.reference_deg
     reach = _round_up(float(np.quantile(np.abs(error), 0.999)), overall.loa_high_deg, -overall.loa_low_deg)
@@ -55,14 +55,14 @@ def draw_bland_altman(pairs: Pairs, overall: Agreement, words: Words, language: 
     )
     axes = _Axes(entry["across"], entry["upwards"], _mark_angles(language), _mark_errors(reach, language))
 
-    def draw(told: tuple[str, str], width_px: float) -> str:
+    def draw(shown: tuple[str, str], width_px: float) -> str:
         plot = replace(_PLOT, right_px=width_px - 8, bottom_px=214, across=_DEGREES, upwards=ends_deg)
         body = [
             *_draw_cells(counts, plot),
             *_draw_axes(plot, axes),
             *(part for mark in marks for part in _draw_mark(plot, *mark)),
         ]
-        return svg.picture(width_px, plot.bottom_px + 34, f"ba{width_px:.0f}", told, body)
+        return svg.picture(width_px, plot.bottom_px + 34, f"ba{width_px:.0f}", shown, body)
 
     cells = (overall.bias_deg, overall.sd_deg, *limits)
     row = (entry["row"], *(format_angle(value, language, 2) for value in cells))
@@ -71,7 +71,7 @@ def draw_bland_altman(pairs: Pairs, overall: Agreement, words: Words, language: 
 
 
 def draw_overlay(pairs: Pairs, words: Words, language: Language) -> Chart:
-    """Show both angles in the half minute in which they differ most."""
+    """Draw both angles in the half minute with the largest difference."""
     start_s = find_worst(pairs)
     end_s = start_s + SHOWN_S
     shown, entry = pairs.cut(start_s, end_s), words["overlay"]
@@ -88,7 +88,7 @@ def draw_overlay(pairs: Pairs, words: Words, language: Language) -> Chart:
     ticks = [(start_s + at, format_number(at, 0, language)) for at in range(0, int(SHOWN_S) + 1, 5)]
     axes = _Axes(fill(entry["across"], facts), entry["upwards"], ticks, _mark_angles(language))
     plot = replace(_PLOT, bottom_px=194, across=(start_s, end_s))
-    rows = (  # one for each second
+    rows = (  # one per second
         (
             format_number(float(run.time_s[at]), 1, language),
             *(format_angle(float(one[at]), language, 1) for one in (run.reference_deg, run.ours_deg)),
@@ -105,7 +105,7 @@ def draw_overlay(pairs: Pairs, words: Words, language: Language) -> Chart:
 
 
 def find_worst(pairs: Pairs) -> float:
-    """Return the start of the 30 s, cut in steps of 15 s, with the largest mean square difference."""
+    """Return the start of the 30 s, in steps of 15 s, with the largest mean square difference."""
     time_s = np.concatenate([run.time_s for run in pairs.runs])
     squares = (pairs.ours_deg - pairs.reference_deg) ** 2
     half_s, first_s = SHOWN_S / 2, float(time_s[0])
@@ -116,7 +116,7 @@ def find_worst(pairs: Pairs) -> float:
 
 
 def draw_error_over_time(pairs: Pairs, words: Words, language: Language) -> Chart | None:
-    """Show the mean difference and the root mean square through the whole common time; not under a minute."""
+    """Draw mean difference and root mean square over the whole common time; None under a minute."""
     time_s = np.concatenate([run.time_s for run in pairs.runs])
     start_s, end_s = float(time_s[0]), float(time_s[-1])
     if end_s - start_s < 2 * SHOWN_S:
@@ -124,7 +124,7 @@ def draw_error_over_time(pairs: Pairs, words: Words, language: Language) -> Char
     edges, error = np.linspace(start_s, end_s, STEPS + 1), pairs.ours_deg - pairs.reference_deg
     places = np.clip(np.searchsorted(edges, time_s, "right") - 1, 0, STEPS - 1)
     counts = np.bincount(places, minlength=STEPS).astype(np.float64)
-    counts[counts == 0] = np.nan  # nothing was measured
+    counts[counts == 0] = np.nan  # not measured
     means = np.bincount(places, error, STEPS) / counts
     sizes = np.sqrt(np.bincount(places, error**2, STEPS) / counts)
     reach = _round_up(*np.abs(means[np.isfinite(means)]), *sizes[np.isfinite(sizes)])
@@ -146,7 +146,7 @@ def draw_error_over_time(pairs: Pairs, words: Words, language: Language) -> Char
 
 
 def _round_up(*values: float) -> float:
-    """Return the next whole step of 1, 2 or 5 times a power of ten above all values."""
+    """Round up to the next step of 1, 2 or 5 times a power of ten."""
     most = max((value for value in values if np.isfinite(value)), default=1.0)
     power = 10.0 ** np.floor(np.log10(max(most, 0.1)))
     return float(next(step * power for step in (1, 2, 5, 10) if step * power >= most * 1.05 or step == 10))
@@ -171,12 +171,12 @@ def _break(middles: Vector, values: Vector) -> list[list[Span]]:
     return runs
 
 
-# ------------------------------------------------------------------ their parts
+# Parts of these charts.
 
 
 @dataclass(frozen=True, slots=True)
 class _Axes:
-    """Names of the axes, and the values at which they are marked."""
+    """Axis labels and ticks."""
 
     across: str
     upwards: str
@@ -199,11 +199,11 @@ def _draw_axes(plot: Plot, axes: _Axes) -> list[str]:
         anchor = "end" if x > plot.right_px - 1 else "middle"
         body.append(svg.line(x, plot.bottom_px, x, plot.bottom_px + 4, svg.RULE))
         body.append(svg.text(x, plot.bottom_px + 16, label, "soft", anchor))
-    return [*body, plot.draw_floor()]
+    return [*body, plot.draw_baseline()]
 
 
 def _draw_cells(counts: NDArray[np.int_], plot: Plot) -> Iterable[str]:
-    """Draw how many rows fall into each cell: a shade for each share of the fullest five times the last."""
+    """Draw the number of rows in each cell; each shade covers a fivefold range of shares."""
     wide, high = (plot.right_px - plot.left_px) / COLUMNS, (plot.bottom_px - plot.top_px) / ROWS
     for column, row in np.argwhere(counts).tolist():
         share = counts[column, row] / counts.max()
@@ -229,7 +229,7 @@ def _draw_two_lines(
     plot: Plot,
     axes: _Axes,
 ) -> Callable[[tuple[str, str], float], str]:
-    """Draw curves of unbroken runs: the reference wide and light, ours thin and dark upon it."""
+    """Draw curves of unbroken runs: the reference wide and light, ours thin and dark on top."""
     strokes = (
         f'{svg.ACCENT_CURVE} stroke-width="3" stroke-opacity="0.55"',
         f'{svg.CURVE} stroke-width="1.3"',
@@ -249,7 +249,7 @@ def _draw_two_lines(
     return draw
 
 
-# ------------------------------------------------------------------ a study: each person's error in each task
+# A study: each person's error in each task.
 
 
 ROW_PX = 19
@@ -258,7 +258,7 @@ STEPS_DEG = (0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 40.0)
 
 
 def find_paper_row(cell: AgreementCell) -> dict[str, float | None] | None:
-    """Return the paper's figures for this task and device, where it has them."""
+    """Return the paper's figures for this task and device, if it has them."""
     paper = TABLE_1.get(cell.device, {}).get(cell.paper_task or 0)
     if paper is None:
         return None
@@ -273,7 +273,7 @@ def draw_study(
     words: Words,
     language: Language,
 ) -> Chart:
-    """Draw a row for each task of a device: a ring for each person, a bar at their mean, the paper's mark."""
+    """Draw a row for each task of a device: a ring per person, a bar at the mean, a mark for the paper."""
     entry, name = words["study_figure"], find_device_name(load_wording(language), device)
     rows = [
         _StudyRow(

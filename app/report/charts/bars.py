@@ -1,7 +1,7 @@
 """Stacked bars as SVG: of the whole recording, and one for each part of the day.
 
-The same strings stand in the HTML and in the PDF. Elevation is a single-hue ramp from light to dark; what
-is pointed at is vermillion and always doubled by a shape or a word, so that grey paper loses nothing.
+HTML and PDF contain the same strings. Elevation is a single-hue ramp from light to dark; highlights are
+vermillion and also marked by a shape or a word, so that prints in grey lose nothing.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from app.report.words.wording import Language, Words, fill, join_clauses
 from fusion.exposure.types import Exposure, PartExposure
 
 SHOWN_EDGES_DEG = (0, 30, 60, 90, 180)
-"""The stored bins are finer; every bar shows these classes, whose edges are the three guide lines."""
+"""Classes of every bar; the stored bins are finer. Their edges are the three guide lines."""
 _LONGEST_SHARE = 0.42
-"""Names that would take more of the width than this stand above their bars."""
+"""Names wider than this share of the width are above their bars."""
 
-# ------------------------------------------------------------------ the stacked bar
+# The stacked bar.
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,9 +44,9 @@ def build_bar(exposure: Exposure, words: Words, language: Language) -> Chart:
         percent, duration_s = sum(b.percent for b in inside), sum(b.duration_s for b in inside)
         labels = format_duration(duration_s, language), format_percent(percent, language)
         slices.append(Slice(percent, f"{low}–{high}°", *labels))
-    told = (f"{s.range_label}, {s.duration_label} ({s.percent_label})" for s in slices)
+    shown = (f"{s.range_label}, {s.duration_label} ({s.percent_label})" for s in slices)
     return Chart.draw(
-        (entry["title"], fill(entry["alternative"], {"list": join_clauses(told, language)})),
+        (entry["title"], fill(entry["alternative"], {"list": join_clauses(shown, language)})),
         lambda title, width_px: draw_bar(slices, title, width_px),
         entry["columns"],
         ((s.range_label, s.duration_label, s.percent_label) for s in slices),
@@ -54,7 +54,7 @@ def build_bar(exposure: Exposure, words: Words, language: Language) -> Chart:
 
 
 def draw_bar(slices: Sequence[Slice], words: tuple[str, str], width_px: float) -> str:
-    """Draw time in elevation classes: one bar, and under it what each class is."""
+    """Draw time in elevation classes: one bar, with the classes below."""
     body, x = [], 0.5
     for rank, item in enumerate(slices):
         length = (width_px - 1) * item.percent / 100
@@ -79,15 +79,13 @@ def draw_bar(slices: Sequence[Slice], words: tuple[str, str], width_px: float) -
     return svg.picture(width_px, height, f"bar{width_px:.0f}", words, body)
 
 
-# ------------------------------------------------------------------ one bar for each part of the day
-#
-# The parts are clock hours or periods of the diary. A part that was left out is hatched and labelled, so
-# that nobody takes it for a part without load.
+# One bar for each part of the day. The parts are clock hours or periods of the diary. An excluded part is
+# hatched and labelled, so that it does not look like a part without load.
 
 
 @dataclass(frozen=True, slots=True)
 class _PartRow:
-    """A part of the day: name, shares from low to high elevation (empty: left out), label at its end."""
+    """A part of the day: name, shares from low to high elevation (empty if excluded), label at its end."""
 
     name: str
     percent: tuple[float, ...]
@@ -108,10 +106,10 @@ def build_parts(
         elif part.reason:
             length = format_duration(part.recorded_s, language)
             rows.append(_PartRow(name, (), "", fill(entry["left_out"], {"length": length})))
-    told = join_clauses((f"{row.name}, {row.label or row.left_out}" for row in rows), language)
+    shown = join_clauses((f"{row.name}, {row.label or row.left_out}" for row in rows), language)
     classes = format_classes(SHOWN_EDGES_DEG, "°")
     return Chart.draw(
-        (entry["title"], fill(entry["alternative"], {"list": told})),
+        (entry["title"], fill(entry["alternative"], {"list": shown})),
         lambda title, width_px: _draw_parts(key, rows, percent_sign(language), title, width_px),
         (entry["column"], *classes),
         (
@@ -123,14 +121,14 @@ def build_parts(
 
 
 def is_drawable(part: PartExposure) -> bool:
-    """Return whether a part holds analysed time and its three shares."""
+    """Return whether a part has analysed time and its three shares."""
     return part.analysed_s > 0 and all(isfinite(part.percent_above.get(c, nan)) for c in (30, 60, 90))
 
 
 def _draw_parts(
     key: str, rows: Sequence[_PartRow], sign: str, words: tuple[str, str], width_px: float
 ) -> str:
-    """Draw a stacked bar for each part, all to one scale; at its end the share at or above 60 deg."""
+    """Draw a stacked bar for each part on one scale, ending with the share at or above 60 deg."""
     key = f"{key}{width_px:.0f}"
     longest = max(svg.estimate_width(row.name) for row in rows)
     right = width_px - max(svg.estimate_width(row.label) for row in rows) - 8
@@ -144,7 +142,7 @@ def _draw_parts(
         body.append(svg.text(width_px, y + bar_top + 10, row.label, "ink", "end"))
     bottom = len(rows) * row_height + 28
     scale = ((left, "0", "start"), ((left + right) / 2, f"50{sign}", "middle"), (right, f"100{sign}", "end"))
-    body += [svg.text(x, bottom, told, "soft", anchor) for x, told, anchor in scale]
+    body += [svg.text(x, bottom, shown, "soft", anchor) for x, shown, anchor in scale]
     y, start = bottom + 18, 0.5 if width_px <= NARROW else left
     x = start
     for rank, name in enumerate(format_classes(SHOWN_EDGES_DEG, "°")):
@@ -157,7 +155,7 @@ def _draw_parts(
 
 
 def _draw_part(row: _PartRow, left_px: float, right_px: float, y_px: float, key: str) -> list[str]:
-    """Draw the bar of a part in its frame; hatched under its label if the part was left out."""
+    """Draw the framed bar of a part; hatch and label an excluded part."""
     body, x = [], left_px
     if row.left_out:
         middle, length = (left_px + right_px) / 2, svg.estimate_width(row.left_out) + 8

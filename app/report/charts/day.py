@@ -1,7 +1,8 @@
-"""The day's timeline as SVG: each minute's P10 to P90 and median, and what was not analysed.
+"""The day's timeline as SVG: each minute's P10 to P90 and median, and the time without analysis.
 
-The 15 minutes with the most time above 60 deg are vermillion and bracketed, the longest continuous time has a
-triangle, excluded time is hatched, missing time stays white between dotted edges: grey paper loses nothing.
+The 15 minutes with the most time above 60 deg are vermillion and bracketed. A triangle marks the longest
+continuous time. Excluded time is hatched; missing time stays white between dotted edges. Prints in grey lose
+nothing.
 """
 
 from __future__ import annotations
@@ -26,24 +27,24 @@ from fusion.recording import Span as LeftOut
 MINUTE_S = 60.0
 WORST_WINDOW_S = 900
 SHORTEST_MARK_S = 30.0
-"""Shorter stretches are narrower than a line on the page; they stand in the time account."""
+"""Shorter stretches are narrower than a line on the page; the time account includes them."""
 LONG_S = 7200.0
-"""Beyond two hours minutes stand so close that a thinner median leaves the band to be seen."""
+"""Above two hours minutes are narrow: a thinner median keeps the band visible."""
 
 _LANE_PX = 22.0
-"""Height of the periods under the plot."""
+"""Height of the periods below the plot."""
 _SHORTEST_NAME = 5
-"""Signs of a name, its rank included, that are worth writing."""
+"""Minimum number of characters of a name, including its rank, that is worth writing."""
 
 _OUTER = f'{svg.BAND} fill-opacity="0.45"'
 _TICK_STEPS_S = (60, 120, 300, 600, 900, 1800, 3600, 7200, 10800, 21600, 43200, 86400)
 
-# ------------------------------------------------------------------ the day as it is drawn
+# Data of the day.
 
 
 @dataclass(frozen=True, slots=True)
 class MinuteBand:
-    """One minute of the day: P10, median and P90 of the elevation in it."""
+    """One minute of the day: P10, median and P90 of its elevation."""
 
     start_s: float
     end_s: float
@@ -53,12 +54,12 @@ class MinuteBand:
 
 
 Run = tuple[MinuteBand, ...]
-"""Minutes without a hole between them."""
+"""Consecutive minutes without a gap."""
 
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """A stretch without analysed time, and what to call it. What is left out is hatched."""
+    """A stretch without analysed time, and its label. Excluded time is hatched."""
 
     start_s: float
     end_s: float
@@ -68,7 +69,7 @@ class Mark:
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """A period with a name under the timeline; ``rank`` is 1 to 3 where it has the most time above 60 deg."""
+    """A named period below the timeline; ``rank`` is 1 to 3 for those with the most time above 60 deg."""
 
     start_s: float
     end_s: float
@@ -78,10 +79,9 @@ class Block:
 
 @dataclass(frozen=True, slots=True)
 class Day:
-    """Everything the timeline needs.
+    """All data of the timeline.
 
-    ``longest_start_s`` is when the longest continuous time above 60 deg began; ``blocks`` stand under the
-    plot.
+    ``longest_start_s``: start of the longest continuous time above 60 deg; ``blocks`` are below the plot.
     """
 
     duration_s: float
@@ -120,7 +120,7 @@ def build_timeline(findings: Findings, clock: Clock, words: Words) -> Day:
 
 
 def shift_day(day: Day, by_s: float, duration_s: float, clock: Clock, absent: str) -> Day:
-    """Move a day onto a longer axis that begins ``by_s`` earlier; time outside it is marked ``absent``."""
+    """Move a day to a longer axis that starts ``by_s`` earlier; mark time outside the day as ``absent``."""
     runs = tuple(
         tuple(replace(b, start_s=b.start_s + by_s, end_s=b.end_s + by_s) for b in run) for run in day.runs
     )
@@ -131,12 +131,12 @@ def shift_day(day: Day, by_s: float, duration_s: float, clock: Clock, absent: st
 
 
 def format_reason(reason: str, words: Words) -> str:
-    """Write a reason for leaving time out; an unknown one (a diary's own word) stays as it is."""
+    """Return the reason for an exclusion in words; an unknown one (a word of the diary) stays unchanged."""
     return str(words["reason"].get(reason, reason or words["day"]["left_out"]))
 
 
 def merge_spans(spans: Iterable[LeftOut]) -> list[tuple[float, float, str]]:
-    """Join stretches of one reason that touch or overlap; seconds, in time order."""
+    """Join stretches with the same reason that touch or overlap; in s, in order of time."""
     by_reason: dict[str, list[tuple[int, int]]] = {}
     for span in spans:
         by_reason.setdefault(span.reason, []).append((span.start_us, span.end_us))
@@ -158,12 +158,12 @@ def _build_runs(minutes: MinuteProfile, duration_s: float) -> tuple[Run, ...]:
     return tuple(map(tuple, runs))
 
 
-# ------------------------------------------------------------------ with words and table
+# With words and table.
 
 
 @dataclass(frozen=True, slots=True)
 class DayLabels:
-    """The words of the timeline; ``worst`` and ``longest`` stand beside their marks in the legend."""
+    """Words of the timeline; ``worst`` and ``longest`` are beside their marks in the legend."""
 
     title: str
     description: str
@@ -174,11 +174,11 @@ class DayLabels:
     worst: str = ""
     longest: str = ""
     inner: str = ""
-    """P25 to P75, where the band is drawn lighter around it."""
+    """P25 to P75, if a lighter band surrounds it."""
 
 
 def build_day(findings: Findings, blocks: tuple[Block, ...], clock: Clock, words: Words) -> Chart:
-    """Build the timeline of the day, with the periods under it."""
+    """Build the timeline of the day, with the periods below it."""
     exposure, entry, language = findings.exposure, words["day"], clock.language
     day = replace(build_timeline(findings, clock, words), blocks=blocks)
     percent = next((w.percent_above_60 for w in exposure.peak_windows if w.length_s == WORST_WINDOW_S), None)
@@ -199,13 +199,13 @@ def build_day(findings: Findings, blocks: tuple[Block, ...], clock: Clock, words
         (labels.title, labels.description),
         lambda _, width_px: draw_day(day, labels, width_px),
         entry["columns"],
-        (_tell_band(band, clock) for run in day.runs for band in run),
+        (_format_band(band, clock) for run in day.runs for band in run),
     )
     return replace(chart, table=replace(chart.table, note=entry["table_note"]))
 
 
 def build_two_days(days: Sequence[tuple[str, Day]], entry: Words, words: Words) -> Chart:
-    """Build two days, one above the other, on one clock; each is named at its top left."""
+    """Build two days, one above the other, on one clock; each has its name at the top left."""
     _, last = days[-1]
     clock = last.clock
     facts = {"start": clock.format(0), "end": clock.format(last.duration_s)}
@@ -214,22 +214,22 @@ def build_two_days(days: Sequence[tuple[str, Day]], entry: Words, words: Words) 
         (labels.title, labels.description),
         lambda _, width_px: _draw_two_days(days, labels, width_px),
         entry["columns"],
-        ((name, *_tell_band(band, clock)) for name, day in days for run in day.runs for band in run),
+        ((name, *_format_band(band, clock)) for name, day in days for run in day.runs for band in run),
     )
 
 
 def build_day_labels(title: str, description: str, words: Words) -> DayLabels:
-    """Return the words of a timeline; those of its legend are the same in every report."""
-    told = (words["day"][name] for name in ("band", "median", "left_out", "missing"))
-    return DayLabels(title, description, *told)
+    """Return the words of a timeline; its legend is the same in every report."""
+    shown = (words["day"][name] for name in ("band", "median", "left_out", "missing"))
+    return DayLabels(title, description, *shown)
 
 
-def _tell_band(band: MinuteBand, clock: Clock) -> tuple[str, ...]:
+def _format_band(band: MinuteBand, clock: Clock) -> tuple[str, ...]:
     angles_deg = (band.low_deg, band.middle_deg, band.high_deg)
     return clock.format(band.start_s), *(format_angle(deg, clock.language) for deg in angles_deg)
 
 
-# ------------------------------------------------------------------ one day, or two
+# One day, or two.
 
 
 def draw_day(day: Day, labels: DayLabels, width_px: float) -> str:
@@ -247,7 +247,7 @@ def draw_day(day: Day, labels: DayLabels, width_px: float) -> str:
     if day.worst is not None:
         start, end = map(plot.x, day.worst)
         body.append(_draw_bracket(start, end, plot.top_px))
-    if day.longest_start_s is not None:  # over the bracket
+    if day.longest_start_s is not None:  # above the bracket
         body.append(_draw_triangle(plot.x(day.longest_start_s), plot.top_px - 9))
     return svg.picture(width_px, height, key, (labels.title, labels.description), body + legend)
 
@@ -269,16 +269,16 @@ def _lay_out(day: Day, left_px: float, right_px: float, top_px: float, bottom_px
     return Plot(left_px, right_px, top_px, bottom_px, across=(0.0, max(day.duration_s, 1.0)))
 
 
-# ------------------------------------------------------------------ several days over one another
+# Several days overlaid.
 
 
 @dataclass(frozen=True, slots=True)
 class Overlay:
     """Several days on one clock.
 
-    ``day``: P10 to P90 and median by quarter hour, missing where too few days are; ``inner``: P25 to P75, in
-    the same runs. ``counts``: quarter hours with the days that they rest upon: start and end, s on the axis,
-    and days, of ``days`` in all.
+    ``day``: P10 to P90 and median per quarter hour, missing if there are too few days; ``inner``: P25 to P75,
+    in the same runs. ``counts``: start and end of each quarter hour in s on the axis, and its number of days,
+    of ``days`` in total.
     """
 
     name: str
@@ -290,9 +290,9 @@ class Overlay:
 
 
 def draw_overlays(panels: Sequence[Overlay], labels: DayLabels, width_px: float) -> str:
-    """Draw days laid over one another, two panels beside one another where there is room.
+    """Draw overlaid days, two panels side by side if there is space.
 
-    Below each axis stand the days that each time rests upon.
+    Below each axis is the number of days behind each time.
     """
     key, across = f"over{width_px:.0f}", 2 if len(panels) > 1 and width_px > NARROW else 1
     room = (width_px + 16) / across - 16
@@ -316,7 +316,7 @@ def draw_overlays(panels: Sequence[Overlay], labels: DayLabels, width_px: float)
 
 
 def _draw_counts(overlay: Overlay, plot: Plot) -> list[str]:
-    """Draw a bar for each quarter hour, as high as its share of all days."""
+    """Draw a bar for each quarter hour; its height is the share of all days."""
     bottom = plot.bottom_px + 56
     body = [svg.line(plot.left_px, bottom, plot.right_px, bottom, svg.RULE)]
     for start_s, end_s, days in overlay.counts:
@@ -327,11 +327,11 @@ def _draw_counts(overlay: Overlay, plot: Plot) -> list[str]:
     return [*body, svg.text(plot.left_px, bottom - 22, overlay.counts_label)]
 
 
-# ------------------------------------------------------------------ the parts of a panel
+# Parts of a panel.
 
 
 def _draw_panel(day: Day, plot: Plot, key: str) -> list[str]:
-    """Draw minutes as steps, for a value belongs to its whole minute; over and under them the gaps."""
+    """Draw minutes as steps, because a value belongs to its whole minute, with the gaps around them."""
     weight = 0.9 if plot.across[1] > LONG_S else 1.5
     body = [
         *_draw_guides(plot),
@@ -352,7 +352,7 @@ def _draw_guides(plot: Plot) -> list[str]:
             body.append(svg.line(plot.left_px, y, plot.right_px, y, dash))
         kind = "strong" if degrees == 60 else "soft"
         body.append(svg.text(plot.left_px - 5, y + 3.8, f"{degrees}°", kind, "end"))
-    return [*body, plot.draw_floor()]
+    return [*body, plot.draw_baseline()]
 
 
 def _draw_mark(mark: Mark, plot: Plot, key: str) -> list[str]:
@@ -366,7 +366,7 @@ def _draw_mark(mark: Mark, plot: Plot, key: str) -> list[str]:
 
 
 def _draw_mark_label(mark: Mark, plot: Plot) -> list[str]:
-    """Write what the stretch is: across where there is room, upwards in a narrow one, else nothing."""
+    """Draw the label of a stretch: horizontal if it fits, vertical in a narrow one, else none."""
     x, room = (plot.x(mark.start_s) + plot.x(mark.end_s)) / 2, plot.x(mark.end_s) - plot.x(mark.start_s)
     length = svg.estimate_width(mark.label) + 8
     y = (plot.top_px + plot.bottom_px) / 2
@@ -402,7 +402,7 @@ def _step_through(run: Run, degrees: Sequence[float], plot: Plot) -> str:
 
 
 def _draw_time_axis(day: Day, plot: Plot) -> list[str]:
-    """Mark the finest round step for whose labels there is room, from the first whole hour on."""
+    """Draw ticks at the finest round step whose labels fit, from the first whole hour."""
     most = int((plot.right_px - plot.left_px) // (svg.estimate_width("00:00:00") + 10))
     fitting = (step for step in _TICK_STEPS_S if day.duration_s / step <= max(most, 1))
     step = next(fitting, _TICK_STEPS_S[-1])
@@ -418,22 +418,22 @@ def _draw_time_axis(day: Day, plot: Plot) -> list[str]:
 
 
 def _draw_block(block: Block, plot: Plot) -> list[str]:
-    """Draw a period under the plot, with its rank and as much of its name as fits."""
+    """Draw a period below the plot, with its rank and as much of its name as fits."""
     x, end, y = plot.x(block.start_s), plot.x(block.end_s), plot.bottom_px + 2
     kind, colour = ("bar edge", svg.RAMP[0]) if block.rank else ("paper edge", svg.PAPER)
     frame = f'class="{kind}" fill="{colour}" stroke="{svg.SOFT}"'
     rank = str(block.rank or "")
-    told = svg.shorten(f"{rank} {block.label}".strip(), end - x - 4)
-    if len(told) < _SHORTEST_NAME:
-        told = rank if svg.estimate_width(rank) <= end - x else ""
+    shown = svg.shorten(f"{rank} {block.label}".strip(), end - x - 4)
+    if len(shown) < _SHORTEST_NAME:
+        shown = rank if svg.estimate_width(rank) <= end - x else ""
     return [
         svg.rect(x, y, max(end - x, 1.0), _LANE_PX - 4, frame),
-        svg.text((x + end) / 2, y + 13, told, "onlight" if block.rank else "ink", "middle"),
+        svg.text((x + end) / 2, y + 13, shown, "onlight" if block.rank else "ink", "middle"),
     ]
 
 
 def _draw_bracket(start_px: float, end_px: float, bottom_px: float) -> str:
-    """Bracket the 15 minutes with the most time above 60 deg."""
+    """Draw a bracket over the 15 minutes with the most time above 60 deg."""
     low, high = svg.number(bottom_px), svg.number(bottom_px - 6)
     commands = f"M{svg.number(start_px)} {low}V{high}H{svg.number(end_px)}V{low}"
     return svg.path(commands, f'{svg.ACCENT_CURVE} stroke-width="2"')
@@ -447,7 +447,7 @@ def _draw_triangle(x_px: float, bottom_px: float) -> str:
 def _draw_legend(
     days: Sequence[Day], labels: DayLabels, y_px: float, key: str, width_px: float
 ) -> tuple[list[str], float]:
-    """Explain what is drawn, and only that; return the strokes and where the drawing ends."""
+    """Draw a legend of the parts in use; return its strokes and the end of the drawing."""
     kinds = {mark.kind for day in days for mark in day.marks}
     median = f'{svg.MEDIAN} stroke-width="1.8"'
 

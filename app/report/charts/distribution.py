@@ -1,8 +1,8 @@
-"""The distribution of elevation as SVG: how much of the time the arm stayed below each angle (APDF).
+"""The distribution of elevation as SVG: share of the time below each angle (APDF).
 
-Amplitude probability distribution function (Jonsson 1982): the curve rises from 0 % at 0 deg to 100 % at
-180 deg; four percentiles are marked, each with the range allowing for measurement error where one is known;
-what the error of the N-pose may add to it is hatched.
+Amplitude probability distribution function (Jonsson 1982): the curve rises from 0 % at 0 deg to 100 % at 180
+deg. Four percentiles are marked, each with its range for measurement error if known; the possible addition by
+the error of the N-pose is hatched.
 """
 
 from __future__ import annotations
@@ -25,24 +25,24 @@ _PERCENTS = (0.0, 100.0)
 
 
 def build_spread(exposure: Exposure, words: Words, language: Language) -> tuple[Chart, ...]:
-    """Build what can be drawn of the distribution: nothing without analysed time."""
+    """Build the charts of the distribution; none without analysed time."""
     apdf = (_build_apdf(exposure, words["apdf"], language),) if exposure.histogram_s.sum() > 0 else ()
     eva = (_build_eva(exposure.eva, words["eva"], language),) if exposure.eva.percent.size else ()
     return apdf + eva
 
 
-def share_below(exposure: Exposure) -> tuple[float, ...]:
-    """Return the share of the time below each whole degree from 0 to 180, percent."""
+def compute_share_below(exposure: Exposure) -> tuple[float, ...]:
+    """Return the share of the time below each whole degree from 0 to 180, in percent."""
     below_s = np.concatenate([[0.0], np.cumsum(exposure.histogram_s)])[::_CELLS_PER_DEG]
     return tuple((100 * below_s / below_s[-1]).tolist())
 
 
-# ------------------------------------------------------------------ the curve
+# The curve.
 
 
 @dataclass(frozen=True, slots=True)
 class _MarkedPercentile:
-    """A percentile on the curve; ``interval``, and where the N-pose's error may raise it to, in degrees."""
+    """A percentile on the curve; ``interval`` and the highest value with the N-pose's error, in degrees."""
 
     percent: int
     angle_deg: float
@@ -52,18 +52,18 @@ class _MarkedPercentile:
 
 
 def _build_apdf(exposure: Exposure, entry: Words, language: Language) -> Chart:
-    below, marks = share_below(exposure), []
+    below, marks = compute_share_below(exposure), []
     for percent in MARKED_PERCENTILES:
         if percent not in exposure.percentiles_deg:
             continue
         angle_deg = exposure.percentiles_deg[percent]
         interval = exposure.intervals.get(f"elevation_p{percent}_deg")
         facts = {"percent": str(percent), "angle": format_angle(angle_deg, language)}
-        told = f" ({format_angle_range(interval, language)})" if interval else ""
+        shown = f" ({format_angle_range(interval, language)})" if interval else ""
         ends = (interval.low, interval.high) if interval else None
         raised_deg = interval.high_pose if interval else None
         marks.append(
-            _MarkedPercentile(percent, angle_deg, ends, fill(entry["mark"], facts) + told, raised_deg)
+            _MarkedPercentile(percent, angle_deg, ends, fill(entry["mark"], facts) + shown, raised_deg)
         )
     is_raised = any(mark.raised_deg is not None for mark in marks)
 
@@ -80,7 +80,7 @@ def _build_apdf(exposure: Exposure, entry: Words, language: Language) -> Chart:
             svg.text(plot.right_px, bottom + 30, across, "soft", "end"),
             svg.text(0, 10, upwards),
             svg.line(plot.left_px, plot.top_px, plot.left_px, bottom, svg.RULE),
-            plot.draw_floor(),
+            plot.draw_baseline(),
             plot.follow(enumerate(below), f'{svg.CURVE} stroke-width="1.8" stroke-linejoin="round"'),
             *(stroke for mark in marks for stroke in _draw_mark(mark, plot, key)),
         ]
@@ -110,9 +110,9 @@ def _label_angle(angle: int, plot: Plot) -> str:
 
 
 def _draw_mark(mark: _MarkedPercentile, plot: Plot, key: str) -> list[str]:
-    """Mark the point; its label stands to the right, where the curve has already risen above it.
+    """Draw the point and its label on the right, where the curve has already risen above it.
 
-    A label stands beside a low percentile and below a high one, where the curve is flat; a plate hides the
+    The label is beside a low percentile and below a high one, where the curve is flat; a plate hides the
     guides.
     """
     x, y = plot.x(mark.angle_deg), plot.y(mark.percent)
@@ -136,9 +136,8 @@ def _draw_mark(mark: _MarkedPercentile, plot: Plot, key: str) -> list[str]:
     ]
 
 
-# ------------------------------------------------------------------ two distributions in one picture
-#
-# The blue curve is solid and the vermillion one dashed, so that they differ on grey paper.
+# Two distributions in one chart. The blue curve is solid and the vermillion one dashed, so that they differ
+# in grey prints.
 
 
 _STYLES = (
@@ -148,9 +147,9 @@ _STYLES = (
 
 
 def build_two_curves(named: Sequence[tuple[str, Exposure]], entry: Words, language: Language) -> Chart:
-    """Build both distributions in one picture, to one scale; guide lines at 30, 60 and 90 deg."""
+    """Build a chart of both distributions on one scale, with guide lines at 30, 60 and 90 deg."""
     (first, _), (second, _) = named
-    below = [share_below(exposure) for _, exposure in named]
+    below = [compute_share_below(exposure) for _, exposure in named]
 
     def draw(words: tuple[str, str], width_px: float) -> str:
         bottom = 210.0 if width_px > NARROW else 240.0
@@ -158,7 +157,7 @@ def build_two_curves(named: Sequence[tuple[str, Exposure]], entry: Words, langua
         dash = f'{svg.RULE} stroke-width="0.7" stroke-dasharray="3 3"'
         body = [
             svg.line(plot.left_px, plot.top_px, plot.left_px, bottom, svg.RULE),
-            plot.draw_floor(),
+            plot.draw_baseline(),
             *_mark_percents(plot),
         ]
         for angle in range(0, 181, 30):
@@ -185,19 +184,17 @@ def build_two_curves(named: Sequence[tuple[str, Exposure]], entry: Words, langua
     )
 
 
-# ------------------------------------------------------------------ exposure variation
-#
-# A heat map of elevation by the length of stay (Mathiassen and Winkel 1991). Every cell shows its number, so
-# that nothing depends on the shade.
+# Exposure variation. A heat map of elevation by duration (Mathiassen and Winkel 1991). Every cell shows its
+# number, so that nothing depends on the shade.
 
 
 SHADES_PERCENT = (0.05, 1.0, 3.0, 6.0, 12.0)
-"""From which share of the time on each shade of the ramp applies; below the first a cell stays white."""
+"""Lower limit of each shade as a share of the time; below the first a cell stays white."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Grid:
-    """Rows from the top, columns from the left; cells in percent and as text, sums of both ways."""
+    """Rows from the top, columns from the left; cells in percent and as text, sums of rows and columns."""
 
     rows: Sequence[str]
     columns: Sequence[str]
@@ -214,20 +211,20 @@ def _build_eva(eva: Eva, entry: Words, language: Language) -> Chart:
     cells = [list(zip(row.tolist(), tell(row), strict=True)) for row in eva.percent]
     row_sums, column_sums = tell(eva.percent.sum(axis=1)), tell(eva.percent.sum(axis=0))
     highest_first = _Grid(rows[::-1], columns, cells[::-1], row_sums[::-1], column_sums)
-    plain = [name.removesuffix("°") for name in rows]  # the sign stands once, so that names do not touch
+    plain = [name.removesuffix("°") for name in rows]  # the sign is written once, so that names do not touch
     turned = _Grid(columns, plain, list(zip(*cells, strict=True)), column_sums, row_sums)
-    told = ", ".join(
-        f"{name}: {', '.join(told for _, told in row)}" for name, row in zip(rows, cells, strict=True)
+    shown = ", ".join(
+        f"{name}: {', '.join(shown for _, shown in row)}" for name, row in zip(rows, cells, strict=True)
     )
     by_rows, _, sums = entry["axes"]
     return Chart.draw(
-        (entry["title"], fill(entry["alternative"], {"columns": ", ".join(columns), "list": told})),
+        (entry["title"], fill(entry["alternative"], {"columns": ", ".join(columns), "list": shown})),
         lambda words, width_px: _draw_eva(
             turned if width_px <= NARROW else highest_first, entry["axes"], words, width_px
         ),
         (by_rows, *columns, sums),
         (
-            (name, *(told for _, told in row), total)
+            (name, *(shown for _, shown in row), total)
             for name, row, total in zip(rows, cells, row_sums, strict=True)
         ),
         entry["note"],
@@ -235,7 +232,7 @@ def _build_eva(eva: Eva, entry: Words, language: Language) -> Chart:
 
 
 def _draw_eva(grid: _Grid, axes: Sequence[str], words: tuple[str, str], width_px: float) -> str:
-    """Draw the map; on a telephone turned, so that its numbers stay as large."""
+    """Draw the map; on a phone transposed, so that its numbers stay as large."""
     by_rows, by_columns, sums = axes
     left = max(svg.estimate_width(name) for name in (*grid.rows, sums)) + 8
     cell = (width_px - left) / (len(grid.columns) + 1)
@@ -249,22 +246,22 @@ def _draw_eva(grid: _Grid, axes: Sequence[str], words: tuple[str, str], width_px
     for rank, (name, row) in enumerate(zip(grid.rows, grid.cells, strict=True)):
         y = 32 + rank * 22.0
         body.append(svg.text(0, y + 15, name, "ink"))
-        for place, (percent, told) in enumerate(row):
-            body += _draw_cell(left + place * cell, y, cell, percent, told)
+        for place, (percent, shown) in enumerate(row):
+            body += _draw_cell(left + place * cell, y, cell, percent, shown)
         body.append(svg.text(middles[-1], y + 15, grid.row_sums[rank], "ink", "middle"))
     y = 32 + len(grid.rows) * 22 + 15
     body.append(svg.text(0, y, sums))
-    for x, told in zip(middles, grid.column_sums, strict=False):
-        body.append(svg.text(x, y, told, "ink", "middle"))
+    for x, shown in zip(middles, grid.column_sums, strict=False):
+        body.append(svg.text(x, y, shown, "ink", "middle"))
     return svg.picture(width_px, y + 6, f"eva{width_px:.0f}", words, body)
 
 
-def _draw_cell(x_px: float, y_px: float, cell_px: float, percent: float, told: str) -> list[str]:
+def _draw_cell(x_px: float, y_px: float, cell_px: float, percent: float, shown: str) -> list[str]:
     shade = sum(percent >= least for least in SHADES_PERCENT) - 1
     ground = svg.PLATE if shade < 0 else f'class="bar" fill="{svg.RAMP[shade]}"'
     kind = "soft" if shade < 0 else "onlight" if shade < 2 else "light"
     return [
         svg.rect(x_px, y_px, cell_px, 22, ground),
         svg.rect(x_px, y_px, cell_px, 22, f'{svg.EDGE} stroke-width="0.4"'),
-        svg.text(x_px + cell_px / 2, y_px + 15, told, kind, "middle"),
+        svg.text(x_px + cell_px / 2, y_px + 15, shown, kind, "middle"),
     ]

@@ -1,6 +1,6 @@
-"""The drawings of the Arm Elevation Profile: a scale for each tile, and how sure the main figure is.
+"""Charts of the Arm Elevation Profile: a scale for each tile, and the uncertainty of the main figure.
 
-What is pointed at is vermillion and doubled by its shape; what the pose may add is hatched.
+Highlights are vermillion and also marked by their shape; the possible addition by the pose is hatched.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ _ROW_PX = 34.0
 
 @dataclass(frozen=True, slots=True)
 class TileScale:
-    """A measured value on a scale from 0 to ``end``, with what was published beside it.
+    """A measured value on a scale from 0 to ``end``, with the published value.
 
-    ``interval`` is a bar and ``pose`` what the one-sided error of the pose adds to it, hatched. ``published``
-    is one value or a range of two; empty where none may stand there.
+    ``interval`` is a bar and ``pose`` the hatched addition by the one-sided error of the pose. ``published``
+    is one value or a range of two; empty if none applies.
     """
 
     key: str
@@ -63,31 +63,31 @@ def draw_tile(scale: TileScale) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Doubt:
-    """One reason for doubt: the range that the figure has with it; None where it is not known.
+class UncertaintyBar:
+    """One source of uncertainty: the range of the figure with it; None if unknown.
 
-    ``is_pose``: hatched, and of unknown length where there is no range.
+    ``is_pose``: hatched; without a range its length is unknown.
     """
 
     name: str
-    told: str
+    shown: str
     span: Span | None
     is_pose: bool = False
 
 
 @dataclass(frozen=True, slots=True)
-class Sureness:
-    """The doubts about one figure, all on its scale from 0 to ``end``."""
+class UncertaintyChart:
+    """The uncertainties of one figure on a scale from 0 to ``end``."""
 
     words: tuple[str, str]
     measured: float
     end: float
     end_label: str
-    doubts: Sequence[Doubt]
+    doubts: Sequence[UncertaintyBar]
 
 
-def draw_sureness(shown: Sureness) -> str:
-    """Draw a bar for each doubt on one scale, with the measured value through all of them."""
+def draw_uncertainty(shown: UncertaintyChart) -> str:
+    """Draw a bar for each uncertainty on one scale, crossed by the measured value."""
     plot, bottom = Plot(2.0, SURE_PX - 2.0, across=(0.0, shown.end)), _ROW_PX * len(shown.doubts) + 2
     at, median = plot.x(shown.measured), f'{svg.MEDIAN} stroke-width="2.4"'
     body = [svg.define_hatch("sure")]
@@ -95,13 +95,13 @@ def draw_sureness(shown: Sureness) -> str:
         top = rank * _ROW_PX
         body += [
             svg.text(0, top + 12, doubt.name, "ink"),
-            svg.text(SURE_PX, top + 12, doubt.told, "ink", "end"),
+            svg.text(SURE_PX, top + 12, doubt.shown, "ink", "end"),
         ]
         if doubt.span:
             low, high = map(plot.x, doubt.span)
             place = (low, top + 18, high - low, 10)
             body += svg.hatch(*place, "sure") if doubt.is_pose else [svg.rect(*place, svg.BAND)]
-        elif doubt.is_pose:  # an arrow to the right: the value may be higher, nobody knows by how much
+        elif doubt.is_pose:  # an arrow to the right: the value may be higher by an unknown amount
             start, end = svg.number(at + 5), svg.number(plot.x(shown.end))
             dash = f'{svg.RULE} fill="none" stroke-width="1.3" stroke-dasharray="4 2"'
             body.append(svg.path(f"M{start} {svg.number(top + 23)}H{end}m-6 -4l6 4l-6 4", dash))

@@ -1,4 +1,4 @@
-"""The SVG elements of the charts. Text is always escaped; numbers are rounded to a tenth."""
+"""SVG elements of the charts. Text is always escaped; numbers are rounded to a tenth."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -8,17 +8,17 @@ INK = "#1c2833"
 SOFT = "#4a5763"
 PAPER = "#ffffff"
 RAMP = ("#deebf7", "#9ecae1", "#2f74aa", "#0b4a8a", "#071f45")
-"""Single-hue, light to dark: elevation, low to high."""
+"""Single hue, light to dark: elevation, low to high."""
 
 ORANGE = "#d55e00"
-"""Okabe-Ito vermillion: what is pointed at."""
+"""Okabe-Ito vermillion, for highlights."""
 
 WIDE = 680.0
 NARROW = 330.0
-"""Widths of a drawing for paper and wide screens, and for a telephone."""
+"""Widths of a drawing for paper and wide screens, and for a phone."""
 
 WORDS_PX = 12.2
-"""Size of the words of a drawing: 9 pt where :data:`WIDE` fills the width of an A4 page."""
+"""Font size of a drawing: 9 pt if :data:`WIDE` fills the width of an A4 page."""
 
 _WIDE_SIGNS = frozenset("WMmw@%")
 
@@ -26,7 +26,7 @@ FONT = "Inter, 'Segoe UI', 'Helvetica Neue', Arial, sans-serif"
 
 
 def number(length_px: float) -> str:
-    """Write a coordinate."""
+    """Format a coordinate."""
     return f"{length_px:.1f}".rstrip("0").rstrip(".") if length_px % 1 else str(int(length_px))
 
 
@@ -48,7 +48,7 @@ def path(commands: str, attributes: str) -> str:
 
 
 def text(x_px: float, y_px: float, words: str, kind: str = "soft", anchor: str = "start") -> str:
-    """Write words; ``kind`` is "soft", "ink", "strong", "accent", or "light", "onlight" on colours."""
+    """Draw text; ``kind`` is "soft", "ink", "strong", "accent", or "light", "onlight" on colours."""
     fill = {"soft": SOFT, "light": PAPER, "accent": "#a84a00"}.get(kind, INK)
     weight = ' font-weight="600"' if kind in {"strong", "accent"} else ""
     place = f'x="{number(x_px)}" y="{number(y_px)}" text-anchor="{anchor}"'
@@ -56,7 +56,7 @@ def text(x_px: float, y_px: float, words: str, kind: str = "soft", anchor: str =
 
 
 def picture(width_px: float, height_px: float, key: str, words: tuple[str, str], body: list[str]) -> str:
-    """Frame the strokes as one SVG with a title and a description for those who do not see it."""
+    """Wrap the strokes in one SVG with a title and a description for screen readers."""
     title, description = (escape_text(part) for part in words)
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {number(width_px)} {number(height_px)}" '
@@ -68,12 +68,12 @@ def picture(width_px: float, height_px: float, key: str, words: tuple[str, str],
 
 
 def estimate_width(words: str, size_px: float = WORDS_PX) -> float:
-    """Guess how wide words will be; generous, so that labels never touch."""
+    """Estimate the width of a text generously, so that labels never touch."""
     return size_px * sum(0.95 if c in _WIDE_SIGNS else 0.72 if c.isupper() else 0.58 for c in words)
 
 
 def shorten(words: str, room_px: float) -> str:
-    """Cut words that are wider than their room; the table behind the chart holds more of them."""
+    """Cut a text that is wider than its space; the table behind the chart has more of it."""
     if estimate_width(words) <= room_px:
         return words
     kept = words
@@ -83,7 +83,7 @@ def shorten(words: str, room_px: float) -> str:
 
 
 def break_lines(words: str, room_px: float) -> list[str]:
-    """Break words that are wider than their room at a space; one word alone is never broken."""
+    """Break a text that is wider than its space at a space; a single word is never broken."""
     lines = [""]
     for word in words.split(" "):
         longer = f"{lines[-1]} {word}".strip()
@@ -95,7 +95,7 @@ def break_lines(words: str, room_px: float) -> list[str]:
 
 
 def hatch(x_px: float, y_px: float, width_px: float, height_px: float, key: str) -> list[str]:
-    """Hatch a framed stretch, by the definition of :func:`define_hatch`."""
+    """Hatch a framed stretch, with the definition of :func:`define_hatch`."""
     place = (x_px, y_px, width_px, height_px)
     return [rect(*place, f'fill="url(#{key}-h)"'), rect(*place, f'{EDGE} stroke-width="0.6"')]
 
@@ -109,7 +109,7 @@ def define_hatch(key: str) -> str:
     )
 
 
-# ------------------------------------------------------------------ what several charts share
+# Shared by several charts.
 
 Span = tuple[float, float]
 GUIDES_DEG = (30, 60, 90)
@@ -126,7 +126,7 @@ ACCENT_CURVE = f'class="accent-line" fill="none" stroke="{ORANGE}"'
 
 @dataclass(frozen=True, slots=True)
 class Plot:
-    """Where values fall on the sheet; ``across`` and ``upwards`` are their ends, low and high."""
+    """Mapping of values to the drawing; ``across`` and ``upwards`` are the lowest and highest values."""
 
     left_px: float
     right_px: float
@@ -136,11 +136,11 @@ class Plot:
     upwards: Span = (0.0, 180.0)
 
     def x(self, value: float) -> float:
-        """Return the place of a value, kept inside."""
+        """Return the x position of a value, clipped to the plot."""
         return self.left_px + (self.right_px - self.left_px) * _share(value, *self.across)
 
     def y(self, value: float) -> float:
-        """Return the place of a value, kept inside."""
+        """Return the y position of a value, clipped to the plot."""
         return self.bottom_px - (self.bottom_px - self.top_px) * _share(value, *self.upwards)
 
     def follow(self, points: Iterable[Span], attributes: str) -> str:
@@ -148,8 +148,8 @@ class Plot:
         places = (f"{number(self.x(x))} {number(self.y(y))}" for x, y in points)
         return path("M" + "L".join(places), attributes)
 
-    def draw_floor(self) -> str:
-        """Draw the line on which the plot stands."""
+    def draw_baseline(self) -> str:
+        """Draw the base line of the plot."""
         return line(self.left_px, self.bottom_px, self.right_px, self.bottom_px, RULE)
 
 

@@ -1,1 +1,1 @@
-"""Tables and files that leave: results, columns, CSV, XLSX, FHIR, REDCap, Parquet."""
+"""Exported tables and files: results, columns, CSV, XLSX, FHIR, REDCap, Parquet."""

@@ -35,30 +35,30 @@ if TYPE_CHECKING:
     from fusion.elevation import Elevation, ElevationSegment
 
 
-# Columns of a Parquet file, built from buffers: ``pyarrow.array`` and ``pyarrow.table`` load pandas to ask
+# Columns of a Parquet file, built from buffers: ``pyarrow.array`` and ``pyarrow.table`` load pandas to check
 # whether a list is one of its columns, which takes longer than writing the file.
 
 
-def lay_numbers(values: NDArray[Any], known: NDArray[np.bool_] | None = None) -> pa.Array:
-    """Return a column of numbers; shapes (n,). Absent are those that are not ``known``, else none."""
+def build_numbers(values: NDArray[Any], known: NDArray[np.bool_] | None = None) -> pa.Array:
+    """Return a column of numbers, shapes (n,); values that are not ``known`` are null."""
     close = pa.py_buffer(np.ascontiguousarray(values))
     marks = None if known is None or known.all() else _pack(known)
     return pa.Array.from_buffers(pa.from_numpy_dtype(values.dtype), len(values), [marks, close])
 
 
-def lay_flags(flags: NDArray[np.bool_]) -> pa.Array:
-    """Return a column of yes and no, none of them absent; shape (n,)."""
+def build_flags(flags: NDArray[np.bool_]) -> pa.Array:
+    """Return a column of booleans without nulls; shape (n,)."""
     return pa.Array.from_buffers(pa.bool_(), len(flags), [None, _pack(flags)])
 
 
-def lay_some_numbers(values: Sequence[float | None]) -> pa.Array:
-    """Return a column of numbers, None where there is none."""
+def build_nullable_numbers(values: Sequence[float | None]) -> pa.Array:
+    """Return a column of numbers; None becomes null."""
     filled = np.array([0.0 if value is None else value for value in values], np.float64)
-    return lay_numbers(filled, _find_known(values))
+    return build_numbers(filled, _find_known(values))
 
 
-def lay_some_texts(texts: Sequence[str | None]) -> pa.Array:
-    """Return a column of text, None where there is none."""
+def build_nullable_texts(texts: Sequence[str | None]) -> pa.Array:
+    """Return a column of text; None becomes null."""
     encoded = [(text or "").encode("utf-8") for text in texts]
     edges = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
     buffers = [_pack(_find_known(texts)), pa.py_buffer(edges), pa.py_buffer(b"".join(encoded))]
@@ -86,7 +86,7 @@ _SCHEMA = pa.schema(
 )
 _ENCODING = {"time_us": "DELTA_BINARY_PACKED", "elevation_cdeg": "DELTA_BINARY_PACKED"}
 _MOST_HZ = 100.5
-"""A nominal 100 Hz sensor runs at 100 +- 0.1 Hz and keeps every sample."""
+"""A nominal 100 Hz sensor runs at 100 ± 0.1 Hz and keeps every sample."""
 
 _ROWS_AT_ONCE = 1 << 20
 
@@ -94,8 +94,8 @@ _ROWS_AT_ONCE = 1 << 20
 def write_elevation(elevation: Elevation, path: Path) -> None:
     """Write ``time_us`` (from the first sample), ``elevation_cdeg`` and ``valid``, at most about 100 Hz.
 
-    The angle is that before the metric filter; of a ready series above 100 Hz every k-th angle is kept. It is
-    null where no sample was measured: missing stays missing.
+    The angle is the one before the metric filter; of a file with angles above 100 Hz every k-th angle is
+    kept. It is null if no sample was measured: missing stays missing.
     """
     with pq.ParquetWriter(
         path,
@@ -110,7 +110,7 @@ def write_elevation(elevation: Elevation, path: Path) -> None:
 
 
 def _gather(tables: Iterable[pa.Table]) -> Iterator[pa.Table]:
-    """Join the tables of short segments: a group of rows of its own for each would take more room."""
+    """Join the tables of short segments, because a row group for each would take more space."""
     waiting: list[pa.Table] = []
     for table in tables:
         if waiting and sum(map(len, waiting)) + len(table) > _ROWS_AT_ONCE:
@@ -132,9 +132,9 @@ def _lay_segment(segment: ElevationSegment) -> Iterator[pa.Table]:
         time_us = np.arange(rows.start, rows.stop) * (step * segment.period_us) + segment.start_us
         angle_cdeg = np.where(known[rows], angle_deg[rows], np.float32(0.0)) * np.float32(STEPS_PER_DEG)
         columns = [
-            lay_numbers(_round(time_us).astype(np.int64)),
-            lay_numbers(_round(angle_cdeg).astype(np.int16), known[rows]),
-            lay_flags(valid[rows] & known[rows]),
+            build_numbers(_round(time_us).astype(np.int64)),
+            build_numbers(_round(angle_cdeg).astype(np.int16), known[rows]),
+            build_flags(valid[rows] & known[rows]),
         ]
         yield pa.Table.from_arrays(columns, schema=_SCHEMA)
 
@@ -144,10 +144,10 @@ def _round(values: FloatArray) -> FloatArray:
 
 
 def encode_elevation_csv(parquet: Path) -> bytes:
-    """Write ``elevation.parquet`` as CSV in gzip, in s and deg; the same file gives the same bytes."""
+    """Encode ``elevation.parquet`` as gzipped CSV, in s and deg; the same file gives the same bytes."""
     rows = read_rows(parquet)
-    angles = lay_numbers(rows.elevation_deg, np.isfinite(rows.elevation_deg))
-    columns = [lay_numbers(rows.time_s), angles, lay_flags(rows.valid)]
+    angles = build_numbers(rows.elevation_deg, np.isfinite(rows.elevation_deg))
+    columns = [build_numbers(rows.time_s), angles, build_flags(rows.valid)]
     text = io.BytesIO()
     table = pa.Table.from_arrays(columns, ["time_s", "elevation_deg", "valid"])
     pc.write_csv(table, text, pc.WriteOptions(quoting_style="none"))
@@ -157,7 +157,7 @@ def encode_elevation_csv(parquet: Path) -> bytes:
 # REDCap: a data dictionary that creates the form, and the row to import into it.
 #
 # Source of the columns of the dictionary: REDCap's "Data Dictionary" upload file (18 columns, in this
-# order). One record is one recording; its id is the beginning of the file's hash, so that importing the
+# order). One record is one recording; its id is the start of the file's hash, so that importing the
 # same recording twice gives one record.
 
 
@@ -176,7 +176,7 @@ _CHOICES: Mapping[str, str] = {
 
 
 def encode_redcap_dictionary() -> bytes:
-    """Write the data dictionary that makes the form in a REDCap project."""
+    """Encode the data dictionary that creates the form in a REDCap project."""
     name, form, _, kind, label, choices, note, validation, _, _, identifier, *_ = DICTIONARY_COLUMNS
     first: Row = {name: "record_id", form: FORM, kind: "text"}
     first[label] = "Record: the beginning of the file's SHA-256"
@@ -197,7 +197,7 @@ def encode_redcap_dictionary() -> bytes:
 
 
 def encode_redcap_import(every: Iterable[Results]) -> bytes:
-    """Write one row for each recording, ready for REDCap's "Data Import Tool"."""
+    """Encode one row per recording for REDCap's "Data Import Tool"."""
     names = ["record_id", *(column.name for column in SUMMARY_OF_ONE), f"{FORM}_complete"]
     rows = (
         {"record_id": str(one["recording"]["sha256"])[:16], **summarise_results(one), f"{FORM}_complete": 2}
@@ -207,7 +207,7 @@ def encode_redcap_import(every: Iterable[Results]) -> bytes:
 
 
 def export_results(results: Mapping[str, Any]) -> dict[str, bytes]:
-    """Write the tables of one recording, by file name; every figure is the one of ``results.json``."""
+    """Return the tables of one recording by file name; every figure is the one in ``results.json``."""
     row = summarise_results(results)
     tables = {
         "summary.csv": encode_summary([row]),
@@ -222,9 +222,9 @@ def export_results(results: Mapping[str, Any]) -> dict[str, bytes]:
 
 
 def encode_parquet(every: list[Mapping[str, Any]]) -> bytes:
-    """Write one typed row for each recording: text or float64, null where it is not computable."""
+    """Encode one typed row per recording: text or float64, null if not computable."""
     rows = [summarise_results(results) for results in every]
-    lay: dict[str, Callable[..., pa.Array]] = {"text": lay_some_texts, "number": lay_some_numbers}
+    lay: dict[str, Callable[..., pa.Array]] = {"text": build_nullable_texts, "number": build_nullable_numbers}
     columns = [lay[column.kind]([row[column.name] for row in rows]) for column in SUMMARY]
     body = io.BytesIO()
     table = pa.Table.from_arrays(columns, [column.name for column in SUMMARY])

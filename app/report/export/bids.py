@@ -1,9 +1,9 @@
-"""Angles of finished analyses as a Motion-BIDS dataset: the derivative form, one folder for each subject.
+"""Angles of finished analyses as a Motion-BIDS dataset: the derivative form, one folder per subject.
 
-Subjects are codes in letters and digits, as BIDS asks; no file name and no serial number stands in it. Each
-row of ``elevation.parquet`` is a row of ``_motion.tsv``: seconds from the first sample (``latency``), the
-angle (``n/a`` where none was measured) and whether it counts. Nothing is filled: a hole is a step in
-``latency``. Shape: BIDS 1.10, motion.
+Subjects are codes in letters and digits, as BIDS requires; the dataset contains no file name and no serial
+number. Each row of ``elevation.parquet`` is a row of ``_motion.tsv``: seconds from the first sample
+(``latency``), the angle (``n/a`` if none was measured) and whether it counts. Gaps are not filled: they are
+steps in ``latency``. Format: BIDS 1.10, motion.
 """
 
 import io
@@ -42,7 +42,7 @@ class Angles:
 
 @dataclass(frozen=True, slots=True)
 class _Run:
-    """One analysis, its subject, and the beginning of the names of its files."""
+    """One analysis, its subject, and the prefix of its file names."""
 
     angles: Angles
     subject: str
@@ -50,7 +50,7 @@ class _Run:
 
 
 def list_bids(every: Sequence[Angles]) -> Iterator[tuple[str, bytes]]:
-    """Return the files of the dataset, by their path in it; the same analyses give the same bytes."""
+    """Return the files of the dataset by path; the same analyses give the same bytes."""
     runs = list(_place(every))
     dataset = {
         "Name": "Upper-arm elevation",
@@ -65,7 +65,7 @@ def list_bids(every: Sequence[Angles]) -> Iterator[tuple[str, bytes]]:
     yield "participants.tsv", _encode_rows(("participant_id", "code"), participants)
     yield "participants.json", _encode_json({"code": {"Description": "Subject code as it was given"}})
     for subject in codes:
-        scans = [  # when each recording began, by the clock of the device
+        scans = [  # start of each recording, by the clock of the device
             (f"motion/{run.stem}_motion.tsv", (run.angles.results["recording"]["start"] or "n/a")[:19])
             for run in runs
             if run.subject == subject
@@ -79,16 +79,16 @@ def list_bids(every: Sequence[Angles]) -> Iterator[tuple[str, bytes]]:
 
 
 def _place(every: Sequence[Angles]) -> Iterator[_Run]:
-    """Return each analysis its subject, and a number among those of the same arm, in order of time.
+    """Return each analysis with its subject, and a number among those of the same arm, in order of time.
 
-    Codes stand in letters and digits; two that then read alike are numbered. Without a code each recording
-    is of somebody else.
+    Codes are reduced to letters and digits; codes that then become equal are numbered. Recordings without a
+    code count as different people.
     """
     coded = []
     for angles in every:
-        told = angles.results["recording"]
-        code = find_code(told["subject"]) or f"r{told['sha256'][:12]}"
-        coded.append((code, told["start"] or "", told["sha256"], angles))
+        recording = angles.results["recording"]
+        code = find_code(recording["subject"]) or f"r{recording['sha256'][:12]}"
+        coded.append((code, recording["start"] or "", recording["sha256"], angles))
     labels: dict[str, str] = {}
     counts: Counter[tuple[str, str | None]] = Counter()
     for code, _, _, angles in sorted(coded, key=lambda one: one[:3]):
@@ -105,10 +105,10 @@ def _place(every: Sequence[Angles]) -> Iterator[_Run]:
 _README = """# Upper-arm elevation
 
 The angle between the upper arm and gravity (0 deg hanging, 90 deg level, 180 deg overhead), estimated by
-Acromion from a motion sensor on the upper arm. One run for each recording; `acq` is the arm.
+Acromion from a motion sensor on the upper arm. Each recording is one run; `acq` is the arm.
 
 Columns of each `_motion.tsv`, in order: seconds from the first sample, elevation in degrees (`n/a`: not
-measured), 1 where the angle counts and 0 where it does not. Missing time is a step in the first column.
+measured), 1 if the angle counts and 0 if it does not. Missing time is a step in the first column.
 """
 
 
@@ -116,7 +116,7 @@ def _describe_motion(angles: Angles) -> dict[str, Any]:
     recording, method = angles.results["recording"], angles.results["method"]
     time_us = pq.read_table(angles.parquet, columns=["time_us"])["time_us"].combine_chunks()
     rate_hz = 1.0
-    if len(time_us) > 1:  # from the commonest step between two rows
+    if len(time_us) > 1:  # from the most common step between two rows
         steps = pc.subtract(time_us.slice(1), time_us.slice(0, len(time_us) - 1))
         rate_hz = round(1e6 / pc.quantile(steps, 0.5, interpolation="nearest")[0].as_py(), 6)
     return {
@@ -135,7 +135,7 @@ def _describe_motion(angles: Angles) -> dict[str, Any]:
         "LATENCYChannelCount": 1,
         "MISCChannelCount": 1,
         "TrackedPointsCount": 1,
-        "MissingValues": "n/a where no sample was measured; missing time is a step in latency",
+        "MissingValues": "n/a if no sample was measured; missing time is a step in latency",
         "ElevationMethod": f"{method['name']} {method['version']}" if method else "n/a",
         "SampleCount": len(time_us),
     }
@@ -154,7 +154,7 @@ def _encode_channels(results: Results) -> bytes:
 
 
 def _encode_motion(parquet: Path) -> bytes:
-    """Write the rows without a header, as BIDS has it."""
+    """Encode the rows without a header, as BIDS requires."""
     table = pq.read_table(parquet)
     angle_deg = pc.cast(pc.divide(pc.cast(table["elevation_cdeg"], pa.float64()), 100.0), pa.string())
     columns = [

@@ -1,8 +1,9 @@
-"""Where results come from, for programs: an RO-Crate (Process Run), ``ro-crate-metadata.json``.
+"""Provenance of results for programs: an RO-Crate (Process Run), ``ro-crate-metadata.json``.
 
-Each recording is an action: Acromion (version, revision) made these files from a recording by these settings.
-A recording is named by the SHA-256 of its bytes (RFC 6920) and its row in ``summary.csv``; its file's name,
-which may hold a person's, stands only where a folder bears it. Shape: RO-Crate 1.1, Process Run Crate 0.5.
+Each recording is an action: Acromion (version, revision) made these files from a recording with these
+settings. A recording is identified by the SHA-256 of its bytes (RFC 6920) and its row in ``summary.csv``. Its
+file name, which may contain a person's name, appears only if a folder has it. Format: RO-Crate 1.1, Process
+Run Crate 0.5.
 """
 
 import base64
@@ -22,7 +23,7 @@ _SPECIFICATION = "https://w3id.org/ro/crate/1.1"
 _SOFTWARE = "#acromion"
 _STATUS = "http://schema.org"
 _NO_DATE = date(1970, 1, 1)
-"""As in the PDF: the date of a recording without a clock."""
+"""Date of a recording without a clock, as in the PDF."""
 
 _MEDIA_TYPES = {
     "csv": "text/csv",
@@ -40,9 +41,9 @@ Entity = dict[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class Made:
-    """What was made of one recording: the files (path in the crate: bytes), from its results.
+    """The files made from one recording (path in the crate: size in bytes), and its results.
 
-    Of a recording that failed there is its ``code`` instead.
+    A failed recording has its ``code`` instead.
     """
 
     files: Mapping[str, int] = field(default_factory=dict)
@@ -51,9 +52,9 @@ class Made:
 
 
 def encode_crate(every: Sequence[Made], others: Mapping[str, int], ended_at: str = "") -> bytes:
-    """Describe the files of every recording, and ``others`` that are of all of them together.
+    """Return the crate: the files of every recording, and ``others`` that belong to all of them.
 
-    ``ended_at``: when the last was made; "" states none, so that the same analysis gives the same bytes.
+    ``ended_at``: time of the last file; "" omits it, so that the same analysis gives the same bytes.
     """
     actions = [_describe_action(rank, made, ended_at) for rank, made in enumerate(every, 1)]
     sizes = [*others.items(), *(item for made in every for item in made.files.items())]
@@ -82,7 +83,7 @@ def encode_crate(every: Sequence[Made], others: Mapping[str, int], ended_at: str
             "@id": "#rights",
             "@type": "CreativeWork",
             "name": "Not stated",
-            "description": "Health data. Acromion states no licence: ask whoever holds the recordings.",
+            "description": "Health data. Acromion states no licence: ask the owner of the recordings.",
         },
         {
             "@id": _SOFTWARE,
@@ -129,7 +130,7 @@ def _describe_action(rank: int, made: Made, ended_at: str) -> Entity:
 
 
 def _describe_objects(made: Made) -> list[Entity]:
-    """Describe what an analysis was made from: the bytes of the recording, and what was asked."""
+    """Describe the input of an analysis: the bytes of the recording, and the settings."""
     if made.results is None or "recording" not in made.results:
         return []
     recording, method = made.results["recording"], made.results["method"]

@@ -1,10 +1,10 @@
 """One analysis as a FHIR R4 bundle: a DiagnosticReport with the PDF, and its figures as Observations.
 
-There are no standard codes for arm elevation, so the codes are our own: the names of ``summary.csv`` in the
-system ``urn:acromion:dictionary``. Each resource names the profile that it keeps, HL7's own of R4: those for
-vital signs or devices ask for codes that do not exist for these figures. The subject is an identifier, never
-a name. No time of generation stands in it, so that the same analysis gives the same bytes. Shape: HL7 FHIR R4
-(4.0.1), Bundle, DiagnosticReport, Observation; units: UCUM.
+There are no standard codes for arm elevation, so the codes are ours: the names of ``summary.csv`` in the
+system ``urn:acromion:dictionary``. Each resource names the base profile of R4 that it follows: the profiles
+for vital signs or devices require codes that do not exist for these figures. The subject is an identifier,
+never a name. The bundle has no creation time, so that the same analysis gives the same bytes. Format: HL7
+FHIR R4 (4.0.1), Bundle, DiagnosticReport, Observation; units: UCUM.
 """
 
 import base64
@@ -27,7 +27,7 @@ _UCUM = {"%": "%", "1/h": "/h", "deg/s": "deg/s", "deg": "deg", "Hz": "Hz", "s":
 
 
 def encode_fhir(results: Results, pdfs: Mapping[Language, bytes], conclusion: str, version: int = 1) -> bytes:
-    """Write the bundle; ``pdfs`` by language, ``conclusion`` the answer in a few lines."""
+    """Encode the bundle; ``pdfs`` by language, ``conclusion`` is the answer in a few lines."""
     text = json.dumps(build_fhir(results, pdfs, conclusion, version), ensure_ascii=False, indent=1)
     return text.encode("utf-8") + b"\n"
 
@@ -73,7 +73,7 @@ def _head(resource: str) -> dict[str, Any]:
 def _describe_common(results: Results) -> dict[str, Any]:
     """Return the fields that the report and all observations share: status, subject, period.
 
-    FHIR takes a time only with its zone, so that a clock without one gives the date.
+    FHIR requires a time zone for times, so that a clock without one gives only the date.
     """
     recording = results["recording"]
     common: dict[str, Any] = {"status": "final"}
@@ -82,19 +82,20 @@ def _describe_common(results: Results) -> dict[str, Any]:
     if recording["start"]:
         first = datetime.fromisoformat(recording["start"])
         ends = (first, first + timedelta(seconds=results["time"]["recorded_s"]))
-        told = (end.isoformat(timespec="seconds") if end.tzinfo else end.date().isoformat() for end in ends)
-        common["effectivePeriod"] = dict(zip(("start", "end"), told, strict=True))
+        shown = (end.isoformat(timespec="seconds") if end.tzinfo else end.date().isoformat() for end in ends)
+        common["effectivePeriod"] = dict(zip(("start", "end"), shown, strict=True))
     return common
 
 
 def _list_observations(results: Results, common: Mapping[str, Any]) -> Iterable[tuple[str, dict[str, Any]]]:
-    """Return one observation for each figure there is, with the ends of its range where they are known."""
+    """Return one observation per known figure, with the ends of its range if they are known."""
     row, ranges, posed = summarise_results(results), read_ranges(results), read_ranges(results, "_pose")
     for column in SUMMARY:
         name = column.name
         if column.kind != "number" or row[name] is None or name.endswith(RANGE_ENDS):
             continue
-        every = (*ranges.get(name, ()), *posed.get(name, ()))  # no pose's without the others
+        # ranges with the pose exist only beside the others
+        every = (*ranges.get(name, ()), *posed.get(name, ()))
         ranged = [
             {"code": _build_code(code, code), "valueQuantity": _measure(code, value)}
             for code, value in zip((f"{name}{end}" for end in RANGE_ENDS), every, strict=False)

@@ -1,4 +1,4 @@
-"""The names of downloaded files, the same by every way in, and the ZIP that holds them all."""
+"""File names of downloads, the same on every interface, and the ZIP with all files."""
 
 import io
 import re
@@ -11,7 +11,7 @@ _ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)
 
 
 def pack_files(files: Mapping[str, bytes]) -> bytes:
-    """Put files into one ZIP: in order of name, without times, stored as they are; same in, same out."""
+    """Pack files into one uncompressed ZIP, by name, without times; the same input gives the same bytes."""
     body = io.BytesIO()
     with zipfile.ZipFile(body, "w", zipfile.ZIP_STORED) as archive:
         for name in sorted(files):
@@ -26,7 +26,7 @@ _LONGEST = 60
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """What a file is of. ``start`` is the first sample in ISO 8601; what is not known is empty."""
+    """The recording of a file. ``start`` is the first sample in ISO 8601; unknown values are empty."""
 
     subject: str
     file_name: str
@@ -36,10 +36,10 @@ class Origin:
 
 
 def format_file_name(origin: Origin, kind: str) -> str:
-    """Write the name ``subject_date_side_report_v1.fr.pdf`` of what we call ``report.fr.pdf`` (``kind``).
+    """Return the name ``subject_date_side_report_v1.fr.pdf`` of the internal ``report.fr.pdf`` (``kind``).
 
-    What is not known is left out; without a subject code the file's stem stands first. Only signs that every
-    file system takes are kept.
+    Unknown parts are omitted; without a subject code the name starts with the file's stem. Only characters
+    that every file system accepts are kept.
     """
     whose = origin.subject or origin.file_name.partition(".")[0]
     stem, _, ending = kind.partition(".")
@@ -48,14 +48,20 @@ def format_file_name(origin: Origin, kind: str) -> str:
 
 
 def format_report_name(results: Mapping[str, Any], version: int, ending: str) -> str:
-    """Write the name of the report on what ``results.json`` holds."""
-    told = results["recording"]
-    origin = Origin(told["subject"], told["file_name"], told["start"] or "", told["side"] or "", version)
+    """Return the file name of the report on these results."""
+    recording = results["recording"]
+    origin = Origin(
+        recording["subject"],
+        recording["file_name"],
+        recording["start"] or "",
+        recording["side"] or "",
+        version,
+    )
     return format_file_name(origin, f"report.{ending}")
 
 
 def make_safe_name(file_name: str) -> str:
-    """Return a person's file name without the characters that some file systems refuse."""
+    """Return a person's file name without characters that some file systems reject."""
     return re.sub(r'[<>:"|?*/\\]', "-", file_name).strip(" .") or "recording"
 
 

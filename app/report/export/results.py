@@ -1,8 +1,8 @@
-"""``results.json``: every figure of an analysis, and all else that its report is made of.
+"""``results.json``: every figure of an analysis, and all other content of its report.
 
-The keys are public (docs/dictionary.md). Numbers keep every digit, so that a report that is rendered again
-from the file is the same; tables and pages round them (:func:`app.report.figures.load_results`). Words that a
-person typed about a correction are not in it.
+The keys are public (docs/reference/dictionary.md). Numbers keep every digit, so that a report rendered again from the
+file is the same; tables and pages round them (:func:`app.report.figures.load_results`). A person's reason for
+a correction is not included.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from app.report.figures import (
     Group,
     round_all,
 )
-from app.report.findings import Findings, Kept, ReportSubject, Software
+from app.report.findings import Findings, FinishedAnalysis, ReportSubject, Software
 from app.report.words.numbers import Clock
 from app.request import Conclusion
 from fusion.caveats import Caveat
@@ -53,13 +53,13 @@ POSE_ENDS = ("low_pose", "high_pose")
 _ENDS = ("low", "high", *POSE_ENDS)
 _PLACE_DECIMALS = 6
 _NUMBERS = re.compile(r"\[\n\s+([^\[\]{}\"]+?)\n\s+\]")
-"""A list of numbers over several lines; no text holds a line break in JSON."""
+"""A list of numbers over several lines; JSON text contains no line break."""
 _PERCENTILE = re.compile(r"elevation_p(\d+)_deg")
 _SHARE = re.compile(r"time_above_(\d+)_percent")
 
 
 def build_results(findings: Findings, subject: ReportSubject) -> dict[str, object]:
-    """Describe an analysis in the order of the dictionary; NaN and infinity become None."""
+    """Return an analysis in the order of the dictionary; NaN and infinity become None."""
     recording, time, quality = findings.recording, findings.time, findings.quality
     clock, reader = Clock(recording.start), recording.reader
     results: dict[str, object] = {
@@ -90,7 +90,7 @@ def build_results(findings: Findings, subject: ReportSubject) -> dict[str, objec
             "verdict": quality.verdict,
             "reasons": quality.reasons,
             "warnings": [_describe_warning(flag, clock) for flag in quality.flags],
-            "proposals": [  # what may not have been worn, as rows of a diary; nothing was left out for it
+            "proposals": [  # possible non-wear as diary rows; nothing was excluded for it
                 {"kind": "not_worn", "start_s": start_s, "end_s": end_s}
                 for flag in quality.flags
                 if flag.code == Caveat.NONWEAR
@@ -108,13 +108,13 @@ def build_results(findings: Findings, subject: ReportSubject) -> dict[str, objec
 
 
 def encode_results(findings: Findings, subject: ReportSubject) -> bytes:
-    """Write :func:`build_results` as UTF-8 JSON, a list of numbers in one line: always the same bytes."""
+    """Encode :func:`build_results` as UTF-8 JSON, lists of numbers on one line; always the same bytes."""
     text = json.dumps(build_results(findings, subject), ensure_ascii=False, indent=2, allow_nan=False)
     return _NUMBERS.sub(lambda found: f"[{' '.join(found[1].split())}]", text).encode("utf-8") + b"\n"
 
 
 def identify_report(settings: AnalysisSettings, findings: Findings, subject: ReportSubject) -> str:
-    """Return the identity of a report: 16 hexadecimal digits of a hash of input, settings and version."""
+    """Return the id of a report: 16 hexadecimal digits of a hash of input, settings and version."""
     said: dict[str, object] = {
         "input": findings.recording.sha256,
         "method": settings.method,
@@ -126,7 +126,7 @@ def identify_report(settings: AnalysisSettings, findings: Findings, subject: Rep
         "subject": subject.subject,
         "version": subject.software.version,
     }
-    if settings.arm_axis is not None or settings.slip_times_s:  # reports made without keep their identity
+    if settings.arm_axis is not None or settings.slip_times_s:  # reports without these settings keep their id
         said |= {"arm_axis": settings.arm_axis, "slip_times_s": settings.slip_times_s}
     if settings.no_slip_times_s or settings.pose_held:
         said |= {"no_slip_times_s": settings.no_slip_times_s, "pose_held": settings.pose_held}
@@ -141,12 +141,14 @@ def identify_report(settings: AnalysisSettings, findings: Findings, subject: Rep
 
 
 def _describe_us(record: TimeAccount | TimePart | Span) -> dict[str, object]:
-    """Describe a record with its microseconds as seconds; :func:`_read_us` turns them back."""
-    told: dict[str, object] = {}
+    """Convert a record with its microseconds as seconds; :func:`_read_us` reverses it."""
+    described: dict[str, object] = {}
     for name, value in asdict(record).items():
         is_us = name.endswith("_us")
-        told[f"{name.removesuffix('_us')}_s" if is_us else name] = value / MICROSECONDS if is_us else value
-    return told
+        described[f"{name.removesuffix('_us')}_s" if is_us else name] = (
+            value / MICROSECONDS if is_us else value
+        )
+    return described
 
 
 def _describe_exposure(exposure: Exposure, clock: Clock) -> dict[str, object]:
@@ -225,12 +227,12 @@ def _describe(group: Group, record: object) -> dict[str, object] | None:
 
 
 def _describe_ranged(group: Group, item: ElevationBin | TimeAbove) -> dict[str, object]:
-    """Describe a record that holds the ends of its range, and of the one with the error of the N-pose."""
+    """Convert a record with the ends of its range, and of the one with the error of the N-pose."""
     return group.describe(item) | {end: getattr(item.interval, end, None) for end in _ENDS}
 
 
 def _describe_intervals(intervals: Mapping[str, Interval]) -> dict[str, object]:
-    """Describe ranges by the names of figures, and those with the error of the N-pose, if there are any."""
+    """Return ranges by the names of figures, and those with the error of the N-pose, if there are any."""
     ranges = dict(sorted(intervals.items()))
     posed = {name: interval.with_pose for name, interval in ranges.items()}
     return {
@@ -259,7 +261,7 @@ def _describe_period(part: PartExposure) -> dict[str, object]:
 
 
 def _describe_warning(flag: QualityFlag, clock: Clock) -> dict[str, object]:
-    """``first`` and ``last``: ISO clock time; without a clock, ISO duration from the first sample."""
+    """Convert a flag; ``first`` and ``last`` are ISO clock times or, without a clock, ISO durations."""
 
     def place(elapsed_s: float | None) -> str | None:
         if elapsed_s is None or clock.start is not None:
@@ -285,19 +287,21 @@ def _format_iso(elapsed_s: float | None, clock: Clock) -> str | None:
     return moment.isoformat() if moment else None
 
 
-# ------------------------------------------------------------------ reading it back
+# Decoding.
 
 
-def decode_results(content: bytes) -> Kept:
-    """Read what :func:`encode_results` wrote; the subject lacks what a person said of a correction.
+def decode_results(content: bytes) -> FinishedAnalysis:
+    """Parse the output of :func:`encode_results`; the subject lacks the reason for a correction.
 
-    Raises ValueError if it is no such file, or of another form.
+    Raises ValueError if it is another file or format.
     """
     try:
         results = json.loads(content)
         if results["schema"] != SCHEMA:
             raise ValueError(results["schema"])
-        return Kept(_load_adapter().validate_python(_read_findings(results)), _read_subject(results))
+        return FinishedAnalysis(
+            _load_adapter().validate_python(_read_findings(results)), _read_subject(results)
+        )
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"no {SCHEMA}: {error}") from error
 
@@ -336,7 +340,7 @@ def _read_subject(results: Mapping[str, Any]) -> ReportSubject:
 
 @cache
 def _load_adapter() -> TypeAdapter[Findings]:
-    """Load the library when a file is read: most processes only write them."""
+    """Load the library when a file is read, because most processes only write them."""
     from pydantic import TypeAdapter  # noqa: PLC0415
 
     return TypeAdapter(Findings)
@@ -346,27 +350,30 @@ def _count_us(seconds: float) -> int:
     return round(seconds * MICROSECONDS)
 
 
-def _read_us(told: Mapping[str, Any]) -> dict[str, Any]:
-    """Turn seconds back into the integer microseconds that were written."""
-    seconds = {name: value for name, value in told.items() if name.endswith("_s")}
-    return {**told, **{f"{name.removesuffix('_s')}_us": _count_us(value) for name, value in seconds.items()}}
+def _read_us(stored: Mapping[str, Any]) -> dict[str, Any]:
+    """Convert seconds back to the written integer microseconds."""
+    seconds = {name: value for name, value in stored.items() if name.endswith("_s")}
+    return {
+        **stored,
+        **{f"{name.removesuffix('_s')}_us": _count_us(value) for name, value in seconds.items()},
+    }
 
 
-def _read_exposure(told: Mapping[str, Any]) -> dict[str, Any]:
-    """Put the records back into the form of :class:`fusion.exposure.types.Exposure`."""
-    peak, eva, variation = told["peak"], told["eva"], told["variation"]
+def _read_exposure(stored: Mapping[str, Any]) -> dict[str, Any]:
+    """Convert the records back to the form of :class:`fusion.exposure.types.Exposure`."""
+    peak, eva, variation = stored["peak"], stored["eva"], stored["variation"]
     ranges = zip(eva["low"] or (), eva["high"] or (), strict=True)
     return {
-        **told,
-        "bins": [_read_range(part) for part in told["bins"]],
-        "time_above": [_read_range(above) for above in told["time_above"]],
-        "percentiles_deg": {p: _read_number(value) for p, value in told["percentiles_deg"].items()},
+        **stored,
+        "bins": [_read_range(part) for part in stored["bins"]],
+        "time_above": [_read_range(above) for above in stored["time_above"]],
+        "percentiles_deg": {p: _read_number(value) for p, value in stored["percentiles_deg"].items()},
         "episodes": [
             stay | {"longer_s": [(part["than_s"], part["total_s"]) for part in stay["longer"]]}
-            for stay in told["episodes"]
+            for stay in stored["episodes"]
         ],
         "velocity_dps": {
-            kind: VELOCITY.read(speed) if speed else None for kind, speed in told["velocity_dps"].items()
+            kind: VELOCITY.read(speed) if speed else None for kind, speed in stored["velocity_dps"].items()
         },
         "elevation_p99_deg": _read_number(peak["elevation_p99_deg"]),
         "peak_windows": peak["windows"],
@@ -376,17 +383,19 @@ def _read_exposure(told: Mapping[str, Any]) -> dict[str, Any]:
             "percent": np.array(eva["percent"], float),
             "intervals": [list(starmap(Interval, zip(*row, strict=True))) for row in ranges],
         },
-        **{key: list(map(_read_part, told[key])) for key in ("by_hour", "by_period", "by_task")},
-        "intervals": _read_intervals(told),
-        **{group.key: group.read(told[group.key]) if told[group.key] else None for group in SINGLE_GROUPS},
+        **{key: list(map(_read_part, stored[key])) for key in ("by_hour", "by_period", "by_task")},
+        "intervals": _read_intervals(stored),
+        **{
+            group.key: group.read(stored[group.key]) if stored[group.key] else None for group in SINGLE_GROUPS
+        },
         "hour_variation": variation["by_hour"],
         "eva_summary": variation["eva"],
         "conventions": {
             convention["key"]: [_read_range(part) for part in convention["classes"]]
-            for convention in told["conventions"]
+            for convention in stored["conventions"]
         },
-        "minutes": {name: np.array(column, float) for name, column in told["minutes"].items()},
-        "histogram_s": np.array(told["histogram_s"], float),
+        "minutes": {name: np.array(column, float) for name, column in stored["minutes"].items()},
+        "histogram_s": np.array(stored["histogram_s"], float),
     }
 
 
@@ -394,24 +403,28 @@ def _read_number(value: float | None) -> float:
     return nan if value is None else value
 
 
-def _read_range(told: Mapping[str, Any]) -> dict[str, Any]:
-    return {**told, "interval": None if told["low"] is None else {end: told[end] for end in _ENDS}}
+def _read_range(stored: Mapping[str, Any]) -> dict[str, Any]:
+    return {**stored, "interval": None if stored["low"] is None else {end: stored[end] for end in _ENDS}}
 
 
-def _read_intervals(told: Mapping[str, Any]) -> dict[str, Interval]:
-    posed = told["intervals_pose"]
-    return {name: Interval(*ends, *posed.get(name, ())) for name, ends in told["intervals"].items()}
+def _read_intervals(stored: Mapping[str, Any]) -> dict[str, Interval]:
+    posed = stored["intervals_pose"]
+    return {name: Interval(*ends, *posed.get(name, ())) for name, ends in stored["intervals"].items()}
 
 
-def _read_part(told: Mapping[str, Any]) -> dict[str, Any]:
+def _read_part(stored: Mapping[str, Any]) -> dict[str, Any]:
     percentiles_deg, percent_above = (
-        {found[1]: _read_number(value) for name, value in told.items() if (found := pattern.fullmatch(name))}
+        {
+            found[1]: _read_number(value)
+            for name, value in stored.items()
+            if (found := pattern.fullmatch(name))
+        }
         for pattern in (_PERCENTILE, _SHARE)
     )
     return {
-        **told,
+        **stored,
         "percentiles_deg": percentiles_deg,
         "percent_above": percent_above,
-        "reason": told.get("excluded_as") or "",
-        "intervals": _read_intervals(told),
+        "reason": stored.get("excluded_as") or "",
+        "intervals": _read_intervals(stored),
     }

@@ -22,20 +22,20 @@ from app.report.figures import (
 from app.report.words.messages import Fact, describe_problem
 from app.report.words.wording import LANGUAGES, Language, load_wording
 
-# ------------------------------------------------------------------ CSV, safe to open in a spreadsheet
+# CSV, safe to open in a spreadsheet.
 
 Cell = str | int | float | None
 CellKind = Literal["text", "number"]
 Row = dict[str, Cell]
 
 # A sign that a spreadsheet reads as a formula, at the start of a cell, or of a cell in another dialect. The
-# wide forms are those of Japanese and Chinese keyboards.
+# wide forms are on Japanese and Chinese keyboards.
 _FORMULA = re.compile("(^|[;,\t\r\n\u007c])([\"' ]*)(?=[=+\\-@\t\r\x00\uff1d\uff0b\uff0d\uff20])")
 
 
 @dataclass(frozen=True, slots=True)
 class Dialect:
-    """How a table is written: what parts the cells, the decimal sign, the mark of the encoding."""
+    """Format of a table: cell delimiter, decimal sign, encoding mark."""
 
     delimiter: str
     decimal: str
@@ -45,11 +45,11 @@ class Dialect:
 
 INTERNATIONAL = Dialect(",", ".", "", "\n")
 FRENCH_EXCEL = Dialect(";", ",", "\ufeff", "\r\n")
-"""What a French Excel opens by a double click, without taking 12.5 for the 12th of May."""
+"""Opens in a French Excel by a double click, without reading 12.5 as the 12th of May."""
 
 
 def encode_table(names: Sequence[str], rows: Iterable[Row], dialect: Dialect = INTERNATIONAL) -> bytes:
-    """Write a table as CSV bytes (UTF-8); empty is "not computable"."""
+    """Encode a table as CSV (UTF-8); an empty cell is "not computable"."""
     text = io.StringIO()
     writer = csv.writer(text, delimiter=dialect.delimiter, lineterminator=dialect.line_end)
     writer.writerow(names)
@@ -67,19 +67,19 @@ def _write_cell(value: Cell, dialect: Dialect) -> str:
 
 
 def guard_text(text: str) -> str:
-    """Put an apostrophe before any sign that a spreadsheet would take for a formula."""
+    """Put an apostrophe before any sign that a spreadsheet would read as a formula."""
     return _FORMULA.sub(r"\1\2'", text)
 
 
-# Which recording a row of a table is about: its path distinguishes two files of one name.
+# The recording of a row: its path distinguishes two files with the same name.
 
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """What is known of a recording before it is read, and where it is.
+    """Facts about a recording before it is read, and its location.
 
-    ``path`` leads to the recording: in a run from the folder that was named, by REST its address. ``folder``
-    leads to its results in the same way, and is empty where there are none.
+    ``path`` locates the recording: in a run relative to the given folder, in REST its address. ``folder``
+    locates its results in the same way, and is empty if there are none.
     """
 
     file_name: str
@@ -90,15 +90,15 @@ class Origin:
 
 
 def add_origin(results: Mapping[str, Any], origin: Origin) -> dict[str, Any]:
-    """Return the results with where they come from beside them, for the tables of many recordings.
+    """Return the results with their origin, for the tables of many recordings.
 
-    It stands in no ``results.json``, which is the same wherever the file lies.
+    It is never in ``results.json``, which does not depend on the location of the file.
     """
     return {**results, "origin": {"path": origin.path, "folder": origin.folder}}
 
 
 def find_place(results: Mapping[str, Any], name: str) -> str | None:
-    """Return ``path`` or ``folder``; None for results on their own."""
+    """Return ``path`` or ``folder``; None for results without an origin."""
     place: str | None = results.get("origin", {}).get(name)
     return place or None
 
@@ -109,7 +109,7 @@ def find_place(results: Mapping[str, Any], name: str) -> str | None:
 PROBLEM_COLUMNS = ["file", "code", "title", "detail", "fix", "path", "subject", "side"]
 
 
-def tell_problem(origin: Origin, code: str, facts: Mapping[str, Fact], language: Language) -> Row:
+def build_problem_row(origin: Origin, code: str, facts: Mapping[str, Fact], language: Language) -> Row:
     """Return the row of one recording."""
     problem = describe_problem(code, facts, language)
     words = {"title": problem.title, "detail": problem.detail, "fix": problem.fix}
@@ -117,22 +117,22 @@ def tell_problem(origin: Origin, code: str, facts: Mapping[str, Fact], language:
     return {"file": origin.file_name, "code": code, **words, **who}
 
 
-# ------------------------------------------------------------------ the rows of one recording
+# The rows of one recording.
 
 
 def summarise_results(results: Results) -> Row:
     """Return the row of one analysed recording."""
-    told = read_figures(results)
+    shown = read_figures(results)
     for suffix in ("", "_pose"):
         for name, (low, high) in read_ranges(results, suffix).items():
-            told |= {f"{name}_low{suffix}": low, f"{name}_high{suffix}": high}
-    told["warnings"] = " ".join(warning["code"] for warning in results["quality"]["warnings"])
-    told |= {place: find_place(results, place) for place in ("path", "folder")}
-    return {column.name: told.get(column.name) for column in SUMMARY}
+            shown |= {f"{name}_low{suffix}": low, f"{name}_high{suffix}": high}
+    shown["warnings"] = " ".join(warning["code"] for warning in results["quality"]["warnings"])
+    shown |= {place: find_place(results, place) for place in ("path", "folder")}
+    return {column.name: shown.get(column.name) for column in SUMMARY}
 
 
 def summarise_failure(origin: Origin, code: str) -> Row:
-    """Return the row of a recording without result: only what is known."""
+    """Return the row of a recording without a result: only the known facts."""
     empty: Row = dict.fromkeys(column.name for column in SUMMARY)
     return empty | asdict(origin) | {"folder": None, "error_code": code}
 
@@ -153,7 +153,7 @@ def describe_periods(results: Results) -> list[Row]:
 
 
 def encode_summary(rows: Iterable[Row], dialect: Dialect = INTERNATIONAL) -> bytes:
-    """Write rows as CSV; text cells cannot become formulas."""
+    """Encode rows as CSV; text cells cannot become formulas."""
     return encode_table([column.name for column in SUMMARY], rows, dialect)
 
 
@@ -171,7 +171,7 @@ Vide (en JSON : null) veut dire « non calculable ».
 
 
 def encode_dictionary() -> bytes:
-    """Write the dictionary of the tables, of ``elevation.parquet`` and of ``results.json`` as CSV."""
+    """Encode the dictionary of the tables, of ``elevation.parquet`` and of ``results.json`` as CSV."""
     return encode_table(DICTIONARY_COLUMNS, describe_dictionary())
 
 
@@ -179,8 +179,8 @@ def describe_dictionary() -> list[Row]:
     """Return one row for each column of the tables and of the angles, and each field of ``results.json``."""
     rows: list[Row] = []
 
-    def add(file: str, name: str, kind: str | None, told: Iterable[str]) -> None:
-        english, french = told
+    def add(file: str, name: str, kind: str | None, shown: Iterable[str]) -> None:
+        english, french = shown
         words = {"unit": find_unit(name), "english": english, "french": french}
         rows.append({"file": file, "column": name, "kind": kind, **words})
 
@@ -190,8 +190,8 @@ def describe_dictionary() -> list[Row]:
     )
     for table, columns in tables:
         for column in columns:
-            told = (column.explain(language, table) for language in LANGUAGES)
-            add(f"{table}.csv", column.name, column.kind, told)
+            shown = (column.explain(language, table) for language in LANGUAGES)
+            add(f"{table}.csv", column.name, column.kind, shown)
     angles = [load_wording(language, "tables")["elevation"] for language in LANGUAGES]
     fields = [load_wording(language, "fields") for language in LANGUAGES]
     for file, words in (("elevation.parquet", angles), ("results.json", fields)):
@@ -226,8 +226,8 @@ def find_paths(value: Any, path: str = "") -> Iterator[str]:
         yield path
 
 
-# The CSV tables described for programs: a Frictionless Data Package (version 1), with Table Schema. It says
-# of each table how it is written, which columns it has, their kind, unit and meaning; empty is missing.
+# The CSV tables described for programs: a Frictionless Data Package (version 1) with Table Schema. It states
+# the format of each table and the kind, unit and meaning of its columns; empty is missing.
 
 
 DATAPACKAGE = "datapackage.json"
@@ -245,11 +245,11 @@ _TABLES: Mapping[str, tuple[Dialect, Sequence[Column | str]]] = {
     "dictionary.csv": (INTERNATIONAL, DICTIONARY_COLUMNS),
     "redcap_import.csv": (INTERNATIONAL, ("record_id", *SUMMARY_OF_ONE, _COMPLETE)),
 }
-"""How each table is written, and its columns; those without a declaration are text."""
+"""Format and columns of each table; columns without a declaration are text."""
 
 
 def encode_datapackage(tables: Collection[str]) -> bytes:
-    """Describe those of the tables that we know; ``tables`` are names of files."""
+    """Describe the known ones among the tables; ``tables`` are file names."""
     resources = []
     for name in sorted(_TABLES.keys() & tables):
         dialect, columns = _TABLES[name]

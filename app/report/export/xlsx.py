@@ -19,7 +19,7 @@ from app.report.export.tables import (
 from app.report.figures import SUMMARY, Results
 
 _NO_TIME = datetime(2000, 1, 1, tzinfo=UTC).replace(tzinfo=None)
-"""A workbook must name a time of its making; ours is always the same, so that its bytes are, too."""
+"""A workbook must state its creation time; a constant keeps its bytes the same."""
 
 _BINS = ["file_name", "subject", "lower_deg", "upper_deg", "duration_s", "percent", "low", "high", "path"]
 _WARNINGS = ["file_name", "subject", "code", "count", "seconds", "first", "last", "path"]
@@ -27,9 +27,9 @@ _OPTIONS = {"in_memory": True, "strings_to_formulas": False, "strings_to_urls": 
 
 
 def encode_workbook(every: Sequence[Results]) -> bytes:
-    """Write summary, bins, periods, warnings and dictionary, one sheet each.
+    """Encode summary, bins, periods, warnings and dictionary, one sheet each.
 
-    Text is written as text, whatever it begins with: no cell of ours is a formula.
+    Text is always written as text: none of our cells is a formula.
     """
     bins = (_name(one) | part for one in every for part in one["exposure"]["bins"])
     periods = (row for one in every for row in describe_periods(one))

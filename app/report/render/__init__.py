@@ -1,1 +1,1 @@
-"""From the content of a report to HTML and PDF."""
+"""Render the content of a report as HTML and PDF."""

@@ -1,4 +1,4 @@
-"""The report as one HTML file that needs nothing else: no script, no request, no font from elsewhere."""
+"""The report as one self-contained HTML file: no script, no request, no external font."""
 
 import base64
 import hashlib
@@ -18,7 +18,7 @@ from app.report.words.wording import Language, clean_text, fill, load_wording
 
 @cache
 def find_template_folder() -> Path:
-    """Find the folder of the templates and fonts: in the installed package, else in the checkout."""
+    """Return the folder of the templates and fonts: in the installed package, else in the checkout."""
     here = Path(__file__).resolve()
     packaged = here.parents[2] / "templates" / "report"
     return packaged if packaged.is_dir() else here.parents[3] / "templates" / "report"
@@ -35,10 +35,9 @@ def render_html(report: Report | AgreementReport) -> bytes:
 
 @cache
 def content_security_policy() -> str:
-    """Return the policy the file states about itself: nothing may be loaded, only its own style applies.
+    """Return the policy in the file: nothing may be loaded, only its own style applies.
 
-    A server that sends the file should send this policy in the header, too, for a stricter one of its own
-    would block the style.
+    A server should also send this policy in the header, because a stricter one would block the style.
     """
     digest = base64.b64encode(hashlib.sha256(read_style().encode()).digest()).decode("ascii")
     return f"default-src 'none'; style-src 'sha256-{digest}'; base-uri 'none'; form-action 'none'"
@@ -46,7 +45,7 @@ def content_security_policy() -> str:
 
 @cache
 def read_style() -> str:
-    """Return the style sheet that every page of ours carries inside."""
+    """Return the style sheet that every page includes."""
     return (find_template_folder() / "report.css").read_text(encoding="utf-8")
 
 
@@ -60,21 +59,21 @@ def load_template(name: str) -> Template:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["drawing"] = trust_drawing
+    environment.filters["drawing"] = mark_drawing_safe
     return environment.get_template(name)
 
 
-def trust_drawing(svg: str) -> Markup:
-    """Let a drawing of ``figures`` pass unescaped: every text in it was escaped when it was drawn."""
+def mark_drawing_safe(svg: str) -> Markup:
+    """Mark a chart as safe: every text in it was escaped when it was drawn."""
     return Markup(svg)  # noqa: S704
 
 
-# The index page of a run: for each recording its analysed time, its main figure and its state.
+# The index page of a run: analysed time, main figure and state of each recording.
 
 
 @dataclass(frozen=True, slots=True)
 class IndexRow:
-    """One recording of the run. ``folder`` is None where there is no report; ``state`` is in words."""
+    """One recording of the run. ``folder`` is None without a report; ``state`` is in words."""
 
     file_name: str
     folder: str | None

@@ -1,7 +1,7 @@
-"""The report as a tagged PDF (PDF/UA-1 and PDF/A-3a in one). The only file that knows the PDF engine.
+"""The report as a tagged PDF (PDF/UA-1 and PDF/A-3a). Only this module uses the PDF engine.
 
-The report goes to Typst as a JSON file beside the template, so that no text is ever read as markup. Only
-our own fonts are used, so that every machine with the same zlib writes the same bytes.
+Typst receives the report as a JSON file beside the template, so that no text is ever read as markup. Only our
+fonts are used, so that every machine with the same zlib writes the same bytes.
 """
 
 import io
@@ -27,7 +27,7 @@ _SCREEN_ONLY = {"table"}
 _TYPST_PAPERS: dict[Paper, str] = {"a4": "a4", "letter": "us-letter"}
 _MIME_TYPES = {"json": "application/json", "csv": "text/csv"}
 
-# What the shipped Inter can draw; a character beyond would make the PDF an invalid archive.
+# Characters in the shipped Inter font; any other would make the PDF an invalid archive.
 _UNCOVERED = re.compile(
     "[^\u0020-\u007e\u00a0-\u0148\u014a-\u017f\u0300-\u0304\u0391-\u03a1\u03a3-\u03ce\u0400-\u045f"
     "\u1e00-\u1ef9\u2010-\u2027\u202f-\u203a\u20ac\u2190-\u2193\u2212\u2264\u2265]"
@@ -39,7 +39,7 @@ def render_pdf(
 ) -> bytes:
     """Render the report with its attachments; the same input gives the same bytes."""
     document = _compile(report, attachments, paper, pdf_standards=list(STANDARDS))
-    packed = io.BytesIO()  # the engine leaves tags of tables as they are, two thirds of the file
+    packed = io.BytesIO()  # the engine does not compress table tags, two thirds of the file
     with pikepdf.open(io.BytesIO(document)) as pdf:
         pdf.save(packed, object_stream_mode=pikepdf.ObjectStreamMode.generate, deterministic_id=True)
     return packed.getvalue()
@@ -53,7 +53,7 @@ def render_first_page(report: Report | AgreementReport, paper: Paper, dots_per_i
 def _compile(
     report: Report | AgreementReport, attachments: Mapping[str, bytes], paper: Paper, **options: Any
 ) -> bytes:
-    """Run the engine; of several pages the first is returned."""
+    """Run the engine; of several pages return the first."""
     folder = find_template_folder()
     template = "report.typ" if isinstance(report, Report) else "agreement.typ"
     files = {
@@ -69,8 +69,8 @@ def _compile(
     return made if isinstance(made, bytes) else made[0]
 
 
-def spell_uncovered(text: str) -> str:
-    """Write a character that our font cannot draw as its code: "[U+4E2D]"."""
+def replace_uncovered(text: str) -> str:
+    """Replace a character that our font lacks by its code: "[U+4E2D]"."""
     return _UNCOVERED.sub(lambda found: f"[U+{ord(found[0]):04X}]", text)
 
 
@@ -89,7 +89,7 @@ def _encode(report: Report | AgreementReport, attached: tuple[str, ...], paper: 
 
 def _spell_all(value: Any) -> Any:
     if isinstance(value, str):
-        return spell_uncovered(value)
+        return replace_uncovered(value)
     if isinstance(value, dict):
         return {key: _spell_all(inner) for key, inner in value.items() if key not in _SCREEN_ONLY}
     if isinstance(value, list | tuple):

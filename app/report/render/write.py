@@ -1,14 +1,13 @@
-"""From findings to the files of a report: HTML, PDF and the answer in five lines, in each language asked.
+"""Write findings as report files: HTML, PDF and the answer in five lines, in each requested language.
 
-It needs no science: a finished analysis is written again, in the other language or on its own, from what it
-left in its folder.
+It does not need ``fusion``: a finished analysis can be rendered again, in another language, from its folder.
 """
 
 from dataclasses import replace
 from pathlib import Path
 
 from app.report.export.results import decode_results
-from app.report.findings import Findings, Kept, ReportSubject
+from app.report.findings import Findings, FinishedAnalysis, ReportSubject
 from app.report.model import Report, format_brief
 from app.report.render.html import render_html
 from app.report.render.pdf import render_pdf
@@ -29,7 +28,7 @@ def write_reports(findings: Findings, subject: ReportSubject, request: ReportReq
 def write_report(
     report: Report, kinds: tuple[ReportKind, ...], paper: Paper, attachments: dict[str, bytes], out: Path
 ) -> None:
-    """Write one report, in its language, and its answer in a few lines."""
+    """Write one report in its language, and its answer in a few lines."""
     (out / f"answer.{report.language}.txt").write_bytes(format_brief(report))
     if "html" in kinds:
         (out / f"report.{report.language}.html").write_bytes(render_html(report))
@@ -38,17 +37,17 @@ def write_report(
 
 
 def rewrite_reports(finished: Path, request: ReportRequest, out: Path) -> None:
-    """Write the reports of a finished analysis anew into ``out``, where its results are put too.
+    """Render the reports of a finished analysis again into ``out``, with a copy of its results.
 
-    Raises OSError or ValueError if the folder holds no results, or those of another version.
+    Raises OSError or ValueError if the folder has no results, or results of another version.
     """
-    kept = read_kept(finished)
+    kept = read_finished(finished)
     (out / RESULTS).write_bytes((finished / RESULTS).read_bytes())
     write_reports(kept.findings, replace(kept.subject, reason=request.reason), request, out)
 
 
-def read_kept(finished: Path) -> Kept:
-    """Read what the analysis in a folder found.
+def read_finished(finished: Path) -> FinishedAnalysis:
+    """Read the findings of the analysis in a folder.
 
     Raises OSError or ValueError as :func:`rewrite_reports`.
     """

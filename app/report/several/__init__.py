@@ -1,1 +1,1 @@
-"""Several days of a person, of both arms, or of a group: one report of many finished analyses."""
+"""The report on many finished analyses: several days of a person, of both arms, or of a group."""

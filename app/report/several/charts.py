@@ -1,4 +1,4 @@
-"""The drawings of several days: overlaid by the clock, in order of time, and a row for each."""
+"""Charts of several days: overlaid by the clock, in order of time, and one row each."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ from app.report.charts.svg import NARROW, Plot, Span
 from app.report.figures import format_figure
 from app.report.model import Chart
 from app.report.pairs import format_points
-from app.report.several.document import MAIN, follow_days
+from app.report.several.document import MAIN, compute_trend
 from app.report.several.people import ArmDays
 from app.report.words.numbers import Clock, format_angle
 from app.report.words.wording import Language, Words, fill
 from fusion.comparison.days import PERCENTS, QUARTER_S, ClockBand, find_first_quarter
 
 _DAY_S = 86_400.0
-_MIDNIGHT = datetime(2000, 1, 1)  # noqa: DTZ001  any day: only its clock is read
+_MIDNIGHT = datetime(2000, 1, 1)  # noqa: DTZ001  any day: only its clock is used
 
-# ------------------------------------------------------------------ overlaid by the clock
+# Overlaid by the clock.
 
 
 Placed = tuple[float, ClockBand]
-"""A quarter hour with where it begins on the axis, s."""
+"""A quarter hour with its start on the axis in s."""
 
 
 def build_overlays(arms: Sequence[tuple[str, ArmDays]], words: Words, language: Language) -> Chart:
-    """Draw the days of each arm over one another, all arms to one clock; each has its name."""
+    """Draw the overlaid days of each arm, all arms on one clock, each with its name."""
     entry = words["overlay"]
     first_s = find_first_quarter([arm.bands for _, arm in arms])
     clock = Clock(_MIDNIGHT + timedelta(seconds=first_s), language)
-    placed = [  # the quarter hours on an axis that begins at ``first_s``, midnight or not
+    placed = [  # quarter hours on an axis that starts at ``first_s``, also across midnight
         sorted((((band.start_s - first_s) % _DAY_S, band) for band in arm.bands), key=lambda place: place[0])
         for _, arm in arms
     ]
@@ -44,8 +44,8 @@ def build_overlays(arms: Sequence[tuple[str, ArmDays]], words: Words, language: 
     facts = {"list": ", ".join(names), "start": clock.format(0), "end": clock.format(end_s)}
     alternative = fill(entry["alternative"], facts)
     panels = [_lay_out(name, run, clock, end_s, entry) for name, run in zip(names, placed, strict=True)]
-    told = (entry["outer"], entry["median"], "", entry["unknown"])
-    labels = DayLabels(entry["title"], alternative, *told, inner=entry["inner"])
+    shown = (entry["outer"], entry["median"], "", entry["unknown"])
+    labels = DayLabels(entry["title"], alternative, *shown, inner=entry["inner"])
     return Chart.draw(
         (entry["title"], alternative),
         lambda _, width_px: draw_overlays(panels, labels, width_px),
@@ -64,7 +64,7 @@ def build_overlays(arms: Sequence[tuple[str, ArmDays]], words: Words, language: 
 
 
 def _lay_out(name: str, placed: list[Placed], clock: Clock, end_s: float, entry: Words) -> Overlay:
-    """Lay one arm out: runs of touching quarter hours, and the time in which too few days were analysed."""
+    """Lay out one arm: runs of adjacent quarter hours, and the time with too few analysed days."""
     known = enumerate((at, band.percentiles_deg) for at, band in placed if band.percentiles_deg is not None)
     runs = [
         [place for _, place in run]
@@ -91,7 +91,7 @@ def _lay_out(name: str, placed: list[Placed], clock: Clock, end_s: float, entry:
     )
 
 
-# ------------------------------------------------------------------ in order of time, against the first day
+# In order of time, compared with the first day.
 
 
 _PANEL_PX = 130.0
@@ -106,7 +106,7 @@ _TOP_PERCENT = 100.0
 
 @dataclass(frozen=True, slots=True)
 class _Visit:
-    """One day: when, in days since any moment, its date in words, its share in percent and the range."""
+    """One day: its time in days, its date in words, its share in percent and the range."""
 
     at_days: float
     date: str
@@ -117,7 +117,7 @@ class _Visit:
 
 @dataclass(frozen=True, slots=True)
 class _VisitPanel:
-    """The days of one arm, in order of time; ``band``: the first day, less and plus what days differ by."""
+    """The days of one arm in order of time; ``band``: the first day plus and minus the spread of days."""
 
     name: str
     visits: list[_Visit]
@@ -125,10 +125,10 @@ class _VisitPanel:
 
 
 def build_visits(arms: Sequence[tuple[str, ArmDays]], words: Words, language: Language) -> tuple[Chart, ...]:
-    """Draw every day by its date against the first; nothing where no arm has two days with a date."""
+    """Draw every day by its date against the first; none if no arm has two days with a date."""
     entry, panels, spreads = words["visits"], [], []
     for name, arm in arms:
-        trend = follow_days(arm)
+        trend = compute_trend(arm)
         if trend is None:
             continue
         visits = []
@@ -184,7 +184,7 @@ def _draw_visits(panels: Sequence[_VisitPanel], words: tuple[str, str], width_px
 
 
 def _find_scale(panels: Sequence[_VisitPanel]) -> Span:
-    """Return the step of the scale and its end, which holds every day, its range and the band."""
+    """Return the step and the end of a scale that includes every day, its range and the band."""
     visits = [visit for panel in panels for visit in panel.visits]
     ends = [
         *(visit.percent for visit in visits),
@@ -197,7 +197,7 @@ def _find_scale(panels: Sequence[_VisitPanel]) -> Span:
 
 
 def _draw_panel(visits: Sequence[_Visit], plot: Plot, width_px: float) -> list[str]:
-    """Draw a point for each day, its range and its date; the days that count are joined."""
+    """Draw a point for each day, its range and its date; connect the days that count."""
     body = []
     counted = [visit for visit in visits if not visit.is_left_out]
     if len(counted) > 1:
@@ -213,7 +213,7 @@ def _draw_panel(visits: Sequence[_Visit], plot: Plot, width_px: float) -> list[s
         place = f'cx="{svg.number(x)}" cy="{svg.number(y)}" r="4"'
         body.append(f'<circle class="{kind}" {place} fill="{fill_colour}" stroke="{svg.RAMP[3]}"/>')
     taken: list[Span] = []
-    for visit in (visits[-1], *visits[:-1]):  # the dates that have room: the last first, then from the left
+    for visit in (visits[-1], *visits[:-1]):  # dates that fit: the last one first, then from the left
         half = svg.estimate_width(visit.date) / 2
         x = min(max(plot.x(visit.at_days), half), width_px - half)
         if not any(x - half - 6 < end and start < x + half + 6 for start, end in taken):
@@ -222,26 +222,26 @@ def _draw_panel(visits: Sequence[_Visit], plot: Plot, width_px: float) -> list[s
     return body
 
 
-# ------------------------------------------------------------------ a row for each day, or person
+# A row for each day, or person.
 
 
 _ROW_PX = 24.0
 _GAP_PX = 10.0
 _MOST_OVER = 1.3
-"""Of the largest value: where a column ends; a range that goes on is cut without an end mark."""
+"""Factor of the largest value at which a column ends; a longer range is cut without an end mark."""
 
 
 @dataclass(frozen=True, slots=True)
 class FigureRow:
     """A day, or a mean of days (``is_mean``, in bold).
 
-    ``values`` and ``told``: each figure and how it is written; None where it is not known. ``ranges``: drawn
-    as lines over the bars; empty where none is. ``is_left_out``: does not count, so that its bar is empty.
+    ``values`` and ``shown``: each figure and its text; None if unknown. ``ranges``: drawn as lines over the
+    bars; empty if there are none. ``is_left_out``: does not count, so that its bar is empty.
     """
 
     label: str
     values: tuple[float | None, ...]
-    told: tuple[str, ...]
+    shown: tuple[str, ...]
     ranges: tuple[Span | None, ...] = ()
     is_mean: bool = False
     is_left_out: bool = False
@@ -250,13 +250,13 @@ class FigureRow:
 def build_rows(
     rows: Sequence[FigureRow], heads: tuple[str, str], columns: Sequence[str], words: Words
 ) -> Chart:
-    """Draw a row for each day or person; ``heads`` are its title and the head of the first column."""
+    """Draw a row for each day or person; ``heads`` are the title and the heading of the first column."""
     title, first = heads
     return Chart.draw(
         (title, fill(words["rows"]["alternative"], {"title": title})),
         lambda words, width_px: _draw_rows(rows, columns, words, width_px),
         (first, *columns),
-        ((row.label, *row.told) for row in rows),
+        ((row.label, *row.shown) for row in rows),
         words["rows"]["note"],
     )
 
@@ -264,8 +264,8 @@ def build_rows(
 def _draw_rows(
     rows: Sequence[FigureRow], columns: Sequence[str], words: tuple[str, str], width_px: float
 ) -> str:
-    """Draw the rows below their heads; each column has its own scale."""
-    is_narrow = width_px <= NARROW  # there a label stands above its bars
+    """Draw the rows below their headings; each column has a separate scale."""
+    is_narrow = width_px <= NARROW  # a label is then above its bars
     left, above = (0.0, 15.0) if is_narrow else (150.0, 0.0)
     room = (width_px - left) / len(columns)
     ends = [_find_end(rows, column) for column in range(len(columns))]
@@ -294,7 +294,7 @@ def _find_end(rows: Sequence[FigureRow], column: int) -> float:
 
 def _draw_figure(row: FigureRow, column: int, plot: Plot, top_px: float) -> list[str]:
     x, value = plot.left_px, row.values[column]
-    body = [svg.text(x, top_px + 11, row.told[column], "strong" if row.is_mean else "ink")]
+    body = [svg.text(x, top_px + 11, row.shown[column], "strong" if row.is_mean else "ink")]
     if value is None:
         return body
     kind = f'{svg.EDGE} stroke-width="0.7"' if row.is_left_out else svg.BAND

@@ -1,4 +1,4 @@
-"""``profile.json`` and its tables: every figure of several days, in no language."""
+"""``profile.json`` and its tables: every figure of several days, without language."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ FIGURES = (
 
 
 def describe_profile(studied: StudiedDays) -> dict[str, Any]:
-    """Return every day, mean, spread, overlay and change, for JSON; of a group nothing of single people."""
+    """Return every day, mean, spread, overlay and change for JSON; a group shows no single people."""
     document: dict[str, Any] = round_all(
         {
             "schema": SCHEMA,
@@ -78,7 +78,7 @@ def describe_profile(studied: StudiedDays) -> dict[str, Any]:
 
 
 def _describe_arm(arm: ArmDays) -> dict[str, Any]:
-    telling, trend = tell_days(arm), follow_days(arm)
+    telling, trend = estimate_days_needed(arm), compute_trend(arm)
     return {
         "subject": arm.subject,
         "side": arm.side,
@@ -126,11 +126,11 @@ def _spell_pose(ends: PoseEnds | None) -> dict[str, float | None]:
     return dict(zip(("low_pose", "high_pose"), ends or (None, None), strict=True))
 
 
-# ------------------------------------------------------------------ what the report needs, too
+# Also used by the report.
 
 
 def describe_arm(arm: ArmDays) -> dict[str, DayMean]:
-    """Describe the days of an arm by figure; empty where none counts."""
+    """Return the days of an arm by figure; empty if no day counts."""
     every = {name: arm.list_values(name) for name in FIGURES}
     return {name: describe_days(values, _find_most(name)) for name, values in every.items() if values}
 
@@ -139,21 +139,21 @@ def _find_most(name: str) -> float:
     return 100.0 if name.endswith("_percent") else 180.0 if name.endswith("_deg") else inf
 
 
-def tell_days(arm: ArmDays) -> Telling | None:
-    """Find how many days tell a change of half the time above 60 deg; None where no day counts."""
+def estimate_days_needed(arm: ArmDays) -> Telling | None:
+    """Return how many days can detect a change of half the time above 60 deg; None if no day counts."""
     values = arm.list_values(MAIN)
     return find_telling(describe_days(values), BETWEEN_DAY_SD[MAIN]) if values else None
 
 
-def follow_days(arm: ArmDays) -> Trend | None:
-    """Set the time above 60 deg of every day with a date against the first; None on a side of a change."""
+def compute_trend(arm: ArmDays) -> Trend | None:
+    """Compare the time above 60 deg of every dated day with the first; None on a side of a change."""
     dated = [day.list_figures()[MAIN] for day in arm.counted if day.start]
     values = [value for value in dated if value is not None]
     return find_trend(values, BETWEEN_DAY_SD[MAIN]) if arm.stage == "all" else None
 
 
 def list_groups(studied: StudiedDays) -> Iterator[tuple[Side | None, Stage, dict[str, GroupSpread]]]:
-    """Return the spread of each arm and side of the change between and within five people or more."""
+    """Return the spread of each arm and side of the change, between and within five people or more."""
     if not studied.is_group:
         return
     for side in studied.sides:
@@ -169,7 +169,7 @@ def list_groups(studied: StudiedDays) -> Iterator[tuple[Side | None, Stage, dict
 
 
 def find_group_pose(studied: StudiedDays, name: str, side: Side | None, stage: Stage) -> PoseEnds | None:
-    """Return the mean over people of the ends of the range that holds the pose's error, each person once."""
+    """Return the mean over people of the ends of the range with the pose's error, each person once."""
     arms = [arm for arm in studied.arms if (arm.side, arm.stage) == (side, stage) and arm.counted]
     ends = [ends for arm in arms if (ends := arm.find_pose_ends(name))]
     if not ends or len(ends) < len(arms):
@@ -178,7 +178,7 @@ def find_group_pose(studied: StudiedDays, name: str, side: Side | None, stage: S
 
 
 def list_changes(studied: StudiedDays) -> Iterator[tuple[Side | None, dict[str, dict[str, Any]]]]:
-    """Return the change of each arm, after less before, by figure; nothing without a change."""
+    """Return the change of each arm, after minus before, by figure; none without a change."""
     if "after" not in studied.stages:
         return
     for side in studied.sides:
@@ -189,19 +189,19 @@ def list_changes(studied: StudiedDays) -> Iterator[tuple[Side | None, dict[str, 
 
 
 def _collect(studied: StudiedDays, name: str, side: Side | None, stage: Stage) -> dict[str, list[float]]:
-    """Return the figure of each person's days that count; people without any are left out."""
+    """Return the figure of each person's days that count; people without any are omitted."""
     arms = (arm for arm in studied.arms if (arm.side, arm.stage) == (side, stage))
     values = {arm.subject: arm.list_values(name) for arm in arms}
     return {subject: days for subject, days in values.items() if days}
 
 
 def _find_change(studied: StudiedDays, name: str, side: Side | None) -> dict[str, Any] | None:
-    """Compare people before and after: one by the days, a group by the range of its change."""
+    """Compare before and after: one person by the days, a group by the range of its change."""
     before, after = (_collect(studied, name, side, stage) for stage in ("before", "after"))
     change, detectable, verdict = compare_people(before, after), None, "unknown"
     if change is None or (studied.is_group and change.people < FEWEST_PEOPLE):
         return None
-    if change.people == 1:  # the least change that days do not make, by their own deviation where known
+    if change.people == 1:  # the minimal detectable change between days, by this person's deviation if known
         code, sd = next(code for code in before if code in after), BETWEEN_DAY_SD.get(name)
         pooled = pool_deviation([before[code], after[code]])
         if pooled and pooled[1] >= LEAST_OWN_DAYS - 1:
@@ -216,7 +216,7 @@ def _find_change(studied: StudiedDays, name: str, side: Side | None) -> dict[str
     return {**_spell(change), "detectable": detectable, "verdict": verdict}
 
 
-# ------------------------------------------------------------------ tables
+# Tables.
 
 
 _DAY_COLUMNS = (
@@ -228,17 +228,17 @@ _OVERLAY_COLUMNS = ("subject", "side", "stage", "clock", "days", *(f"p{p}_deg" f
 
 
 def encode_day_table(studied: StudiedDays) -> bytes:
-    """Write ``profile.csv``: a row for each day."""
+    """Encode ``profile.csv``: a row for each day."""
     rows = (
-        round_all({**told, **told["figures"], "subject": arm.subject, "stage": arm.stage})
+        round_all({**shown, **shown["figures"], "subject": arm.subject, "stage": arm.stage})
         for arm in studied.arms
-        for told in map(_describe_day, arm.days)
+        for shown in map(_describe_day, arm.days)
     )
     return encode_table(_DAY_COLUMNS, rows)
 
 
 def encode_overlay_table(studied: StudiedDays) -> bytes:
-    """Write ``overlay.csv``: a row for each quarter hour of each arm; empty where too few days are."""
+    """Encode ``overlay.csv``: a row for each quarter hour of each arm; empty if there are too few days."""
     rows = (
         round_all({"subject": arm.subject, "side": arm.side, "stage": arm.stage, **_describe_band(band)})
         for arm in studied.arms

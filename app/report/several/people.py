@@ -1,4 +1,4 @@
-"""Finished analyses put in order: by person, arm and side of a change; what cannot be is refused."""
+"""Group finished analyses by person, arm and side of a change; reject invalid combinations."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from statistics import fmean
 from typing import Literal
 
 from app.errors import CannotProfile
-from app.report.findings import Kept
-from app.report.pairs import OnePerson, are_mixed, judge_person, name_pose, read_code
+from app.report.findings import FinishedAnalysis
+from app.report.pairs import OnePerson, has_mixed_methods, judge_person, name_pose, read_code
 from app.report.words.wording import clean_text
 from fusion.comparison.change import WHOLE_DAY_S
 from fusion.comparison.days import ClockBand
@@ -34,38 +34,38 @@ _ORDER: tuple[Side | None, ...] = ("left", "right", None)
 
 @dataclass(frozen=True, slots=True)
 class MeasuredDay:
-    """One finished analysis. ``place`` says where it lies, for whoever reads it again."""
+    """One finished analysis. ``place`` is its location, from which it can be read again."""
 
-    kept: Kept
+    kept: FinishedAnalysis
     stage: Stage = "all"
     place: str = ""
 
     @property
     def subject(self) -> str:
-        """Code of the person; empty where none was given."""
+        """Code of the person; empty if none was given."""
         return read_code(self.kept)
 
     @property
     def start(self) -> datetime | None:
-        """When it began by its clock; a zone is dropped, for days are compared by what clocks showed."""
+        """Start by its clock; a time zone is dropped because days are compared by the time on the clock."""
         start = self.kept.findings.recording.start
         return start.replace(tzinfo=None) if start else None
 
     @property
     def end(self) -> datetime | None:
-        """When it ended by its clock."""
+        """End by its clock."""
         lasted = timedelta(microseconds=self.kept.findings.recording.duration_us)
         return self.start + lasted if self.start else None
 
     @property
     def left_out(self) -> LeftOut | None:
-        """Why it does not count as a day; None where it does."""
+        """Why it does not count as a day; None if it counts."""
         if self.kept.findings.recording.duration_us > LONGEST_DAY_S * MICROSECONDS:
             return "long"
         return "short" if self.kept.findings.exposure.analysed_s < WHOLE_DAY_S else None
 
     def list_figures(self) -> dict[str, float | None]:
-        """Return the figures that days are compared by."""
+        """Return the figures for comparing days."""
         exposure = self.kept.findings.exposure
         rises = next(e for e in exposure.entries if e.threshold_deg == 60)
         return {
@@ -75,7 +75,7 @@ class MeasuredDay:
         }
 
     def find_interval(self, name: str) -> Interval | None:
-        """Return the range of one of these figures on this day; None where it is not known."""
+        """Return the range of one of these figures on this day; None if unknown."""
         exposure = self.kept.findings.exposure
         above = {f"time_above_{item.threshold_deg:g}_percent": item.interval for item in exposure.time_above}
         return above[name] if name in above else exposure.intervals.get(name)
@@ -96,7 +96,7 @@ class ArmDays:
 
     @property
     def counted(self) -> tuple[MeasuredDay, ...]:
-        """The days that count in means and spread."""
+        """Days that count in means and spread."""
         return tuple(day for day in self.days if day.left_out is None)
 
     def list_values(self, name: str) -> list[float]:
@@ -105,10 +105,10 @@ class ArmDays:
         return [value for value in values if value is not None]
 
     def find_pose_ends(self, name: str) -> PoseEnds | None:
-        """Return the mean over the days that count of the ends of the range that holds the pose's error.
+        """Return the mean ends of the range with the pose's error over the days that count.
 
-        The error is the same every day, so that no number of days makes it smaller. None unless every day
-        has both ends.
+        The error is the same every day, so that more days do not reduce it. None unless every day has both
+        ends.
         """
         intervals = [day.find_interval(name) for day in self.counted]
         ends = [(i.low_pose, i.high_pose) for i in intervals if i is not None]
@@ -120,7 +120,7 @@ class ArmDays:
 
 @dataclass(frozen=True, slots=True)
 class StudiedDays:
-    """All days, and what they differ in besides the work."""
+    """All days, and their differences other than the work."""
 
     arms: tuple[ArmDays, ...]
     one_person: OnePerson
@@ -128,47 +128,45 @@ class StudiedDays:
 
     @property
     def days(self) -> tuple[MeasuredDay, ...]:
-        """Every day."""
+        """All days."""
         return tuple(day for arm in self.arms for day in arm.days)
 
     @property
     def people(self) -> tuple[str, ...]:
-        """The codes; one empty one where none was given."""
+        """The codes; a single empty one if none was given."""
         return tuple(dict.fromkeys(arm.subject for arm in self.arms))
 
     @property
     def is_group(self) -> bool:
-        """Whether they are of several people, of whom only figures of five or more are given."""
+        """Whether they are from several people; then only figures of five or more people are shown."""
         return self.one_person == "no"
 
     @property
     def stages(self) -> tuple[Stage, ...]:
-        """The sides of the change; one, "all", without a change."""
+        """Sides of the change; only "all" without a change."""
         return tuple(dict.fromkeys(arm.stage for arm in self.arms))
 
     @property
     def sides(self) -> tuple[Side | None, ...]:
-        """The arms that were measured."""
+        """The measured arms."""
         return tuple(side for side in _ORDER if any(arm.side == side for arm in self.arms))
 
 
 def group_days(
     days: Sequence[MeasuredDay], *, same_subject: bool = False, mixed_methods: bool = False
 ) -> StudiedDays:
-    """Put days in order.
+    """Group days by person, arm and side of the change.
 
-    Parameters
-    ----------
-    days
+    Parameters ---------- days
         In any order.
     same_subject
-        Somebody says that all are of one person, where a code is missing.
+        A person states that all are from one person, if a code is missing.
     mixed_methods
-        Figures of several methods, or versions of one, are wanted beside one another.
+        Allow figures of several methods, or of several versions of one.
 
-    Raises CannotProfile with a single recording; one twice; the same hours of one arm twice; recordings
-    without a code beside several codes, or of which nobody says that they are of one person; fewer than five
-    people of one arm in a group; several methods that nobody asked to mix.
+    Raises CannotProfile for a single recording; one given twice; the same hours of one arm twice; recordings
+    without a code beside several codes, or not stated to be from one person; fewer than five people per arm
+    in a group; several methods without permission.
     """
     if len(days) < 2:
         raise CannotProfile(why="one")
@@ -179,21 +177,21 @@ def group_days(
             raise CannotProfile(why="same", name=_name(first), other=_name(day))
     one_person = judge_person([day.kept for day in days], is_stated=same_subject)
     nobody = next((day for day in days if not day.subject), None)
-    if nobody and one_person in ("unknown", "no"):  # in a group no code may be missing
+    if nobody and one_person in ("unknown", "no"):  # in a group every code is required
         raise CannotProfile(why="person" if one_person == "unknown" else "codes", name=_name(nobody))
-    if are_mixed(day.kept for day in days) and not mixed_methods:
+    if has_mixed_methods(day.kept for day in days) and not mixed_methods:
         raise CannotProfile(why="methods")
-    code = max(day.subject for day in days)  # the only one, which is taken for a missing one
+    code = max(day.subject for day in days)  # the only code, which also replaces a missing one
     arms = _split_arms(days, code if one_person != "no" else "")
     people = Counter((arm.side, arm.stage) for arm in arms if arm.counted)
     if one_person == "no" and max(people.values(), default=0) < FEWEST_PEOPLE:
         raise CannotProfile(why="few")
     for arm in arms:
-        _refuse_same_hours([day for other in arms if _is_same_arm(arm, other) for day in other.days])
+        _check_hours([day for other in arms if _is_same_arm(arm, other) for day in other.days])
     return StudiedDays(arms, one_person, _find_differences(arms))
 
 
-def _refuse_same_hours(days: Sequence[MeasuredDay]) -> None:
+def _check_hours(days: Sequence[MeasuredDay]) -> None:
     placed = sorted((day.start, day.end, _name(day)) for day in days if day.start and day.end)
     for (_, end, first), (start, _, second) in pairwise(placed):
         if start < end:
@@ -209,7 +207,7 @@ def _is_same_arm(one: ArmDays, other: ArmDays) -> bool:
 
 
 def _split_arms(days: Sequence[MeasuredDay], code: str) -> tuple[ArmDays, ...]:
-    """Split by person, arm and side of the change, each in order of time; a missing code is ``code``."""
+    """Split by person, arm and side of the change, each in order of time; ``code`` replaces a missing one."""
     stages: tuple[Stage, ...] = ("all", "before", "after")
     split: dict[tuple[str, Side | None, Stage], list[MeasuredDay]] = {}
     for day in days:
@@ -223,12 +221,12 @@ def _place_in_time(day: MeasuredDay) -> tuple[bool, datetime, str]:
 
 
 def _find_differences(arms: Sequence[ArmDays]) -> tuple[Difference, ...]:
-    """Name what days differ in that should be alike, the gravest first."""
+    """Return what differs between days but should be alike, the most serious first."""
     days = [day for arm in arms for day in arm.days]
     every = [day.kept.findings for day in days]
     dates = ([day.start.date() for day in arm.counted if day.start] for arm in arms)
     unlike: dict[Difference, bool] = {
-        "method": are_mixed(day.kept for day in days),
+        "method": has_mixed_methods(day.kept for day in days),
         "pose": len({name_pose(findings) for findings in every}) > 1,
         "sensor": len({findings.recording.device for findings in every}) > 1,
         "metric filter": len({findings.exposure.metric_filter_hz for findings in every}) > 1,

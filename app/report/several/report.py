@@ -1,6 +1,7 @@
-"""The report of several days, for people: of one person, of both arms, of a group, before and after.
+"""The report on several days: of one person, of both arms, of a group, before and after.
 
-Pure. Its figures are those of :mod:`app.report.several.document`; each is defined in docs/profile.md.
+All functions are pure. The figures come from :mod:`app.report.several.document`; docs/profile.md defines
+each.
 """
 
 from __future__ import annotations
@@ -22,13 +23,13 @@ from app.report.several.charts import FigureRow, build_overlays, build_rows, bui
 from app.report.several.document import (
     FIGURES,
     MAIN,
+    compute_trend,
     describe_arm,
     describe_profile,
+    estimate_days_needed,
     find_group_pose,
-    follow_days,
     list_changes,
     list_groups,
-    tell_days,
 )
 from app.report.several.people import ArmDays, PoseEnds, Side, Stage, StudiedDays
 from app.report.single.chapters import format_pose_caution
@@ -59,13 +60,13 @@ from fusion.recording import MICROSECONDS
 
 TILES = ("time_above_30_percent", "time_above_60_percent", "time_above_90_percent", "entries_above_60_per_h")
 MOST_DAYS = 60
-"""Rows of a table of days in the report; all of them are in profile.csv."""
+"""Maximum rows in a table of days; profile.csv has all."""
 MOST_ROWS = 14
-"""Rows of the drawing of days; all of them are in the table behind and in profile.csv."""
+"""Maximum rows in the chart of days; the table behind it and profile.csv have all."""
 
 
 def build_days(studied: StudiedDays, language: Language) -> Report:
-    """Turn several days into one report."""
+    """Build one report on several days."""
     words, common = load_wording(language, "days"), load_wording(language)
     every = [day.kept for day in studied.days]
     rule = fill(words["caution"], {"source": SOURCE, "own": str(LEAST_OWN_DAYS)})
@@ -113,30 +114,30 @@ def _build_header(studied: StudiedDays, words: Words, common: Words, language: L
 def _build_verdict(studied: StudiedDays, entry: Words, differences: Words) -> VerdictLine:
     """State first whether there are days to compare, then whether they are alike."""
     most = max(len(arm.counted) for arm in studied.arms)
-    if most < 2 and not studied.is_group:  # whose range comes from its people
+    if most < 2 and not studied.is_group:  # the range of a group comes from its people
         return VerdictLine("poor", entry["one"]["label"], entry["one"]["reason"])
     if not studied.differences:
         return VerdictLine("good", entry["alike"]["label"], entry["alike"]["reason"])
-    told = "; ".join(differences[name] for name in studied.differences)
+    shown = "; ".join(differences[name] for name in studied.differences)
     level = "poor" if "poor" in studied.differences else "caution"
-    return VerdictLine(level, entry["unlike"]["label"], fill(entry["unlike"]["reason"], {"list": told}))
+    return VerdictLine(level, entry["unlike"]["label"], fill(entry["unlike"]["reason"], {"list": shown}))
 
 
-# ------------------------------------------------------------------ the answer in sentences
+# The answer in sentences.
 
 
 def _list_sentences(studied: StudiedDays, entry: Words, language: Language) -> Iterable[str]:
-    """State the change, where there is one; else mean and spread, which then stand in the tables."""
+    """State the change if there is one, else mean and spread."""
     if "after" in studied.stages:
         return _list_change_sentences(studied, entry["change"], language)
     if studied.is_group:
         return _list_group_sentences(studied, entry, language)
-    return (told for arm in studied.arms for told in _list_arm_sentences(arm, entry, language))
+    return (shown for arm in studied.arms for shown in _list_arm_sentences(arm, entry, language))
 
 
 def _list_arm_sentences(arm: ArmDays, entry: Words, language: Language) -> list[str]:
     name = _name_arm(arm.side, arm.stage, language)
-    days, telling, values = describe_arm(arm).get(MAIN), tell_days(arm), arm.list_values(MAIN)
+    days, telling, values = describe_arm(arm).get(MAIN), estimate_days_needed(arm), arm.list_values(MAIN)
     if days is None or telling is None:
         return [fill(entry["none"], {"arm": name})]
     facts = {
@@ -158,13 +159,13 @@ def _list_arm_sentences(arm: ArmDays, entry: Words, language: Language) -> list[
     if days.days < 2:
         return [fill(entry["one"], facts), fill(entry["more"], facts)]
     needed = fill(entry["more" if telling.more_days else "enough"], facts)
-    trend = _tell_trend(arm, entry, language)
+    trend = _format_trend(arm, entry, language)
     return [fill(entry["mean"], facts), f"{fill(entry['spread'], facts)} {needed}", *trend]
 
 
-def _tell_trend(arm: ArmDays, sentence: Words, language: Language) -> list[str]:
-    """Return whether the last day differs from the first by more than single days do."""
-    trend, entry = follow_days(arm), sentence["trend"]
+def _format_trend(arm: ArmDays, sentence: Words, language: Language) -> list[str]:
+    """Return whether the last day differs from the first by more than single days usually do."""
+    trend, entry = compute_trend(arm), sentence["trend"]
     starts = [day.start for day in arm.counted if day.start]
     if trend is None:
         return []
@@ -179,9 +180,11 @@ def _tell_trend(arm: ArmDays, sentence: Words, language: Language) -> list[str]:
         "outside": str(trend.outside),
         "later": str(len(starts) - 1),
     }
-    told = f"{fill(entry['told'], facts)} {fill(entry['larger' if trend.is_larger else 'not larger'], facts)}"
+    shown = (
+        f"{fill(entry['told'], facts)} {fill(entry['larger' if trend.is_larger else 'not larger'], facts)}"
+    )
     outside = fill(entry["outside" if trend.outside else "none"], facts)
-    return [f"{told} {outside}" if len(starts) > 2 else told]
+    return [f"{shown} {outside}" if len(starts) > 2 else shown]
 
 
 def _list_group_sentences(studied: StudiedDays, entry: Words, language: Language) -> Iterator[str]:
@@ -209,8 +212,8 @@ def _list_group_sentences(studied: StudiedDays, entry: Words, language: Language
 
 def _format_two_ends(name: str, interval: Interval | None, language: Language) -> dict[str, str]:
     ends = (interval.low, interval.high) if interval else ()
-    told = (format_number(end, 1, language) for end in ends)
-    return dict(zip((f"{name}_low", f"{name}_high"), told, strict=False))
+    shown = (format_number(end, 1, language) for end in ends)
+    return dict(zip((f"{name}_low", f"{name}_high"), shown, strict=False))
 
 
 def _format_pose(ends: PoseEnds | None, name: str, language: Language) -> str:
@@ -242,15 +245,15 @@ def _list_change_sentences(studied: StudiedDays, entry: Words, language: Languag
             "high": format_number(span[1], 1, language) if span else "",
             "detectable": format_points(change["detectable"], MAIN, language) if change["detectable"] else "",
         }
-        told = entry["group" if span else "person"]
-        yield f"{fill(told['told'], facts)} {fill(told[change['verdict']], facts)}"
+        shown = entry["group" if span else "person"]
+        yield f"{fill(shown['told'], facts)} {fill(shown[change['verdict']], facts)}"
 
 
-# ------------------------------------------------------------------ drawings and chapters
+# Charts and chapters.
 
 
 def _list_figures(studied: StudiedDays, words: Words, language: Language) -> Iterator[Chart]:
-    """Draw one person's days: over one another, and the last days of each arm under its mean."""
+    """Draw one person's days: overlaid, and the last days of each arm below its mean."""
     shown = [
         (_name_arm(arm.side, arm.stage, language), arm)
         for arm in studied.arms
@@ -284,11 +287,11 @@ def _lay_mean(arm: ArmDays, language: Language) -> list[FigureRow]:
 def _lay_row(
     label: str, values: list[float | None], language: Language, *, is_left_out: bool = False
 ) -> FigureRow:
-    told = (
+    shown = (
         NONE if value is None else format_figure(value, key, language)
         for key, value in zip(TILES, values, strict=True)
     )
-    return FigureRow(label, tuple(values), tuple(told), is_left_out=is_left_out)
+    return FigureRow(label, tuple(values), tuple(shown), is_left_out=is_left_out)
 
 
 def _list_sections(studied: StudiedDays, words: Words, language: Language) -> Iterator[Section]:
@@ -303,14 +306,14 @@ def _list_sections(studied: StudiedDays, words: Words, language: Language) -> It
 
 
 def _name_arm(side: Side | None, stage: Stage, language: Language) -> str:
-    """Name an arm, and the side of the change where there is one: "Right arm, before"."""
+    """Return the name of an arm, with the side of the change if there is one: "Right arm, before"."""
     words = load_wording(language, "days")
     arm = str(words["arm"][side or "unknown"])
     return arm if stage == "all" else fill(words["arm_stage"], {"arm": arm, "stage": words["stage"][stage]})
 
 
 def _format_span(interval: Interval | None, name: str, language: Language) -> str:
-    """Write a range of a figure; empty without one."""
+    """Format a range of a figure; empty without one."""
     if name.endswith("_percent"):
         return format_range(interval, language)
     if name.endswith("_deg"):
@@ -322,11 +325,11 @@ def _name_figure(name: str, language: Language) -> str:
     return str(load_pair_words(language)["compare"]["table"]["figure"][name])
 
 
-# ------------------------------------------------------------------ the chapters
+# The chapters.
 
 
 def _build_means(studied: StudiedDays, words: Words, language: Language) -> Iterator[Section]:
-    """Build the chapter with the mean of each figure over the days of each arm; none without any."""
+    """Build the chapter with the mean of each figure over the days of each arm; none if no day counts."""
     entry, tables = words["means"], []
     for arm in studied.arms:
         rows = tuple(
@@ -348,7 +351,7 @@ def _build_means(studied: StudiedDays, words: Words, language: Language) -> Iter
 
 
 def _build_group(studied: StudiedDays, words: Words, language: Language) -> Iterator[Section]:
-    """Build the chapter with the mean of a group, its spread between and within people; none without any."""
+    """Build the chapter with the mean and spread of a group; none without figures."""
     entry, tables = words["group"], []
     for side, stage, figures in list_groups(studied):
         rows = tuple(
@@ -370,7 +373,7 @@ def _build_group(studied: StudiedDays, words: Words, language: Language) -> Iter
 
 
 def _build_changes(studied: StudiedDays, words: Words, language: Language) -> Iterator[Section]:
-    """Build the chapter with the change of each arm: its range, or the least change that days do not make."""
+    """Build the chapter with the change of each arm: its range, or the minimal detectable change."""
     entry, tables = words["change"], []
     for side, figures in list_changes(studied):
         rows = tuple(
@@ -395,9 +398,9 @@ def _build_changes(studied: StudiedDays, words: Words, language: Language) -> It
 
 
 def _build_days_table(studied: StudiedDays, words: Words, language: Language) -> Section:
-    """Return every day, the earliest first, cut at a stated number of rows.
+    """Build a table of every day, earliest first, cut at a stated number of rows.
 
-    A day is named by its date, with arm and side of the change where there are two: "left, 3 March 2026".
+    A day is identified by its date, with arm and side of the change if there are two: "left, 3 March 2026".
     """
     entry, sides, rows = words["days"], load_wording(language)["side"], []
     verdicts = load_pair_words(language)["pair"]["verdict"]
@@ -409,7 +412,7 @@ def _build_days_table(studied: StudiedDays, words: Words, language: Language) ->
         )
         findings, figures = day.kept.findings, day.list_figures()
         lasted = format_duration(findings.time.analysed_us / MICROSECONDS, language)
-        told = (
+        shown = (
             NONE if (value := figures[name]) is None else format_figure(value, name, language)
             for name in FIGURES
         )
@@ -417,7 +420,7 @@ def _build_days_table(studied: StudiedDays, words: Words, language: Language) ->
             (
                 ", ".join(filter(None, named)),
                 f"{lasted} ({words['left_out'][day.left_out]})" if day.left_out else lasted,
-                *told,
+                *shown,
                 verdicts[findings.quality.verdict],
             )
         )
@@ -429,7 +432,7 @@ def _build_days_table(studied: StudiedDays, words: Words, language: Language) ->
 
 
 def _build_sources(studied: StudiedDays, words: Words, language: Language) -> Section:
-    """Return where each day comes from."""
+    """Build the table of the source of each day."""
     entry, common, rows = words["sources"], load_wording(language), []
     for day in studied.days:
         findings, subject, begins = day.kept.findings, day.kept.subject, words["no_clock"]

@@ -61,26 +61,26 @@ from fusion.exposure.types import LEAST_RANGED_S, ElevationBin, Exposure, PartEx
 from fusion.recording import MICROSECONDS, QualityFlag
 
 LEAST_SHARE = 0.01
-"""Of the recording: less that was not analysed, and less than a minute, is left to the table."""
+"""Minimum share of the recording (and one minute) for time without analysis outside the table."""
 NOTED_WALKING_DEG = 30.0
-"""Walking decides nothing; a note says if it lies further than this from the axis."""
+"""A larger angle between walking and the axis is noted; walking decides nothing."""
 PLACED = frozenset({Caveat.POSE_ASSUMED, Caveat.WHICH_POSE, Caveat.SLIP, Caveat.LEAN})
-"""Caveats whose seconds say where to look, not how much of the recording they concern."""
+"""Caveats whose seconds locate the problem, not its duration."""
 MOST_TIMES = 6
 MOST_REASONS = 2
-"""That the first page names; the table of data quality holds all."""
+"""Maximum reasons on the first page; the table of data quality has all."""
 SHORTEST_HOUR_S = 1.0
 SHORTEST_RATED_S = 600.0
-"""In less than ten minutes of an hour or a period a rate per hour would only be a small count multiplied."""
+"""In less than ten minutes a rate per hour would only multiply a small count."""
 MOST_PARTS = 14
-"""Hours, periods or tasks in a table of the report; the CSV holds all."""
+"""Maximum hours, periods or tasks in a table of the report; the CSV has all."""
 LONGEST_NAME = 60
-"""Of a period in its table; results.json and periods.csv hold the whole label."""
+"""Maximum length of a period's name in its table; results.json and periods.csv have the whole label."""
 
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """What was found, whose it is, the clock of the recording, and the words of the report."""
+    """The findings, the subject, the clock of the recording, and the words of the report."""
 
     findings: Findings
     subject: ReportSubject
@@ -94,7 +94,7 @@ class Context:
 
     @property
     def exposure(self) -> Exposure:
-        """The figures."""
+        """The exposure figures."""
         return self.findings.exposure
 
     def find_above(self, threshold_deg: float) -> TimeAbove:
@@ -102,42 +102,42 @@ class Context:
         return next(t for t in self.exposure.time_above if t.threshold_deg == threshold_deg)
 
 
-# ------------------------------------------------------------------ what limits the figures
+# Limits of the figures.
 
 
 def build_verdict(context: Context) -> VerdictLine:
-    """Return the verdict, the gravest reason in full, every other by its name, and what was not analysed.
+    """Return the verdict, the most serious reason in full, the others by name, and the time without analysis.
 
-    A sound recording never hides what the pose does to its figures.
+    Even a good recording states the effect of the pose on its figures.
     """
     findings, words, language = context.findings, context.words, context.language
     verdict = findings.quality.verdict
     entry = words["verdict"][verdict]
     counted = _list_counted(findings)
     is_posed = verdict == "good" and format_pose_caution(findings, words)
-    told = [entry["posed" if is_posed else "reason"]]
+    shown = [entry["posed" if is_posed else "reason"]]
     if counted:
         others = join_clauses((_format_flag(flag, language) for flag in counted[1:]), language)
         also = fill(words["heading"]["also"], {"others": others}) if others else ""
-        told = [_describe_flag(counted[0], language), also]
-    told.append(_format_not_analysed(context))
-    return VerdictLine(verdict, entry["label"], " ".join(filter(None, told)))
+        shown = [_describe_flag(counted[0], language), also]
+    shown.append(_format_not_analysed(context))
+    return VerdictLine(verdict, entry["label"], " ".join(filter(None, shown)))
 
 
 def format_quality(context: Context) -> str:
-    """Return what limits the data by name alone, the gravest first."""
+    """Return the names of the limits of the data, the most serious first."""
     findings, words, language = context.findings, context.words, context.language
     counted = [_format_flag(flag, language) for flag in _list_counted(findings)]
     if not counted:
         return str(words["profile"]["no_fault_posed" if format_pose_caution(findings, words) else "no_fault"])
     more = len(counted) - MOST_REASONS
-    told = join_clauses(counted[:MOST_REASONS], language)
-    facts = {"reasons": told[0].upper() + told[1:], "more": str(more) if more > 0 else ""}
+    shown = join_clauses(counted[:MOST_REASONS], language)
+    facts = {"reasons": shown[0].upper() + shown[1:], "more": str(more) if more > 0 else ""}
     return fill(words["profile"]["reasons"], facts)
 
 
 def _list_counted(findings: Findings) -> list[QualityFlag]:
-    """Return the caveats that count, the gravest first."""
+    """Return the caveats that count, the most serious first."""
     flags = {flag.code: flag for flag in reversed(findings.quality.flags)}
     return [flags[code] for code in findings.quality.reasons if code in flags]
 
@@ -164,12 +164,12 @@ def _format_not_analysed(context: Context) -> str:
         missing = words["time"]["missing"]
         parts.append((missing[0].lower() + missing[1:], time.missing_us))
     parts.sort(key=lambda part: -part[1])
-    told = ", ".join(f"{name} {format_duration(us / MICROSECONDS, context.language)}" for name, us in parts)
-    return fill(words["heading"]["not_analysed"], {"parts": told})
+    shown = ", ".join(f"{name} {format_duration(us / MICROSECONDS, context.language)}" for name, us in parts)
+    return fill(words["heading"]["not_analysed"], {"parts": shown})
 
 
 def _sum_exclusions(findings: Findings) -> Counter[str]:
-    """Add up the excluded stretches by their reason, microseconds."""
+    """Return the total of the excluded stretches by reason, in microseconds."""
     totals_us: Counter[str] = Counter()
     for span in findings.exclusions:
         totals_us[span.reason] += span.duration_us
@@ -177,8 +177,10 @@ def _sum_exclusions(findings: Findings) -> Counter[str]:
 
 
 def choose_ranges(findings: Findings) -> str:
-    """Return the key of what the ranges hold: ``known``, or ``ready`` (sampling alone, as the error of the
-    angle is not known). Where there are none: ``short`` (little of a day), else ``none``.
+    """Return the key for the meaning of the ranges.
+
+    ``known``; ``ready`` (sampling alone, as the error of the angle is unknown); without ranges ``short``
+    (little of a day) or ``none``.
     """
     exposure = findings.exposure
     if not exposure.intervals and exposure.analysed_s < LEAST_RANGED_S:
@@ -193,11 +195,11 @@ def format_accuracy(findings: Findings, words: Words) -> str:
     return str(words["accuracy"][findings.method.name if findings.method else "ready"])
 
 
-# ------------------------------------------------------------------ the pose
+# The pose.
 
 
 def format_pose_caution(findings: Findings, words: Words) -> str:
-    """Return the known one-sided error of the pose that was held; empty where there is none."""
+    """Return the known one-sided error of the held pose; empty if there is none."""
     calibration = findings.calibration
     if calibration is None or calibration.pose is None or calibration.state in UNHELD:
         return ""
@@ -205,7 +207,7 @@ def format_pose_caution(findings: Findings, words: Words) -> str:
 
 
 def format_pose_state(context: Context) -> str:
-    """Return how the pose is known, in a line; empty for ready angles."""
+    """Return the evidence for the pose in a line; empty for a file with angles."""
     calibration, entry, clock = context.findings.calibration, context.words["pose_state"], context.clock
     if calibration is None:
         return ""
@@ -227,23 +229,23 @@ def format_pose_state(context: Context) -> str:
 
 
 def format_needs_pose(context: Context) -> str:
-    """Ask which stillness was the pose if they disagree; else empty."""
+    """Return the question which stillness was the pose, if they disagree; else empty."""
     calibration, entry = context.findings.calibration, context.words["calibration"]
     if calibration is None or not calibration.needs_pose:
         return ""
     every = [context.clock.format(still.start_s, with_seconds=True) for still in calibration.proposals]
     further = len(every) - MOST_TIMES
     more = [fill(entry["more"], {"n": str(further)})] if further > 0 else []
-    told = [*every[:MOST_TIMES], *more]
+    shown = [*every[:MOST_TIMES], *more]
     facts = {
-        "times": f" {entry['or']} ".join(filter(None, (", ".join(told[:-1]), told[-1]))),
+        "times": f" {entry['or']} ".join(filter(None, (", ".join(shown[:-1]), shown[-1]))),
         "apart": format_angle(calibration.spread_deg, context.language),
     }
     return fill(context.words["pose_state"]["needs"], facts)
 
 
 def format_walking_note(context: Context) -> str:
-    """Return how far walking lies from the axis, if that is far; else empty."""
+    """Return the angle between walking and the axis, if it is large; else empty."""
     calibration = context.findings.calibration
     if calibration is None or calibration.state == "none":
         return ""
@@ -254,7 +256,7 @@ def format_walking_note(context: Context) -> str:
 
 
 def format_found(findings: Findings, words: Words) -> str:
-    """Return how the arm's axis was found; empty for ready angles."""
+    """Return how the arm's axis was found; empty for a file with angles."""
     calibration = findings.calibration
     if calibration is None:
         return ""
@@ -265,14 +267,14 @@ def _format_axis(calibration: CalibrationFacts) -> str:
     return (calibration.axis or "").replace("-", "\u2212")
 
 
-# ------------------------------------------------------------------ the chapters
+# The chapters.
 
 
 def build_sections(context: Context) -> tuple[Section, ...]:
-    """Build the chapters in reading order; an empty one is left out."""
+    """Build the chapters in reading order, without empty ones."""
     words, exposure = context.words, context.exposure
     ranges, title = [words["ranges"]["every"][choose_ranges(context.findings)]], words["section"]
-    if _has_pose_ranges(context):  # what the ranges with the error of the pose are
+    if _has_pose_ranges(context):  # meaning of the ranges with the error of the pose
         ranges.append(f"{words['ranges']['pose']} {words['pose_caution']['ranges']}")
     sections = (
         _build_parts(context),
@@ -291,13 +293,13 @@ def _has_pose_ranges(context: Context) -> bool:
     return any(above.interval and above.interval.with_pose for above in context.exposure.time_above)
 
 
-# ------------------------------------------------------------------ published values
+# Published values.
 
 
 def _build_published(context: Context) -> Section:
-    """Return all references as a table, and what studies of groups found in words.
+    """Build the table of all references, and the findings of group studies in words.
 
-    The note says why no reference has a measured value beside it, or why the speed has none.
+    The note states why no reference has a measured value beside it, or why the speed has none.
     """
     words, language = context.words, context.language
     entry, comparison = words["published"], words["comparison"]
@@ -318,7 +320,7 @@ def _build_published(context: Context) -> Section:
     elif any(item.reason == "not computed" and item.reference.key == "velocity" for item in compared):
         why = fill(comparison["does_not_apply"], {"reason": comparison["reason"]["not_computed_velocity"]})
         note = f"{words['reference']['velocity']['name']} – {why}"
-    table = Table.lay(entry, rows, prose=True, note=note)
+    table = Table.build(entry, rows, prose=True, note=note)
     paragraphs = (*(entry["statement"][key] for key in STATEMENTS), entry["groups"])
     return Section("published", entry["title"], (" ".join(paragraphs),), tables=(table,))
 
@@ -328,7 +330,7 @@ def _format_value(value: float, reference: Reference, language: Language, decima
     return f"{format_number(value, 0 if reference.unit == 'deg' else decimals, language)}{sign}"
 
 
-# ------------------------------------------------------------------ by hour and by period
+# By hour and by period.
 
 
 def _build_parts(context: Context) -> Section:
@@ -349,7 +351,7 @@ def _build_parts(context: Context) -> Section:
         if any(is_drawable(part) for _, part in parts):
             figures.append(build_parts(key, parts, words, clock.language))
     if any(part.periods > 1 for part in exposure.by_task):
-        tasks = [  # the ranges of a task of one period stand under the period already
+        tasks = [  # the ranges of a task with one period are already below the period
             (f"{_name_part(part, words)} ({part.periods}\u00a0×)", part)
             if part.periods > 1
             else (_name_part(part, words), replace(part, intervals={}))
@@ -367,12 +369,12 @@ def _format_hour(part: PartExposure, context: Context) -> str:
 
 
 def _name_part(part: PartExposure, words: Words) -> str:
-    """Return the diary's label, else what kind of time it is."""
+    """Return the diary's label, or the kind of time."""
     return cut_text(clean_text(part.label) or words["part"]["kind"].get(part.kind, part.kind), LONGEST_NAME)
 
 
 def _tabulate_parts(parts: Sequence[tuple[str, PartExposure]], entry: Words, context: Context) -> Table:
-    """Tabulate parts, each with its ranges below, which have no units, so that they stay on their line."""
+    """Tabulate parts, each with its ranges below, without units so that they fit on one line."""
     language, range_name = context.language, context.words["measure"]["percentiles"]["range"]
     rows: list[tuple[str, ...]] = []
     for name, part in parts[:MOST_PARTS]:
@@ -400,10 +402,10 @@ def _tabulate_parts(parts: Sequence[tuple[str, PartExposure]], entry: Words, con
             )
             rows.append((range_name, "", *cells))
     cut = {"shown": str(MOST_PARTS), "all": str(len(parts))} if len(parts) > MOST_PARTS else {}
-    return Table.lay(entry, rows, note=fill(entry["note"], cut))
+    return Table.build(entry, rows, note=fill(entry["note"], cut))
 
 
-# ------------------------------------------------------------------ quality and time
+# Quality and time.
 
 
 def _build_quality(context: Context) -> Section:
@@ -416,7 +418,7 @@ def _build_quality(context: Context) -> Section:
         lasted = format_duration(flag.seconds, clock.language) if flag.seconds else NONE
         rows.append((flag.code, _describe_flag(flag, clock.language), count, lasted, *places))
     entry = words["quality"]
-    flags = Table.lay(entry, rows, prose=True)
+    flags = Table.build(entry, rows, prose=True)
     tables = (flags, _tabulate_time(context), _tabulate_time_parts(context))
     return Section("quality", words["section"]["quality"], tables=tuple(t for t in tables if t.rows))
 
@@ -435,15 +437,15 @@ def _tabulate_time(context: Context) -> Table:
         f"{format_reason(reason, context.words)} ({format_duration(us / MICROSECONDS, language)})"
         for reason, us in _sum_exclusions(context.findings).items()
     )
-    return Table.lay(entry, rows, note=fill(entry["note"], {"reasons": reasons}))
+    return Table.build(entry, rows, note=fill(entry["note"], {"reasons": reasons}))
 
 
 def _build_time_rows(
     amounts: Sequence[tuple[str, int]], whole_us: int, language: Language
 ) -> list[tuple[str, ...]]:
-    """Write amounts of time, microseconds: in units, in seconds, and as a share of the whole.
+    """Format amounts of time in microseconds: in units, in seconds, and as a share of the whole.
 
-    The seconds are rounded where the amounts meet, so that what is printed adds up too.
+    The seconds are rounded at the cumulative ends, so that the printed values also add up.
     """
     ends_s = [round(end_us / MICROSECONDS, 1) for end_us in accumulate(us for _, us in amounts)]
     return [
@@ -458,7 +460,7 @@ def _build_time_rows(
 
 
 def _tabulate_time_parts(context: Context) -> Table:
-    """Tabulate each kind of time in the diary; all add up to the recorded time."""
+    """Tabulate each kind of time in the diary; they add up to the recorded time."""
     words, time = context.words, context.findings.time
     entry, kinds, amounts = words["time_parts"], words["part"]["kind"], []
     for part in time.parts if context.exposure.by_period else ():
@@ -466,10 +468,10 @@ def _tabulate_time_parts(context: Context) -> Table:
         name = format_reason(part.name, words) if is_excluded else str(kinds.get(part.name, part.name))
         amounts.append((fill(entry[part.account], {"name": name}), part.duration_us))
     rows = _build_time_rows(amounts, time.recorded_us, context.language)
-    return Table.lay(entry, rows, note=entry["note"])
+    return Table.build(entry, rows, note=entry["note"])
 
 
-# ------------------------------------------------------------------ method and provenance
+# Method and provenance.
 
 
 def _build_method(context: Context) -> Section:
@@ -488,52 +490,56 @@ def _build_method(context: Context) -> Section:
 
 
 def _describe_calibration(calibration: CalibrationFacts, context: Context) -> Iterable[Pair]:
-    """Describe what tied the sensor to the arm: how the axis was found, every window, how sure it is."""
+    """Describe the calibration: how the axis was found, every window, and the uncertainty."""
     entry, language, score = context.words["calibration"], context.language, calibration.score
 
-    def tell_angle(angle_deg: float | None) -> str:
+    def format_optional_angle(angle_deg: float | None) -> str:
         return "" if angle_deg is None else format_angle(angle_deg, language, 1)
 
-    def tell_time(at_s: float) -> str:
+    def format_time(at_s: float) -> str:
         return context.clock.format(at_s, with_seconds=True)
 
-    def tell_still(still: StillFacts | None) -> str:
+    def format_still(still: StillFacts | None) -> str:
         if still is None:
             return ""
         second, length = (
             format_number(still.start_s, 2, language),
             format_duration(still.duration_s, language),
         )
-        return fill(entry["place"], {"time": tell_time(still.start_s), "second": second, "length": length})
+        return fill(entry["place"], {"time": format_time(still.start_s), "second": second, "length": length})
 
     bias = join_clauses((format_number(value, 3, language) for value in calibration.gyro_bias_dps), language)
     repeats = (
-        fill(entry["repeated"], {"time": tell_time(still.start_s), "apart": tell_angle(still.apart_deg)})
+        fill(
+            entry["repeated"],
+            {"time": format_time(still.start_s), "apart": format_optional_angle(still.apart_deg)},
+        )
         for still in calibration.repeats
     )
-    walking_deg = None if calibration.state == "none" else calibration.walking_apart_deg  # gave the axis
-    told = {
+    # in state "none" walking itself determined the axis
+    walking_deg = None if calibration.state == "none" else calibration.walking_apart_deg
+    shown = {
         "found": format_found(context.findings, context.words),
-        "sigma": tell_angle(calibration.sigma_deg),
+        "sigma": format_optional_angle(calibration.sigma_deg),
         "pose": context.words["pose"][calibration.pose] if calibration.pose else "",
-        "window": tell_still(calibration.still),
-        "second": tell_still(calibration.second),
+        "window": format_still(calibration.still),
+        "second": format_still(calibration.second),
         "repeats": join_clauses(repeats, language),
-        "repeat": tell_angle(calibration.repeat_deg),
-        "slips": ", ".join(map(tell_time, calibration.slip_times_s)),
-        "no_slips": ", ".join(map(tell_time, calibration.no_slip_times_s)),
-        "walking": tell_angle(walking_deg),
+        "repeat": format_optional_angle(calibration.repeat_deg),
+        "slips": ", ".join(map(format_time, calibration.slip_times_s)),
+        "no_slips": ", ".join(map(format_time, calibration.no_slip_times_s)),
+        "walking": format_optional_angle(walking_deg),
         "score": "" if score is None else format_number(score, 2, language),
         "bias": fill(entry["bias_value"], {"values": bias}),
     }
-    return (Pair(entry[name], value) for name, value in told.items() if value)
+    return (Pair(entry[name], value) for name, value in shown.items() if value)
 
 
 def _build_provenance(context: Context) -> Section:
     recording, subject, words = context.findings.recording, context.subject, context.words
     entry, unknown = words["provenance"], words["label"]["not_given"]
     rate = format_number(recording.rate_hz, 3, context.language)
-    reading = []  # how the file was read, unless by a reader of our own and its header
+    reading = []  # how the file was read, if not by our reader and its header
     if recording.reader:
         reading.append(Pair(entry["reader"], clean_text(" ".join(recording.reader))))
     if subject.columns:
@@ -556,13 +562,13 @@ def _build_provenance(context: Context) -> Section:
     return Section("provenance", words["section"]["provenance"], pairs=pairs)
 
 
-# ------------------------------------------------------------------ the tables of every figure
+# The tables of every figure.
 
 Rows = list[tuple[str, ...]]
 
 
 def build_measures(context: Context) -> tuple[Table, ...]:
-    """Build the tables of all figures; a table without rows is left out."""
+    """Build the tables of all figures, without empty ones."""
     exposure, language, entry = context.exposure, context.language, context.words["measure"]
     bins = [(f"{b.lower_deg:g}–{b.upper_deg:g}°", *_format_share(b, language)) for b in exposure.bins]
     above = [(f"≥ {t.threshold_deg:g}°", *_format_share(t, language)) for t in exposure.time_above]
@@ -592,7 +598,7 @@ _FROM_THIRD, _LAST = slice(2, None), slice(-1, None)
 
 
 def _tabulate(entry: Words, rows: Sequence[tuple[str, ...]], droppable: slice = _FROM_THIRD) -> Table:
-    """Make a table; a ``droppable`` column in which nothing stands (no interval anywhere) is left out."""
+    """Build a table without those ``droppable`` columns that are empty (no interval in any row)."""
     columns = tuple(entry["columns"])
     places = range(len(columns))
     empty = [i for i in places[droppable] if all(row[i] == NONE for row in rows)]
@@ -606,14 +612,14 @@ def _tabulate(entry: Words, rows: Sequence[tuple[str, ...]], droppable: slice = 
 
 
 def _format_share(item: ElevationBin | TimeAbove, language: Language) -> tuple[str, str, str, str]:
-    """Write time, share, its range, and the one that also holds the error of the pose."""
+    """Format time, share, its range, and the range with the error of the pose."""
     posed = item.interval.with_pose if item.interval else None
     known, pose = (format_range(interval, language) or NONE for interval in (item.interval, posed))
     return format_duration(item.duration_s, language), format_percent(item.percent, language), known, pose
 
 
 def _tabulate_percentiles(exposure: Exposure, said: Words, language: Language) -> Table:
-    """Tabulate the percentiles in one row, which is how they are compared, with their ranges below."""
+    """Tabulate the percentiles in one row for comparison, with their ranges below."""
     ranks = sorted(exposure.percentiles_deg)
     if not ranks:
         return Table("", (), ())
@@ -646,14 +652,14 @@ def _list_entries(exposure: Exposure, said: Words, language: Language) -> Rows:
         rows += [row, *_list_ranges(exposure, ("", per_h, "", median, longest, ""), said, language)]
         interval = exposure.intervals.get(per_h)
         posed = interval.with_pose if interval else None
-        if posed:  # the range of the rate that holds the error of the pose
+        if posed:  # the range of the rate with the error of the pose
             ends = "–".join(format_rate(end, language) for end in (posed.low, posed.high))
             rows.append((said["pose"], "", ends, "", "", "", ""))
     return rows
 
 
 def _list_ranges(exposure: Exposure, names: Sequence[str], said: Words, language: Language) -> Rows:
-    """Return the row of ranges under a row of figures, in its units; none where none is known."""
+    """Return the row of ranges below a row of figures, in its units; none if no range is known."""
     intervals = [exposure.intervals.get(name) for name in names]
     if not any(intervals):
         return []
@@ -671,7 +677,7 @@ def _format_end(value: float, name: str, language: Language) -> str:
         return format_rate(value, language)
     if name.endswith("_s"):
         return format_duration(value, language)
-    return format_number(value, 0 if value >= 99.95 else 1, language)  # a wide range stays on its line
+    return format_number(value, 0 if value >= 99.95 else 1, language)  # keeps a wide range on one line
 
 
 def _list_cycles(exposure: Exposure, language: Language) -> Rows:
@@ -679,8 +685,8 @@ def _list_cycles(exposure: Exposure, language: Language) -> Rows:
     for c in exposure.cycles:
         name = f"{c.lower_deg:g}–{c.upper_deg:g}°" if c.upper_deg is not None else f"≥ {c.lower_deg:g}°"
         interval = exposure.intervals.get(CYCLES["count"].spell(CYCLES.describe(c)))
-        told = format_ends(interval, 1, language) or NONE
-        rows.append((name, format_number(c.count, 1, language), told))
+        shown = format_ends(interval, 1, language) or NONE
+        rows.append((name, format_number(c.count, 1, language), shown))
     return rows
 
 
@@ -690,8 +696,8 @@ def _list_velocities(exposure: Exposure, entry: Words, language: Language) -> Ro
         velocity = exposure.velocity_dps.get(kind)
         if velocity is not None:
             values = VELOCITY.name_values(velocity, kind)
-            told = (format_number(value, 1, language) for value in values.values())
-            rows.append((entry["velocities"]["kind"][kind], *told))
+            shown = (format_number(value, 1, language) for value in values.values())
+            rows.append((entry["velocities"]["kind"][kind], *shown))
             rows += _list_ranges(exposure, list(values), entry["percentiles"], language)
     return rows
 

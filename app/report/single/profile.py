@@ -1,4 +1,4 @@
-"""The first page: the Arm Elevation Profile, laid out the same everywhere (docs/profile.md)."""
+"""The first page: the Arm Elevation Profile, always with the same layout (docs/profile.md)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import replace
 from math import ceil
 
 from app.report.charts.day import WORST_WINDOW_S, Block, build_day
-from app.report.charts.profile import Doubt, Sureness, TileScale, draw_sureness, draw_tile
+from app.report.charts.profile import TileScale, UncertaintyBar, UncertaintyChart, draw_tile, draw_uncertainty
 from app.report.model import Drawing, Profile, Table, Tile
 from app.report.single.chapters import Context, choose_ranges, format_pose_caution, format_quality
 from app.report.words.numbers import (
@@ -30,13 +30,13 @@ SHOWN_TASKS = 3
 MOST_STEPS = 5
 LONGEST_NAME = 32
 TASK_KINDS = frozenset({"task", "seated", "supported"})
-"""Kinds of a period that name what was done; work counts where the diary gives it a name."""
+"""Kinds of period that name a task; work counts only with a name in the diary."""
 DAYS = (1, 2, 3, 5)
 WORTHWHILE_SHARE = 0.5
-"""Of the time above 60 deg: the change that the days asked for can tell (docs/profile.md)."""
+"""Share of the time above 60 deg: the change that the requested days can detect (docs/profile.md)."""
 PUBLISHED = {30: "above_30", 60: "above_60", 90: "above_90_others"}
 ENDS = {30: 100.0, 60: 40.0, 90: 20.0}
-"""Ends of the scales, percent; further where a value needs it."""
+"""Ends of the scales in percent; extended for larger values."""
 END_PER_H = 120.0
 
 
@@ -53,7 +53,7 @@ def build_profile(context: Context) -> Profile:
         tiles=(*(_build_share(threshold, context) for threshold in (30, 60, 90)), _build_rises(context)),
         strip=build_day(context.findings, blocks, context.clock, context.words),
         tasks=_tabulate_tasks(tasks, context) if tasks else _tabulate_quarter_hours(context),
-        sure=_build_sureness(context),
+        sure=_build_uncertainty(context),
         next_title=entry["next"]["title"],
         next_steps=_list_next_steps(blocks if tasks else (), context),
         not_a_diagnosis=entry["not_a_diagnosis"],
@@ -65,12 +65,12 @@ def _is_whole_day(context: Context) -> bool:
     return context.exposure.analysed_s >= WHOLE_DAY_S
 
 
-# ------------------------------------------------------------------ tiles
+# Tiles.
 
 
 def _build_share(threshold: int, context: Context) -> Tile:
     findings, language, entry = context.findings, context.language, context.words["profile"]
-    above, reason = context.find_above(threshold), ""  # why no published value stands beside it
+    above, reason = context.find_above(threshold), ""  # why no published value is shown
     if findings.time.analysed_us < WHOLE_DAY_S * MICROSECONDS:
         reason = "short"
     elif findings.quality.verdict == "poor":
@@ -101,7 +101,7 @@ def _build_share(threshold: int, context: Context) -> Tile:
 
 
 def _build_rises(context: Context) -> Tile:
-    """Build the tile of the rises; no published value was counted as they are, so that none stands there."""
+    """Build the tile of the rises, without a published value because none was counted in the same way."""
     exposure, language, entry = context.exposure, context.language, context.words["profile"]
     entries = next(e for e in exposure.entries if e.threshold_deg == MAIN_THRESHOLD_DEG)
     interval = exposure.intervals.get(f"entries_above_{MAIN_THRESHOLD_DEG}_per_h")
@@ -131,20 +131,20 @@ def _build_rises(context: Context) -> Tile:
 def _build_tile(scale: TileScale, facts: Mapping[str, str], context: Context) -> Tile:
     entry, name = context.words["profile"], scale.words[0]
     calibration = context.findings.calibration
-    told = {
+    shown = {
         "needed": context.words["pose_state"]["needed"] if calibration and calibration.needs_pose else "",
         **facts,
         "range": fill(entry["range"][choose_ranges(context.findings)], facts) if facts["range"] else "",
         "pose": fill(entry["with_pose"], {"high": facts["pose"]}) if facts["pose"] else "",
     }
-    parts = ", ".join(part for part in (*told.values(), scale.published_label) if part)
+    parts = ", ".join(part for part in (*shown.values(), scale.published_label) if part)
     alternative = fill(entry["tile"], {"name": name, "parts": parts})
     drawn = draw_tile(replace(scale, words=(name, alternative))) if facts["value"] != NONE else ""
-    return Tile(name=name, scale=drawn, alternative=alternative, **told)
+    return Tile(name=name, scale=drawn, alternative=alternative, **shown)
 
 
 def _find_pose_part(value: float, interval: Interval | None) -> tuple[float, float] | None:
-    """Return what the one-sided error of the pose adds above the range, where the figure carries it."""
+    """Return the addition by the one-sided error of the pose above the range; None if there is none."""
     if interval is None or interval.high_pose is None or interval.high_pose <= max(interval.high, value):
         return None
     return interval.high, interval.high_pose
@@ -156,17 +156,17 @@ def _extend(end: float, value: float, interval: Interval | None) -> float:
 
 
 def _extend_scale(end: float, largest: float) -> float:
-    """Return the end of a scale that must hold ``largest``: the usual one, or the next ten."""
+    """Return the end of a scale that must include ``largest``: the usual one, or the next ten."""
     return end if largest <= end else 10.0 * ceil(largest / 10.0)
 
 
 def _format_published(values: Sequence[float], language: Language) -> str:
-    """Write a published value, or a range of two, with the digits it was published with."""
-    told = "–".join(format_number(v, 0 if v >= 10 else 1, language) for v in values)
-    return told + percent_sign(language) if told else ""
+    """Format a published value, or a range of two, with its published digits."""
+    shown = "–".join(format_number(v, 0 if v >= 10 else 1, language) for v in values)
+    return shown + percent_sign(language) if shown else ""
 
 
-# ------------------------------------------------------------------ tasks
+# Tasks.
 
 
 def _is_task(part: PartExposure) -> bool:
@@ -182,7 +182,7 @@ def _name(part: PartExposure, words: Words) -> str:
 
 
 def _lay_out_blocks(tasks: Sequence[PartExposure], context: Context) -> tuple[Block, ...]:
-    """Return the periods under the timeline: the tasks, else the quarter hours with the most time above."""
+    """Return the periods below the timeline: the tasks, else the quarter hours with the most exposure."""
     if not tasks:
         return tuple(
             Block(window.start_s, window.start_s + window.length_s, "", rank)
@@ -219,63 +219,65 @@ def _tabulate_quarter_hours(context: Context) -> Table | None:
     return Table(entry["title"], tuple(entry["columns"]), tuple(rows)) if rows else None
 
 
-# ------------------------------------------------------------------ how sure
+# Uncertainty.
 
 
-def _build_sureness(context: Context) -> Drawing:
-    """Set the doubts about the time above 60 deg side by side; where none is known, say why."""
+def _build_uncertainty(context: Context) -> Drawing:
+    """Draw the uncertainties of the time above 60 deg side by side; if none is known, state the reason."""
     findings, language, entry = context.findings, context.language, context.words["profile"]["sure"]
     above, days = context.find_above(MAIN_THRESHOLD_DEG), None
     interval, told_days = above.interval, entry["unknown"]
-    if _is_whole_day(context):  # the range of a day about the person's own mean
+    if _is_whole_day(context):  # the range of a day around the person's mean
         spread = 1.96 * BETWEEN_DAY_SD["time_above_60_percent"]
         days = max(above.percent - spread, 0.0), min(above.percent + spread, 100.0)
         told_days = format_range(Interval(*days), language)
     doubts = [
-        Doubt(
+        UncertaintyBar(
             entry["sensor" if findings.calibration else "sampling"],
             format_range(interval, language) or entry["unknown"],
             (interval.low, interval.high) if interval else None,
         ),
-        *_find_pose_doubts(above.percent, interval, context),
-        Doubt(entry["days"], told_days, days),
+        *_find_pose_uncertainty(above.percent, interval, context),
+        UncertaintyBar(entry["days"], told_days, days),
     ]
     spans = [doubt.span for doubt in doubts if doubt.span]
     if not spans:
-        pose = [f"{doubt.name.capitalize()}: {doubt.told}." for doubt in doubts if doubt.is_pose]
+        pose = [f"{doubt.name.capitalize()}: {doubt.shown}." for doubt in doubts if doubt.is_pose]
         return Drawing(entry["title"], "", "", " ".join((entry["none"][choose_ranges(findings)], *pose)))
     largest = max(high for _, high in spans)
     end = min(_extend_scale(20.0, max(1.1 * above.percent, 1.05 * largest)), 100.0)
-    told = join_clauses((f"{doubt.name}, {doubt.told}" for doubt in doubts), language)
-    facts = {"value": format_percent(above.percent, language), "list": told}
+    shown = join_clauses((f"{doubt.name}, {doubt.shown}" for doubt in doubts), language)
+    facts = {"value": format_percent(above.percent, language), "list": shown}
     words = (entry["title"], fill(entry["alternative"], facts))
-    drawn = draw_sureness(Sureness(words, above.percent, end, _format_published((end,), language), doubts))
+    drawn = draw_uncertainty(
+        UncertaintyChart(words, above.percent, end, _format_published((end,), language), doubts)
+    )
     return Drawing(*words, drawn, entry["note"])
 
 
-def _find_pose_doubts(value: float, interval: Interval | None, context: Context) -> list[Doubt]:
-    """Return the doubt of the pose that was held, as a range where the figure carries one."""
+def _find_pose_uncertainty(value: float, interval: Interval | None, context: Context) -> list[UncertaintyBar]:
+    """Return the uncertainty of the held pose, as a range if the figure has one."""
     calibration, entry = context.findings.calibration, context.words["profile"]["sure"]
     if calibration is None or calibration.pose is None or calibration.state in UNHELD:
         return []
     part = _find_pose_part(value, interval)
     if part:
-        told = fill(entry["up_to"], {"high": format_percent(part[1], context.language)})
-        return [Doubt(entry["pose"], told, (value, part[1]), is_pose=True)]
-    told = entry["of_pose"].get(calibration.pose, "")
+        shown = fill(entry["up_to"], {"high": format_percent(part[1], context.language)})
+        return [UncertaintyBar(entry["pose"], shown, (value, part[1]), is_pose=True)]
+    shown = entry["of_pose"].get(calibration.pose, "")
     is_one_sided = bool(format_pose_caution(context.findings, context.words))
-    return [Doubt(entry["pose"], told, None, is_pose=is_one_sided)] if told else []
+    return [UncertaintyBar(entry["pose"], shown, None, is_pose=is_one_sided)] if shown else []
 
 
-# ------------------------------------------------------------------ what next
+# Next steps.
 
 
 def _list_next_steps(blocks: Sequence[Block], context: Context) -> tuple[str, ...]:
-    """Return what to do next, each by its rule in docs/profile.md, where the rule holds."""
+    """Return the next steps whose rules in docs/profile.md apply."""
     findings, clock, entry = context.findings, context.clock, context.words["profile"]["next"]
     is_known = findings.calibration is None or not findings.calibration.needs_pose
     questions = findings.calibration.questions if findings.calibration else ()
-    after_s = [  # a pose held after each slip that a person stated, if none was named
+    after_s = [  # a pose after each slip that a person stated, if none was given
         start_s - SAID_S
         for flag in findings.quality.flags
         for start_s, end_s in (flag.spans_s if flag.code == Caveat.REMOUNT else ())
@@ -297,7 +299,7 @@ def _list_next_steps(blocks: Sequence[Block], context: Context) -> tuple[str, ..
 
 
 def _format_pose_step(context: Context, entry: Words) -> str:
-    """Ask for what is missing of the pose; nothing if a person confirmed it or named the axis."""
+    """Return the request for missing information on the pose; empty if it was confirmed or an axis given."""
     calibration = context.findings.calibration
     if calibration is None or calibration.state not in {"assumed", "none"}:
         return ""
@@ -310,7 +312,7 @@ def _format_pose_step(context: Context, entry: Words) -> str:
 
 
 def _format_look_at(blocks: Sequence[Block], context: Context, entry: Words) -> str:
-    """Point to the task in which the 15 minutes with the most time above 60 deg lie, and when they begin."""
+    """Return a pointer to the task and time of the 15 minutes with the most time above 60 deg."""
     windows = context.exposure.peak_windows
     start_s = next((w.start_s for w in windows if w.length_s == WORST_WINDOW_S and w.percent_above_60), None)
     if start_s is None:
@@ -324,7 +326,7 @@ def _format_look_at(blocks: Sequence[Block], context: Context, entry: Words) -> 
 
 
 def _format_days(context: Context, entry: Words) -> str:
-    """Return the fewest days on each side that can tell a change of half the time above 60 deg."""
+    """Return the fewest days on each side that can detect a change of half the time above 60 deg."""
     sd, percent = BETWEEN_DAY_SD["time_above_60_percent"], context.find_above(MAIN_THRESHOLD_DEG).percent
     enough = (k for k in DAYS if find_detectable_change(sd, k) <= WORTHWHILE_SHARE * percent)
     days = next(enough, DAYS[-1])

@@ -1,4 +1,4 @@
-"""From findings to the content of a report: choose, round, order, word. Pure, and without HTML or PDF."""
+"""Build the content of a report from findings: pure functions, without HTML or PDF."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ __all__ = ["Report", "ReportSubject", "Software", "build_report"]
 
 
 def build_report(findings: Findings, subject: ReportSubject, language: Language) -> Report:
-    """Turn findings into all that a template may use, in one language."""
+    """Build the report on the findings in one language."""
     ranges = choose_ranges(findings)
     words = name_ranges(load_wording(language), ranges)
     clock = Clock(findings.recording.start, language)
@@ -88,10 +88,8 @@ def build_report(findings: Findings, subject: ReportSubject, language: Language)
     )
 
 
-# ------------------------------------------------------------------ the answer in three sentences
-#
-# How long the arm was raised above 60 deg (above 90 deg too), how often, and when; a range only where the
-# exposure has one.
+# The answer in three sentences: how long the arm was raised above 60 deg (and above 90 deg), how often, and
+# when; with a range only if the exposure has one.
 
 
 def _format_time_above(context: Context) -> str:
@@ -122,15 +120,15 @@ def _format_entries(context: Context) -> str:
 
 
 def _format_longest(episodes: Episodes, context: Context) -> str:
-    """Write the longest continuous time above 60°, with its range, and when it began where that is known."""
+    """Format the longest continuous time above 60°, with its range, and its start if known."""
     if not episodes.longest_s:
         return ""
     language, entry = context.language, context.words["sentence"]
     interval = context.exposure.intervals.get(f"episodes_above_{MAIN_THRESHOLD_DEG}_longest_s")
     longest = format_duration(episodes.longest_s, language)
     if interval is not None:
-        told = {"longest": longest, "range": format_duration_range(interval, language)}
-        longest = fill(entry["longest_range"], told)
+        shown = {"longest": longest, "range": format_duration_range(interval, language)}
+        longest = fill(entry["longest_range"], shown)
     if episodes.longest_start_s is None:
         return longest
     moment = context.clock.at(episodes.longest_start_s)
@@ -156,7 +154,7 @@ def _format_worst_window(context: Context) -> str:
     return fill(entry[key], facts).replace(" – ", f"{NARROW}–{NARROW}")
 
 
-# ------------------------------------------------------------------ head and foot
+# Header and footer.
 
 
 def _build_header(context: Context) -> tuple[Pair, ...]:
@@ -183,16 +181,16 @@ def _build_header(context: Context) -> tuple[Pair, ...]:
 
 
 def _build_conclusion(context: Context) -> Note | None:
-    concluded, told = context.subject.conclusion, context.words["conclusion"]
+    concluded, shown = context.subject.conclusion, context.words["conclusion"]
     if concluded is None:
         return None
     when = format_date(datetime.fromisoformat(concluded.date), context.language)
-    title = fill(told["title"], {"name": clean_text(concluded.name), "date": when})
-    return Note(title, (*clean_paragraphs(concluded.text), told["typed"]))
+    title = fill(shown["title"], {"name": clean_text(concluded.name), "date": when})
+    return Note(title, (*clean_paragraphs(concluded.text), shown["typed"]))
 
 
 def _format_amendment(context: Context) -> str:
-    """Write that a report replaces an earlier one; empty for a first report."""
+    """Return the statement that a report replaces an earlier one; empty for a first report."""
     subject, words = context.subject, context.words
     if subject.version < 2:
         return ""

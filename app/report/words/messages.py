@@ -1,4 +1,4 @@
-"""Codes and columns in words: every refusal and caveat, and the columns that a person named."""
+"""Refusals, caveats and named columns in words."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -19,7 +19,7 @@ UNKNOWN_PROBLEM = InternalError.code
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """Why there is no report: what happened, in one line and in full, what to do, and the place."""
+    """The words of a refusal: a title, the detail, the fix, and the place."""
 
     title: str
     detail: str
@@ -29,59 +29,59 @@ class Problem:
 
 @dataclass(frozen=True, slots=True)
 class CaveatWords:
-    """A line of the data-quality box: a short name and what it means for the figures."""
+    """A line of the data-quality box: a short name and its meaning for the figures."""
 
     title: str
     detail: str
 
 
 def describe_problem(code: str, facts: Mapping[str, Fact], language: Language) -> Problem:
-    """Write a refusal in words. A code without words (of a newer server) reads as an internal error.
+    """Return the words of a refusal. A code without words (from a newer server) reads as an internal error.
 
-    Without facts it is told what the code means in general.
+    Without facts the words are general.
     """
     words = load_wording(language)
     entry = words["problem"].get(code) or words["problem"][UNKNOWN_PROBLEM]
     first, *others = _split_rows(facts)
-    told = format_facts(first, language)
+    shown = format_facts(first, language)
     rows = (fill(entry["another"], format_facts(row, language)) for row in others)
-    more = fill(entry.get("more", ""), told)
-    places = [fill(text, told) for name, text in words["where"].items() if told.get(name)]
+    more = fill(entry.get("more", ""), shown)
+    places = [fill(text, shown) for name, text in words["where"].items() if shown.get(name)]
     return Problem(
-        title=fill(entry["title"], told),
-        detail=" ".join([fill(_choose_detail(entry, facts), told), *rows, more]).strip(),
-        fix=fill(entry["fix"], told),
+        title=fill(entry["title"], shown),
+        detail=" ".join([fill(_choose_detail(entry, facts), shown), *rows, more]).strip(),
+        fix=fill(entry["fix"], shown),
         where=", ".join(places) or None,
     )
 
 
 def describe_flag(flag: "QualityFlag", language: Language) -> CaveatWords:
-    """Write a caveat in words; one without words, as of a reader plug-in, shows its code."""
+    """Return the words of a caveat; without words, as for a reader plug-in, return its code."""
     entry = load_wording(language)["flag"].get(flag.code)
     if entry is None:
         return CaveatWords(flag.code, "")
-    told = format_facts(flag.facts, language)
+    shown = format_facts(flag.facts, language)
     if flag.seconds:
-        told["lasted"] = format_duration(flag.seconds, language)
-    return CaveatWords(fill(entry["title"], told), fill(_choose_detail(entry, told), told))
+        shown["lasted"] = format_duration(flag.seconds, language)
+    return CaveatWords(fill(entry["title"], shown), fill(_choose_detail(entry, shown), shown))
 
 
 def _choose_detail(entry: Words, facts: Mapping[str, Fact]) -> str:
-    """Choose the sentence about this case, or about the code where no case is given."""
+    """Return the sentence for this case, or the general one without facts."""
     return str(entry["detail"] if facts else entry.get("general", entry["detail"]))
 
 
 def format_facts(facts: Mapping[str, Fact], language: Language) -> dict[str, str]:
-    """Write facts for a sentence: numbers as the language does, the fixed terms of the code in its words."""
-    words, told = load_wording(language), {}
+    """Format facts for a sentence: numbers by the language, fixed terms of the code by its words."""
+    words, shown = load_wording(language), {}
     for name, value in facts.items():
         if isinstance(value, str):
             terms = words["reason"] if name == "left_out" else words["fact"].get(name, {})
-            told[name] = str(terms.get(value) or clean_text(value))
+            shown[name] = str(terms.get(value) or clean_text(value))
         else:
             decimals = 2 if abs(value) >= 0.1 else 4
-            told[name] = format_exact(value if isinstance(value, int) else round(value, decimals), language)
-    return told
+            shown[name] = format_exact(value if isinstance(value, int) else round(value, decimals), language)
+    return shown
 
 
 def find_flag_codes() -> tuple[str, ...]:
@@ -90,7 +90,7 @@ def find_flag_codes() -> tuple[str, ...]:
 
 
 def _split_rows(facts: Mapping[str, Fact]) -> list[dict[str, Fact]]:
-    """Return the facts of the first row, and those of each further one that was refused with it."""
+    """Return the facts of the first row, and of each further rejected row."""
     rows: dict[int, dict[str, Fact]] = {1: {}}
     for name, value in facts.items():
         stem, _, number = name.rpartition("_")
@@ -101,31 +101,31 @@ def _split_rows(facts: Mapping[str, Fact]) -> list[dict[str, Fact]]:
     return [rows[number] for number in sorted(rows)]
 
 
-# ------------------------------------------------------------------ the columns that a person named
+# Columns named by a person.
 
 VECTORS = ("acceleration", "angular_rate")
 
 
 def format_columns(profile: str, language: Language) -> str:
-    """Write a column profile: "Acceleration: p, q, r (mg) · Angular rate (gyroscope): 5, 6, 7 · Time: k"."""
+    """Format a column profile: "Acceleration: p, q, r (mg) · Angular rate (gyroscope): 5, 6, 7 · Time: k"."""
     values, words = json.loads(profile), load_wording(language, "columns")
-    told = {}
+    shown = {}
     for name in filter(values.get, VECTORS):
         factor = values.get(f"{name}_factor")
         unit = f" (× {_format_factor(factor, language)})" if factor else _format_unit(values, name)
-        told[name] = _format_places(values.get(name)) + unit
+        shown[name] = _format_places(values.get(name)) + unit
     if values.get("sensor"):
-        told["sensor"] = clean_text(values["sensor"])
-        told |= {name: str(values[f"{name}_unit"]) for name in VECTORS if values.get(f"{name}_unit")}
+        shown["sensor"] = clean_text(values["sensor"])
+        shown |= {name: str(values[f"{name}_unit"]) for name in VECTORS if values.get(f"{name}_unit")}
     if values.get("time") is not None:
-        told["time"] = _format_places([values["time"]]) + _format_unit(values, "time")
+        shown["time"] = _format_places([values["time"]]) + _format_unit(values, "time")
     if values.get("rate_hz"):
-        told["rate"] = _format_factor(values["rate_hz"], language)
+        shown["rate"] = _format_factor(values["rate_hz"], language)
     if values.get("date_order"):
-        told["date_order"] = words.get(values["date_order"], values["date_order"])
+        shown["date_order"] = words.get(values["date_order"], values["date_order"])
     if values.get("pose_held"):
-        told["pose_held"] = words[values["pose_held"]]
-    return " · ".join(f"{words[name]}{words['colon']} {text}" for name, text in told.items())
+        shown["pose_held"] = words[values["pose_held"]]
+    return " · ".join(f"{words[name]}{words['colon']} {text}" for name, text in shown.items())
 
 
 def _format_unit(values: Mapping[str, Any], name: str) -> str:

@@ -1,7 +1,7 @@
-"""Numbers, durations, clock times and dates as English and French readers write them.
+"""Numbers, durations, clock times and dates in English and French format.
 
-All languages group thousands with a narrow no-break space and put a no-break space before the per cent sign
-(ISO 80000-1; narrow but in French); French has "10 h 42" and the decimal comma.
+All languages group thousands with a narrow no-break space and put a no-break space before the percent sign
+(ISO 80000-1; narrow except in French); French uses "10 h 42" and the decimal comma.
 """
 
 import math
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from app.report.words.wording import Language, is_french, load_wording
 
 if TYPE_CHECKING:
-    from fusion.exposure.types import Interval  # the page uses this module without the science
+    from fusion.exposure.types import Interval  # the page uses this module without ``fusion``
 
 
 NARROW = "\u202f"
@@ -26,7 +26,7 @@ SHORT_S = 600
 
 
 def format_number(value: float | None, decimals: int, language: Language) -> str:
-    """Round and write; an en dash where there is no value."""
+    """Round and format; return an en dash if there is no value."""
     if value is None or not math.isfinite(value):
         return NONE
     text = f"{value:,.{decimals}f}".replace("-", "−")
@@ -38,45 +38,45 @@ def format_number(value: float | None, decimals: int, language: Language) -> str
 
 
 def format_exact(value: float, language: Language) -> str:
-    """Write up to six decimals, without the closing zeros, so that sums can be checked by hand."""
+    """Format with up to six decimals, without trailing zeros, so that sums can be checked by hand."""
     mark = "." if language == "en" else ","
     text = format_number(value, 6, language).rstrip("0")
     return text.removesuffix(mark)
 
 
 def format_percent(percent: float | None, language: Language) -> str:
-    """One decimal, always."""
+    """Format a percentage, always with one decimal."""
     text = format_number(percent, 1, language)
     return text if text == NONE else text + percent_sign(language)
 
 
 def percent_sign(language: Language) -> str:
-    """Return the sign with the space before it: no-break in French, narrow in English."""
+    """Return the sign with its leading space: no-break in French, narrow in English."""
     return f"{NO_BREAK if is_french(language) else NARROW}%"
 
 
 def format_angle(angle_deg: float | None, language: Language, decimals: int = 0) -> str:
-    """Degrees; the sign follows without a space in both languages."""
+    """Format degrees; the sign follows without a space in both languages."""
     text = format_number(angle_deg, decimals, language)
     return text if text == NONE else f"{text}°"
 
 
 def format_classes(edges: Sequence[float | None], unit: str) -> tuple[str, ...]:
-    """Write classes by their edges: "3–7 s"; the last may be open."""
+    """Format classes by their edges: "3–7 s"; the last may be open."""
     return tuple(
         f"≥ {low:g}{unit}" if high is None else f"{low:g}–{high:g}{unit}" for low, high in pairwise(edges)
     )
 
 
 def format_range(interval: "Interval | None", language: Language) -> str:
-    """Write a range of shares: "6.0–9.5 %"; empty without an interval."""
+    """Format a range of shares: "6.0–9.5 %"; empty without an interval."""
     if interval is None:
         return ""
     return f"{format_number(interval.low, 1, language)}–{format_percent(interval.high, language)}"
 
 
 def format_angle_range(interval: "Interval | None", language: Language, decimals: int = 0) -> str:
-    """Write a range of angles: "44–57°"; empty without an interval."""
+    """Format a range of angles: "44–57°"; empty without an interval."""
     if interval is None:
         return ""
     low = format_number(interval.low, decimals, language)
@@ -84,14 +84,14 @@ def format_angle_range(interval: "Interval | None", language: Language, decimals
 
 
 def format_ends(interval: "Interval | None", decimals: int, language: Language) -> str:
-    """Write both ends of a range without a unit: "2.5–6.0"; empty without an interval."""
+    """Format both ends of a range without a unit: "2.5–6.0"; empty without an interval."""
     if interval is None:
         return ""
     return "–".join(format_number(end, decimals, language) for end in (interval.low, interval.high))
 
 
 def format_duration_range(interval: "Interval", language: Language) -> str:
-    """Write a range of lengths, "40 s–1 min 5 s"; ends that would read alike are rounded outwards."""
+    """Format a range of durations, "40 s–1 min 5 s"; round equal ends outwards."""
     low, high = interval.low, interval.high
     if format_duration(low, language) == format_duration(high, language) and high < SHORT_S:
         per_s = 10 if round(high, 1) < 10 else 1
@@ -100,13 +100,13 @@ def format_duration_range(interval: "Interval", language: Language) -> str:
 
 
 def format_rate(rate_per_h: float | None, language: Language) -> str:
-    """Per hour: whole from 10 on, one decimal below."""
+    """Format a rate per hour: no decimals from 10, one decimal below."""
     decimals = 0 if rate_per_h is None or rate_per_h >= 9.95 else 1
     return format_number(rate_per_h, decimals, language)
 
 
 def format_duration(duration_s: float | None, language: Language) -> str:
-    """Write a duration in its two leading units: "6 h 48 min", "31 min", "2 min 59 s", "4.2 s"."""
+    """Format a duration in its two leading units: "6 h 48 min", "31 min", "2 min 59 s", "4.2 s"."""
     if duration_s is None or not math.isfinite(duration_s):
         return NONE
     if round(duration_s, 1) < 10:
@@ -120,14 +120,14 @@ def format_duration(duration_s: float | None, language: Language) -> str:
 
 
 def format_long_duration(duration_s: float) -> str:
-    """Write a duration to the second, whatever its length: "6 h 48 min 12 s"."""
+    """Format a duration of any length to the second: "6 h 48 min 12 s"."""
     hours, rest = divmod(round(duration_s), HOUR_S)
     minutes, rest = divmod(rest, MINUTE_S)
     return _join_units((hours, "h"), (minutes, "min"), (rest, "s"))
 
 
 def format_clock(moment: datetime, language: Language, *, with_seconds: bool = False) -> str:
-    """Write a clock time: "10:42" or "10 h 42"."""
+    """Format a clock time: "10:42" or "10 h 42"."""
     if not is_french(language):
         return moment.strftime("%H:%M:%S" if with_seconds else "%H:%M")
     text = f"{moment.hour}{NARROW}h{NARROW}{moment.minute:02d}"
@@ -135,20 +135,20 @@ def format_clock(moment: datetime, language: Language, *, with_seconds: bool = F
 
 
 def format_hour(moment: datetime, language: Language) -> str:
-    """Write a clock time for an axis, short where it is a whole hour in French: "8 h"."""
+    """Format a clock time for an axis, short for a whole hour in French: "8 h"."""
     if is_french(language) and moment.minute == 0:
         return f"{moment.hour}{NARROW}h"
     return format_clock(moment, language)
 
 
 def format_elapsed(elapsed_s: float) -> str:
-    """Write time since the first sample: "1:02:05"."""
+    """Format time since the first sample: "1:02:05"."""
     hours, rest = divmod(round(elapsed_s), HOUR_S)
     return f"{hours}:{rest // MINUTE_S:02d}:{rest % MINUTE_S:02d}"
 
 
 def format_date(day: date, language: Language) -> str:
-    """Write a date that cannot be misread: "3 March 2026", "3 mars 2026"."""
+    """Format an unambiguous date: "3 March 2026", "3 mars 2026"."""
     month = load_wording(language)["months"][day.month - 1]
     number = "1er" if is_french(language) and day.day == 1 else str(day.day)
     return f"{number}\u00a0{month}\u00a0{day.year}"
@@ -161,15 +161,15 @@ def _join_units(*parts: tuple[int, str]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Clock:
-    """Turns seconds of the recording into the time of the device's clock, where the file has one."""
+    """Converts seconds of the recording to the device's clock, if the file has one."""
 
     start: datetime | None
     language: Language = "en"
 
     def at(self, elapsed_s: float) -> datetime | None:
-        """Return the clock time, in the zone of the recording; None without a clock.
+        """Return the clock time in the zone of the recording; None without a clock.
 
-        A zone with daylight saving is followed (UTC-stamped files); a device clock counts on.
+        Daylight saving is applied in files with UTC timestamps; a device clock keeps counting.
         """
         if self.start is None:
             return None
@@ -179,24 +179,24 @@ class Clock:
         return (self.start.astimezone(UTC) + passed).astimezone(self.start.tzinfo)
 
     def format(self, elapsed_s: float, *, with_seconds: bool = False) -> str:
-        """Write the time: "10:42", or "2:44:00" since the first sample."""
+        """Format the time: "10:42", or "2:44:00" since the first sample."""
         moment = self.at(elapsed_s)
         if moment is None:
             return format_elapsed(elapsed_s)
         return format_clock(moment, self.language, with_seconds=with_seconds)
 
     def format_span(self, start_s: float, end_s: float) -> dict[str, str]:
-        """Write from when (``start``) to when (``end``); about when (``time``) if both read the same."""
+        """Format ``start`` and ``end`` of a span; only ``time`` if both read the same."""
         start, end = self.format(start_s), self.format(end_s)
         return {"time": start, "end": end} if start == end else {"start": start, "end": end}
 
     def format_tick(self, elapsed_s: float) -> str:
-        """Write the time under an axis."""
+        """Format the time under an axis."""
         moment = self.at(elapsed_s)
         return format_elapsed(elapsed_s) if moment is None else format_hour(moment, self.language)
 
     def seconds_to_whole_hour(self) -> float:
-        """Return the time from the first sample to the first whole hour, s; 0 without a clock."""
+        """Return the time from the first sample to the first whole hour in s; 0 without a clock."""
         if self.start is None:
             return 0.0
         into = self.start.minute * 60 + self.start.second + self.start.microsecond / 1e6

@@ -1,6 +1,6 @@
-"""The sentences that people read: one TOML file for each language, a table for each part of the product.
+"""All sentences for people: one TOML file per language, with a table for each part of the product.
 
-The code knows only the keys. Texts that come from outside are cleaned here, and are only ever text.
+The code contains only the keys. Untrusted texts are cleaned here, and are only ever used as text.
 """
 
 import re
@@ -13,7 +13,7 @@ from types import MappingProxyType
 from typing import Any, Literal, get_args
 
 from app.request import LONGEST_CONCLUSION
-from app.request import Language as Language  # noqa: PLC0414  it is named here, too
+from app.request import Language as Language  # noqa: PLC0414  also named here
 from fusion.devices import KNOWN_DEVICES
 from fusion.devices import find_device_name as find_known_name
 
@@ -38,7 +38,7 @@ Part = Literal[
 Words = Mapping[str, Any]
 EVERY_LANGUAGE: tuple[Language, ...] = get_args(Language)
 LANGUAGES: tuple[Language, ...] = tuple(code for code in EVERY_LANGUAGE if "-" not in code)
-"""Those with a file of words; the French of Québec is made from the French one by rules."""
+"""Languages with a file of words; rules derive the French of Québec from the French file."""
 
 _FOLDER = Path(__file__).parent
 _TABLES = re.compile(r"^(?=\[)", re.MULTILINE)
@@ -53,26 +53,26 @@ _QUEBEC_WORDS = tuple(
     (re.compile(rf"\b{france}(s?)\b"), rf"{quebec}\1")
     for france, quebec in (("poste", "quart"), ("Poste", "Quart"))
 )
-"""What Québec calls otherwise: a shift. Both are masculine and begin with a consonant, so articles stay."""
+"""Québec's words for a shift. Both are masculine and start with a consonant, so articles stay."""
 
 
 @cache
 def load_wording(language: Language, part: Part = "report") -> Words:
-    """Read one part of the words: those of the report, of the pages, of the commands, ...
+    """Return one part of the words: of the report, the pages, the commands, ...
 
-    The files are written with plain spaces and straight apostrophes; the no-break spaces of French
-    punctuation and the curly apostrophe are set here, so that no translator has to type them. The meanings
-    of columns ("tables") stay as they are: programs read them.
+    The files are written with plain spaces and straight apostrophes; this function sets the no-break spaces
+    of French punctuation and the curly apostrophe, so that translators need not type them. The meanings of
+    columns ("tables") stay unchanged, because programs read them.
     """
     words = tomllib.loads(_split_language(language[:2])[part])[part]
     if part != "tables":
-        words = _change_all(words, lambda text: set_spaces(text, language))
+        words = _change_all(words, lambda text: apply_typography(text, language))
     return MappingProxyType(words)
 
 
 @cache
 def _split_language(language: str) -> Mapping[str, str]:
-    """Return the text of each part: to parse all of them takes ten times as long as most need."""
+    """Return the text of each part, because parsing all takes ten times as long as most callers need."""
     texts: dict[str, str] = {}
     for table in _TABLES.split((_FOLDER / f"{language}.toml").read_text(encoding="utf-8")):
         part = _TABLE_PART.match(table)
@@ -87,39 +87,39 @@ def is_french(language: Language) -> bool:
 
 
 def find_other_language(language: Language) -> Language:
-    """Return the second language of a report that is made in two."""
+    """Return the second language of a bilingual report."""
     return "en" if is_french(language) else "fr"
 
 
 def find_nearest(wanted: Language, made: Sequence[Language]) -> Language:
-    """Choose a language that a report was made in: the one wanted, else one like it, else the first."""
+    """Return the best available language: ``wanted``, else a similar one, else the first."""
     if wanted in made:
         return wanted
     return next((one for one in made if is_french(one) == is_french(wanted)), made[0] if made else wanted)
 
 
 def join_clauses(clauses: Iterable[str], language: Language) -> str:
-    """Put clauses side by side, with a semicolon between them."""
+    """Join clauses with a semicolon."""
     return (f"{_NARROW_SPACE}; " if language == "fr" else "; ").join(clauses)
 
 
 def find_device_name(words: Words, device: str) -> str:
-    """Return the name of a known device, the same in every language; a plug-in's device names itself."""
+    """Return the name of a known device, the same in every language; a plug-in's device keeps its name."""
     return find_known_name(device) or str(words["device"].get(device) or clean_text(device))
 
 
 def load_device_names(language: Language) -> dict[str, str]:
-    """Return the names of all kinds of device, known ones and what the words call the others."""
+    """Return the names of all kinds of device, known ones and those in the words."""
     known = {one.device: find_known_name(one.device) or "" for one in KNOWN_DEVICES}
     return known | dict(load_wording(language)["device"])
 
 
 def fill(text: str, facts: Mapping[str, str]) -> str:
-    """Put facts in their places: ``"{n} bytes[ in {member}]"``.
+    """Fill facts into a text: ``"{n} bytes[ in {member}]"``.
 
-    What stands in square brackets is left out when one of its facts is absent or empty; a fact that is
-    absent elsewhere shows as an ellipsis: an incomplete sentence is better than none. ``{n|time|times}``
-    follows the number in ``n``.
+    A part in square brackets is omitted if one of its facts is missing or empty. A fact missing elsewhere
+    becomes an ellipsis, because an incomplete sentence is better than none. ``{n|time|times}`` follows the
+    number in ``n``.
     """
     kept = _OPTIONAL.sub(lambda part: part[1] if _is_complete(part[1], facts) else "", text)
     kept = _COUNTED.sub(lambda form: form[3] if _is_one(facts.get(form[1], ""), form[2]) else form[4], kept)
@@ -127,7 +127,7 @@ def fill(text: str, facts: Mapping[str, str]) -> str:
 
 
 def name_ranges(words: Words, kind: str) -> Words:
-    """Put what ranges of a kind are called in the words of a report: ``{range_name}``, ``{Range_name}``."""
+    """Insert the name of a kind of range into the words of a report: ``{range_name}``, ``{Range_name}``."""
     name = str(words["ranges"]["name"][kind])
     upper = name[0].upper() + name[1:]
 
@@ -158,12 +158,12 @@ def _is_one(number: str, language: str) -> bool:
     return value < 2 if language == "fr" else value == 1
 
 
-def set_spaces(text: str, language: Language) -> str:
-    """Set the apostrophes and the spaces that must not break, and the words of Québec.
+def apply_typography(text: str, language: Language) -> str:
+    """Set apostrophes, no-break spaces and the words of Québec.
 
-    In French a no-break space stands before ``:`` and ``%`` and inside guillemets; before ``; ! ?`` a narrow
-    one in France (Imprimerie nationale, *Lexique des règles typographiques*), none in Québec (Office
-    québécois de la langue française).
+    French has a no-break space before ``:`` and ``%`` and inside guillemets. Before ``; ! ?`` France has a
+    narrow one (Imprimerie nationale, *Lexique des règles typographiques*), Québec none (Office québécois de
+    la langue française).
     """
     text = _PLURAL.sub(rf"{{\1:{language[:2]}|\2|\3}}", text)
     text = re.sub(r"(?<=\w)'(?=\w)|(?<=[sS])'(?=\s)", "’", text)
@@ -179,28 +179,28 @@ def set_spaces(text: str, language: Language) -> str:
     return re.sub(r" (?=[;!?])", "", text)
 
 
-# ------------------------------------------------------------------ texts from outside
+# Untrusted texts.
 
 MAX_TEXT = 200
 LONGEST_CODE = 24
-"""Of a subject code at the head of a page; the provenance holds it whole."""
+"""Longest subject code at the top of a page; the provenance has it in full."""
 _UNSEEN = frozenset({"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"})
 
 
 def cut_text(text: str, most: int) -> str:
-    """Cut what is too long for its place, and show that it was cut."""
+    """Cut a text that is too long for its place, and mark the cut."""
     return text if len(text) <= most else text[: most - 1].rstrip() + "…"
 
 
 def clean_text(text: str) -> str:
-    """Take out what cannot be seen (controls, direction marks, surrogates) and cut at 200 characters."""
-    return _leave_seen(text)[:MAX_TEXT]
+    """Remove invisible characters (controls, direction marks, surrogates) and cut at 200 characters."""
+    return _keep_visible(text)[:MAX_TEXT]
 
 
 def check_conclusion(text: str) -> str:
-    """Take a conclusion of one paragraph or more, each on a line of its own.
+    """Return a cleaned conclusion, each paragraph on a separate line.
 
-    Raises ValueError if nothing of it can be seen.
+    Raises ValueError if it has no visible text.
     """
     paragraphs = clean_paragraphs(text)
     if not paragraphs:
@@ -209,10 +209,10 @@ def check_conclusion(text: str) -> str:
 
 
 def clean_paragraphs(text: str) -> tuple[str, ...]:
-    """Return the paragraphs of a longer text, without what cannot be seen, at most 1,000 characters."""
-    lines = (_leave_seen(line).strip() for line in text[:LONGEST_CONCLUSION].splitlines())
+    """Return the paragraphs of a longer text without invisible characters, at most 1,000 characters."""
+    lines = (_keep_visible(line).strip() for line in text[:LONGEST_CONCLUSION].splitlines())
     return tuple(line for line in lines if line)
 
 
-def _leave_seen(text: str) -> str:
+def _keep_visible(text: str) -> str:
     return "".join(c for c in text if unicodedata.category(c) not in _UNSEEN)

@@ -16,10 +16,10 @@ from sqlalchemy import update
 
 from app.accounts import passwords
 from app.accounts.accounts import LONGEST_S, AccountStore, Person, hash_secret
-from app.accounts.logins import Logins
 from app.accounts.passwords import hash_password
+from app.accounts.sign_in import SignIn
 from app.accounts.subjects import ROLES, Permission, Role
-from app.library.audit_log import AuditQuestion, find_lines
+from app.library.audit_log import AuditFilter, find_lines
 from app.library.database.tables import tokens
 from app.main import create_app
 from app.services import Services
@@ -56,7 +56,7 @@ class Visitor:
     def get(self, path: str) -> Response:
         return self.client.get(path, headers={"accept": "text/html"})
 
-    def give_password(self, login: str, password: str = PASSWORD) -> Response:
+    def submit_password(self, login: str, password: str = PASSWORD) -> Response:
         return self.post("/login", login=login, password=password, next="/account")
 
 
@@ -112,8 +112,8 @@ def accounts(settings: Settings, clock: Clock) -> Iterator[AccountStore]:
 
 
 @pytest.fixture
-def logins(accounts: AccountStore, settings: Settings) -> Logins:
-    return Logins(accounts, settings)
+def sign_in(accounts: AccountStore, settings: Settings) -> SignIn:
+    return SignIn(accounts, settings)
 
 
 @pytest.fixture(autouse=True, scope="package")
@@ -133,14 +133,14 @@ def password_hash(cheap_hashes: None) -> str:
 
 
 @pytest.fixture
-def add_person(accounts: AccountStore, logins: Logins, password_hash: str) -> AddPerson:
+def add_person(accounts: AccountStore, sign_in: SignIn, password_hash: str) -> AddPerson:
     """Add a person with a password and an authenticator."""
 
     def add(login: str = "clara", *roles: Role, has_second_factor: bool = True) -> Person:
         person = accounts.add_person(login, login.title(), roles or ("clinician",))
-        logins.credentials.set_password(person.id, password_hash)
+        sign_in.credentials.set_password(person.id, password_hash)
         if has_second_factor:
-            logins.credentials.set_second_factor(person.id, SECRET, 0, ())
+            sign_in.credentials.set_second_factor(person.id, SECRET, 0, ())
         return accounts.get_person(person.id)
 
     return add
@@ -202,7 +202,7 @@ def enter(visit: Visit, clock: Clock) -> Enter:
 
     def log_in(login: str = "clara") -> Visitor:
         visitor = visit()
-        asked = visitor.give_password(login)
+        asked = visitor.submit_password(login)
         answer = visitor.post(
             "/login/code", ticket=read_ticket(asked), code=make_code(clock), next="/account"
         )
@@ -273,7 +273,7 @@ def house(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> Iterator[House
     for role in ROLES:
         house.add_person(role, role)
     with TestClient(application):
-        while not any(find_lines(house.services.store.reader, AuditQuestion(act="server.started"))):
+        while not any(find_lines(house.services.store.reader, AuditFilter(act="server.started"))):
             time.sleep(0.02)
         yield house
 

@@ -9,10 +9,10 @@ from sqlalchemy.exc import SQLAlchemyError
 from typer.testing import CliRunner
 
 from app.accounts.accounts import AccountStore
-from app.accounts.logins import Caller, Logins
+from app.accounts.sign_in import Caller, SignIn
 from app.cli import app
 from app.errors import LoginRefused
-from app.library.audit_log import AuditLine, AuditQuestion, acting, find_lines
+from app.library.audit_log import AuditFilter, AuditLine, acting, find_lines
 from app.library.jobs import JobStore
 from app.settings import Settings
 from tests.app.accounts.conftest import PASSWORD, AddPerson
@@ -30,7 +30,7 @@ def store(settings: Settings) -> Iterator[JobStore]:
 
 def read(store: JobStore) -> list[AuditLine]:
     """Return the lines in order."""
-    return list(find_lines(store.reader, AuditQuestion()))[::-1]
+    return list(find_lines(store.reader, AuditFilter()))[::-1]
 
 
 def test_a_line_names_the_person_and_who_did_it_and_neither_login_nor_name(
@@ -59,13 +59,13 @@ def test_an_act_whose_line_cannot_be_written_is_not_done(
 
 
 def test_a_login_a_refused_one_and_its_end_are_lines(
-    accounts: AccountStore, logins: Logins, add_person: AddPerson, store: JobStore
+    accounts: AccountStore, sign_in: SignIn, add_person: AddPerson, store: JobStore
 ) -> None:
     anna = add_person("anna", "clinician")
     with pytest.raises(LoginRefused):
-        logins.give_password("anna", "not this one", HERE)
+        sign_in.submit_password("anna", "not this one", HERE)
     with pytest.raises(LoginRefused):
-        logins.give_password("nobody", "not this one", HERE)
+        sign_in.submit_password("nobody", "not this one", HERE)
     accounts.end_session(accounts.begin_session(anna.id))
 
     told = [(line.act, line.who) for line in read(store)[-4:]]
@@ -93,6 +93,6 @@ def test_a_command_leaves_its_lines(settings: Settings, store: JobStore) -> None
     assert CliRunner().invoke(app, typed, input=f"{PASSWORD}\n").exit_code == 0
     CliRunner().invoke(app, ["account", "list", *data])
 
-    lines = list(find_lines(store.reader, AuditQuestion(who="machine")))[::-1]
+    lines = list(find_lines(store.reader, AuditFilter(who="machine")))[::-1]
     assert [line.act for line in lines] == ["person.added", "password.changed", "people.read"]
     assert (lines[-1].recording_id, lines[-1].analysis_id) == ("", "")

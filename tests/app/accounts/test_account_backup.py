@@ -10,7 +10,7 @@ from sqlalchemy import Table, func, select
 from typer.testing import CliRunner
 
 from app.accounts.accounts import AccountStore, Person
-from app.accounts.logins import Caller, Logins
+from app.accounts.sign_in import Caller, SignIn
 from app.cli import app
 from app.errors import AccountsLost, LoginRefused, NotEmpty
 from app.library.database.tables import known_browsers, sessions, tickets, tries
@@ -88,17 +88,17 @@ def test_people_log_in_after_a_restore_as_before(move: Move, add_person: AddPers
 
     move.restore()
 
-    logins = Logins(move.open(), move.new)
-    step = logins.give_password("clara", PASSWORD, HERE)
-    assert logins.give_code(step.ticket, make_code(move.clock), HERE).session
-    assert logins.accounts.get_person(person.id) == person
+    sign_in = SignIn(move.open(), move.new)
+    step = sign_in.submit_password("clara", PASSWORD, HERE)
+    assert sign_in.submit_code(step.ticket, make_code(move.clock), HERE).session
+    assert sign_in.accounts.get_person(person.id) == person
 
 
 def test_tokens_and_recovery_codes_come_back(
-    person: Person, move: Move, accounts: AccountStore, logins: Logins
+    person: Person, move: Move, accounts: AccountStore, sign_in: SignIn
 ) -> None:
     bearer = accounts.add_token(person.id, "nightly", ["read"], move.clock() + 3600)
-    logins.credentials.set_second_factor(person.id, SECRET, 0, ["aaaa-bbbb"])
+    sign_in.credentials.set_second_factor(person.id, SECRET, 0, ["aaaa-bbbb"])
     move.back_up()
 
     found = move.restore()
@@ -109,16 +109,16 @@ def test_tokens_and_recovery_codes_come_back(
     subject = store.find_by_token(bearer)
     assert subject is not None
     assert subject.permissions == {"own", "read"}
-    assert Logins(store, move.new).credentials.use_recovery_code(person.id, "aaaa-bbbb") is True
+    assert SignIn(store, move.new).credentials.use_recovery_code(person.id, "aaaa-bbbb") is True
 
 
-def test_what_goes_on_now_is_in_no_backup(person: Person, move: Move, logins: Logins) -> None:
-    logins.enter(person.id, HERE)
-    logins.make_link(person.id, 3600)
+def test_what_goes_on_now_is_in_no_backup(person: Person, move: Move, sign_in: SignIn) -> None:
+    sign_in.enter(person.id, HERE)
+    sign_in.make_link(person.id, 3600)
     with pytest.raises(LoginRefused):
-        logins.give_password("clara", "a wrong password", HERE)
+        sign_in.submit_password("clara", "a wrong password", HERE)
     tables = (sessions, tickets, tries, known_browsers)
-    assert all(count_rows(logins.accounts, table) for table in tables)
+    assert all(count_rows(sign_in.accounts, table) for table in tables)
     move.back_up()
 
     move.restore()

@@ -21,7 +21,7 @@ from app.http.middleware.access import (
     KnownReadings,
     RefusedLines,
 )
-from app.library.audit_log import ACTS, AuditLine, AuditQuestion, acting, find_lines, record
+from app.library.audit_log import ACTS, AuditFilter, AuditLine, acting, find_lines, record
 from app.library.database.tables import facts, sessions
 from app.library.jobs import JobStore
 from app.library.rows import Job
@@ -39,18 +39,18 @@ UNKNOWN = "an_00000000000000ff"
 NAVIGATION = {"accept": "text/html", "sec-fetch-mode": "navigate"}
 
 
-def read(store: JobStore, question: AuditQuestion | None = None) -> list[AuditLine]:
+def read(store: JobStore, question: AuditFilter | None = None) -> list[AuditLine]:
     """Return lines, the oldest first."""
-    return list(find_lines(store.reader, question or AuditQuestion()))[::-1]
+    return list(find_lines(store.reader, question or AuditFilter()))[::-1]
 
 
 def list_acts(store: JobStore) -> list[str]:
     return [line.act for line in read(store)]
 
 
-def do_one_job(bench: Callable[..., WorkerContext], add_job: AddJob) -> Job:
+def do_one_job(open_worker: Callable[..., WorkerContext], add_job: AddJob) -> Job:
     job = add_job()
-    assert do_next(bench(write_digest))
+    assert do_next(open_worker(write_digest))
     return job
 
 
@@ -71,9 +71,9 @@ def test_a_rollback_drops_the_line_with_the_act_and_logs_nothing(
 
 
 def test_a_worker_s_report_is_an_act_of_the_system(
-    store: JobStore, bench: Callable[..., WorkerContext], add_job: AddJob
+    store: JobStore, open_worker: Callable[..., WorkerContext], add_job: AddJob
 ) -> None:
-    job = do_one_job(bench, add_job)
+    job = do_one_job(open_worker, add_job)
 
     last = read(store)[-1]
     assert (last.who, last.act, last.analysis_id) == ("system", "analysis.succeeded", job.id)
@@ -194,7 +194,7 @@ def test_an_act_by_a_token_names_the_token(house: House, caller: TestClient) -> 
     bearer = house.add_token("clinician", "upload")
     caller.post("/api/v1/analyze", content=b"bytes", headers={"Authorization": f"Bearer {bearer}"})
 
-    stored = read(house.services.store, AuditQuestion(act="recording.stored"))[-1]
+    stored = read(house.services.store, AuditFilter(act="recording.stored"))[-1]
     assert stored.who.startswith("tok_")
 
 
@@ -214,7 +214,7 @@ def test_a_refusal_leaves_a_line_with_the_id_that_was_asked_for(
 
     assert caller.get(f"{path}/{job.id}", headers=headers | session).status_code == status
 
-    found = read(house.services.store, AuditQuestion(who=house.people.get(who, who)))
+    found = read(house.services.store, AuditFilter(who=house.people.get(who, who)))
     lines = [(line.act, line.analysis_id) for line in found if not line.act.startswith("login.")]
     assert lines == [("refused", job.id)]
 
@@ -255,7 +255,7 @@ def test_who_guesses_many_ids_leaves_so_many_lines_and_one_more_and_others_keep_
         caller.get(f"/api/v1/analyses/an_{number:016x}")
     caller.get(f"/api/v1/analyses/{UNKNOWN}", headers=dict(house.log_in("clinician")))
 
-    acts = [line.act for line in read(house.services.store, AuditQuestion(who="nobody"))]
+    acts = [line.act for line in read(house.services.store, AuditFilter(who="nobody"))]
     assert (acts.count("refused"), acts.count("refused.more")) == (MOST_LINES, 1)
     assert [line.analysis_id for line in _find_by(house, "clinician", "refused")] == [UNKNOWN]
 
@@ -401,19 +401,19 @@ def _store_job(house: House, subject: str = "", content: bytes = b"recording") -
 def _finish_job(house: House) -> Job:
     """Store a recording whose report is made, by a stand-in for the science."""
     job = _store_job(house)
-    bench = open_worker_context(house.services.settings, stand_ins.write_report)
-    assert run_next(bench)
-    bench.store.close()
+    worker = open_worker_context(house.services.settings, stand_ins.write_report)
+    assert run_next(worker)
+    worker.store.close()
     return job
 
 
 def _find_by(house: House, name: str, act: str) -> list[AuditLine]:
-    return read(house.services.store, AuditQuestion(who=house.people[name], act=act))
+    return read(house.services.store, AuditFilter(who=house.people[name], act=act))
 
 
 def _find_read(house: House, name: str) -> list[tuple[str, str, str]]:
     """Return what somebody read or took, without the log-ins, which come into the log when they may."""
-    lines = read(house.services.store, AuditQuestion(who=house.people[name]))
+    lines = read(house.services.store, AuditFilter(who=house.people[name]))
     told = [(line.act, line.recording_id, line.analysis_id) for line in lines]
     return [one for one in told if not one[0].startswith("login.")]
 

@@ -15,8 +15,8 @@ from fastapi.testclient import TestClient
 from app.accounts import passwords
 from app.accounts.accounts import AccountStore, Person
 from app.accounts.gate import Gate, StartSecret, read_or_create_secret
-from app.accounts.logins import Caller, Logins
 from app.accounts.passwords import check_password, hash_password, needs_rehash, verify_password
+from app.accounts.sign_in import Caller, SignIn
 from app.errors import LoginRefused, WeakPassword
 from app.settings import Settings
 from tests.app.accounts.conftest import (
@@ -38,7 +38,7 @@ def test_password_and_a_code_that_counts_once_let_a_person_in(
     person: Person, enter: Enter, visit: Visit, clock: Clock
 ) -> None:
     first, second = enter(), visit()
-    ticket = read_ticket(second.give_password("clara"))
+    ticket = read_ticket(second.submit_password("clara"))
 
     again = second.post("/login/code", ticket=ticket, code=make_code(clock), next="/")
 
@@ -54,9 +54,9 @@ def test_a_wrong_password_an_unknown_name_and_an_ended_account_are_refused_alike
     accounts.end_person(add_person("dora").id)
 
     answers = [
-        visit().give_password("clara", "nine blue bicycles"),
-        visit().give_password("nobody"),
-        visit().give_password("dora"),
+        visit().submit_password("clara", "nine blue bicycles"),
+        visit().submit_password("nobody"),
+        visit().submit_password("dora"),
     ]
 
     assert [answer.status_code for answer in answers] == [401] * 3
@@ -64,11 +64,11 @@ def test_a_wrong_password_an_unknown_name_and_an_ended_account_are_refused_alike
 
 
 def test_a_password_is_taken_as_it_is_typed_and_a_login_name_in_any_case(
-    person: Person, logins: Logins
+    person: Person, sign_in: SignIn
 ) -> None:
-    assert logins.give_password(" Clara ", PASSWORD, HERE).person_id == person.id
+    assert sign_in.submit_password(" Clara ", PASSWORD, HERE).person_id == person.id
     with pytest.raises(LoginRefused):
-        logins.give_password("clara", f" {PASSWORD}", HERE)
+        sign_in.submit_password("clara", f" {PASSWORD}", HERE)
 
 
 @pytest.mark.parametrize(("step", "place"), [(-2, None), (-1, "/"), (1, "/"), (2, None)])
@@ -76,7 +76,7 @@ def test_a_clock_may_be_one_step_off(
     person: Person, visit: Visit, clock: Clock, step: int, place: str | None
 ) -> None:
     visitor = visit()
-    ticket = read_ticket(visitor.give_password("clara"))
+    ticket = read_ticket(visitor.submit_password("clara"))
 
     code = make_code(clock, step)
     answer = visitor.post("/login/code", ticket=ticket, code=code, next="//evil.example/")
@@ -85,20 +85,20 @@ def test_a_clock_may_be_one_step_off(
     assert answer.headers.get("location") == place  # a place of ours alone
 
 
-def test_a_recovery_code_lets_in_once(person: Person, logins: Logins) -> None:
-    logins.credentials.set_second_factor(person.id, SECRET, 0, ["abcd-efgh-2345-abcd-efgh-2345"])
+def test_a_recovery_code_lets_in_once(person: Person, sign_in: SignIn) -> None:
+    sign_in.credentials.set_second_factor(person.id, SECRET, 0, ["abcd-efgh-2345-abcd-efgh-2345"])
 
-    first = logins.give_password("clara", PASSWORD, HERE)
-    logins.give_code(first.ticket, "ABCD EFGH 2345 ABCD EFGH 2345", HERE)
-    second = logins.give_password("clara", PASSWORD, HERE)
+    first = sign_in.submit_password("clara", PASSWORD, HERE)
+    sign_in.submit_code(first.ticket, "ABCD EFGH 2345 ABCD EFGH 2345", HERE)
+    second = sign_in.submit_password("clara", PASSWORD, HERE)
 
     with pytest.raises(LoginRefused):
-        logins.give_code(second.ticket, "abcd-efgh-2345-abcd-efgh-2345", HERE)
+        sign_in.submit_code(second.ticket, "abcd-efgh-2345-abcd-efgh-2345", HERE)
 
 
 def test_the_second_step_is_forgotten_after_ten_minutes(person: Person, visit: Visit, clock: Clock) -> None:
     visitor = visit()
-    ticket = read_ticket(visitor.give_password("clara"))
+    ticket = read_ticket(visitor.submit_password("clara"))
     clock.wait(601)
 
     answer = visitor.post("/login/code", ticket=ticket, code=make_code(clock), next="/")
@@ -113,11 +113,11 @@ def test_the_first_login_sets_up_an_authenticator_by_its_first_code_and_shows_te
     add_person(has_second_factor=False)
     visitor = visit()
 
-    shown = visitor.give_password("clara")
+    shown = visitor.submit_password("clara")
     secret = re.search(r'class="secret">([A-Z2-7]+)<', shown.text)
     assert secret is not None
     refused = visitor.post("/login/enrol", ticket=read_ticket(shown), code="000000", next="/")
-    other = visit().give_password("clara")
+    other = visit().submit_password("clara")
     code = pyotp.TOTP(secret[1]).at(int(clock()))
     codes = visitor.post("/login/enrol", ticket=read_ticket(refused), code=code, next="/account")
 
@@ -132,19 +132,19 @@ def test_a_password_is_enough_where_the_second_factor_is_only_offered(
     settings: Settings, accounts: AccountStore, add_person: AddPerson
 ) -> None:
     person = add_person(has_second_factor=False)
-    logins = Logins(accounts, settings.model_copy(update={"second_factor": "offered"}))
+    sign_in = SignIn(accounts, settings.model_copy(update={"second_factor": "offered"}))
 
-    assert logins.give_password("clara", PASSWORD, HERE).next == "in"
+    assert sign_in.submit_password("clara", PASSWORD, HERE).next == "in"
     assert accounts.get_person(person.id).has_second_factor is False
 
 
-def test_a_hash_of_other_parameters_is_made_anew_at_login(person: Person, logins: Logins) -> None:
+def test_a_hash_of_other_parameters_is_made_anew_at_login(person: Person, sign_in: SignIn) -> None:
     old = PasswordHasher(time_cost=1, memory_cost=8192, parallelism=1).hash(PASSWORD)
-    logins.credentials.set_password(person.id, old)
+    sign_in.credentials.set_password(person.id, old)
 
-    logins.give_password("clara", PASSWORD, HERE)
+    sign_in.submit_password("clara", PASSWORD, HERE)
 
-    found = logins.credentials.find("clara")
+    found = sign_in.credentials.find("clara")
     assert found is not None
     assert found.password_hash is not None
     assert found.password_hash != old
@@ -153,9 +153,9 @@ def test_a_hash_of_other_parameters_is_made_anew_at_login(person: Person, logins
 
 
 def test_a_link_sets_a_password_once_and_does_not_pass_by_the_second_factor(
-    logins: Logins, add_person: AddPerson, visit: Visit
+    sign_in: SignIn, add_person: AddPerson, visit: Visit
 ) -> None:
-    link = logins.make_link(add_person().id, 3600)
+    link = sign_in.make_link(add_person().id, 3600)
     visitor = visit()
 
     looked = visitor.get(f"/login/link/{link}")
@@ -164,23 +164,23 @@ def test_a_link_sets_a_password_once_and_does_not_pass_by_the_second_factor(
 
     assert (looked.status_code, done.status_code, again.status_code) == (200, 303, 410)
     assert visitor.client.cookies.get("acromion_session") is None
-    assert 'name="code"' in visitor.give_password("clara", "five yellow umbrellas").text
+    assert 'name="code"' in visitor.submit_password("clara", "five yellow umbrellas").text
 
 
 def test_a_password_set_by_a_link_ends_every_session(
-    person: Person, logins: Logins, enter: Enter, visit: Visit
+    person: Person, sign_in: SignIn, enter: Enter, visit: Visit
 ) -> None:
     signed_in = enter()
 
-    visit().post(f"/login/link/{logins.make_link(person.id, 3600)}", password="five yellow umbrellas")
+    visit().post(f"/login/link/{sign_in.make_link(person.id, 3600)}", password="five yellow umbrellas")
 
     assert signed_in.client.get("/api/v1/version").status_code == 401
 
 
 def test_a_link_ends_after_its_time_and_with_a_new_one(
-    person: Person, logins: Logins, visit: Visit, clock: Clock
+    person: Person, sign_in: SignIn, visit: Visit, clock: Clock
 ) -> None:
-    first, second = (logins.make_link(person.id, 3600) for _ in range(2))
+    first, second = (sign_in.make_link(person.id, 3600) for _ in range(2))
 
     assert visit().get(f"/login/link/{first}").status_code == 410
     assert visit().get(f"/login/link/{second}").status_code == 200
@@ -189,9 +189,9 @@ def test_a_link_ends_after_its_time_and_with_a_new_one(
 
 
 def test_a_weak_password_leaves_the_link_as_it_was(
-    logins: Logins, add_person: AddPerson, visit: Visit
+    sign_in: SignIn, add_person: AddPerson, visit: Visit
 ) -> None:
-    link = logins.make_link(add_person().id, 3600)
+    link = sign_in.make_link(add_person().id, 3600)
     visitor = visit()
 
     weak = visitor.post(f"/login/link/{link}", password="short")
@@ -202,11 +202,11 @@ def test_a_weak_password_leaves_the_link_as_it_was(
 
 
 def test_no_secret_of_a_login_stands_in_the_database(
-    person: Person, visitor: Visitor, logins: Logins, enter: Enter, settings: Settings
+    person: Person, visitor: Visitor, sign_in: SignIn, enter: Enter, settings: Settings
 ) -> None:
-    told = [PASSWORD, logins.make_link(person.id, 3600), logins.enter(person.id, HERE).session]
+    told = [PASSWORD, sign_in.make_link(person.id, 3600), sign_in.enter(person.id, HERE).session]
     told += [visitor.client.cookies["acromion_session"], visitor.client.cookies["acromion_browser"]]
-    told.append(logins.accounts.add_token(person.id, "script", ["read"], 1e12))
+    told.append(sign_in.accounts.add_token(person.id, "script", ["read"], 1e12))
 
     rows = dump(settings.data_dir / "acromion.sqlite3")
 

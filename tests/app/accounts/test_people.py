@@ -7,8 +7,8 @@ import pytest
 from httpx2 import Response
 
 from app.accounts.accounts import AccountStore
-from app.accounts.logins import Caller, Logins
-from app.library.audit_log import AuditQuestion, find_lines
+from app.accounts.sign_in import Caller, SignIn
+from app.library.audit_log import AuditFilter, find_lines
 from app.library.jobs import JobStore
 from app.settings import Settings
 from tests.app.accounts.conftest import AddPerson, Clock, Enter, Visit, Visitor, make_code, read_ticket
@@ -30,17 +30,17 @@ def set_by_link(page: Response, visitor: Visitor) -> None:
 
 
 def test_an_invited_person_chooses_a_password_logs_in_and_is_told_nothing(
-    boss: Visitor, visit: Visit, logins: Logins
+    boss: Visitor, visit: Visit, sign_in: SignIn
 ) -> None:
     visitor = visit()
     page = boss.post("/people", login="Dora@Clinic.example", name="Dora", role=["clinician"])
 
     set_by_link(page, visitor)
 
-    assert visitor.give_password("dora@clinic.example", NEW_PASSWORD).status_code == 200
-    dora = logins.accounts.find_person("dora@clinic.example")
+    assert visitor.submit_password("dora@clinic.example", NEW_PASSWORD).status_code == 200
+    dora = sign_in.accounts.find_person("dora@clinic.example")
     assert dora is not None
-    assert not logins.enter(dora.id, Caller("192.0.2.1", "")).is_to_be_told
+    assert not sign_in.enter(dora.id, Caller("192.0.2.1", "")).must_show_link_use
 
 
 def test_nobody_manages_himself(boss: Visitor, accounts: AccountStore) -> None:
@@ -135,7 +135,7 @@ def test_the_audit_log_holds_who_made_the_link_and_from_where_it_was_used(
 
     lines = [
         (line.who, line.act, json.loads(line.other))
-        for line in find_lines(store.reader, AuditQuestion())
+        for line in find_lines(store.reader, AuditFilter())
         if line.act == "link.made" or (line.act == "password.changed" and "link" in line.other)
     ]
     store.close()

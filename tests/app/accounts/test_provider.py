@@ -12,7 +12,7 @@ import httpx2
 import pytest
 
 from app.accounts.accounts import AccountStore
-from app.accounts.logins import CredentialStore
+from app.accounts.sign_in import CredentialStore
 from app.settings import Settings
 from tests.app.accounts.conftest import AddPerson, Clock, Visit, Visitor, open_server
 

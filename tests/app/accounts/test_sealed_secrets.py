@@ -7,7 +7,7 @@ import pytest
 from sqlalchemy import select, update
 
 from app.accounts.accounts import AccountStore, Person
-from app.accounts.logins import Caller, Logins
+from app.accounts.sign_in import Caller, SignIn
 from app.errors import SecondFactorLost, SecretUnreadable
 from app.library.database.tables import people, tickets
 from app.library.jobs import JobStore
@@ -32,24 +32,24 @@ def dump(accounts: AccountStore) -> str:
     return "\n".join(found)
 
 
-def log_in(logins: Logins, clock: Clock) -> str:
-    step = logins.give_password("clara", PASSWORD, HERE)
-    return logins.give_code(step.ticket, make_code(clock), HERE).session
+def log_in(sign_in: SignIn, clock: Clock) -> str:
+    step = sign_in.submit_password("clara", PASSWORD, HERE)
+    return sign_in.submit_code(step.ticket, make_code(clock), HERE).session
 
 
 def test_no_secret_of_an_authenticator_stands_open_in_the_accounts(
-    person: Person, accounts: AccountStore, logins: Logins, clock: Clock
+    person: Person, accounts: AccountStore, sign_in: SignIn, clock: Clock
 ) -> None:
     assert SECRET not in dump(accounts)
-    assert log_in(logins, clock)
+    assert log_in(sign_in, clock)
 
 
 def test_a_secret_that_is_being_set_up_does_not_either(
-    accounts: AccountStore, logins: Logins, add_person: AddPerson
+    accounts: AccountStore, sign_in: SignIn, add_person: AddPerson
 ) -> None:
-    ticket = logins.begin_enrolment(add_person().id)
+    ticket = sign_in.begin_enrolment(add_person().id)
 
-    shown, _ = logins.show_enrolment(ticket)
+    shown, _ = sign_in.show_enrolment(ticket)
 
     assert len(shown) == 32
     assert shown not in dump(accounts)
@@ -57,12 +57,12 @@ def test_a_secret_that_is_being_set_up_does_not_either(
 
 
 def test_without_the_key_no_code_is_compared_and_the_log_names_the_cure(
-    person: Person, settings: Settings, logins: Logins, clock: Clock, caplog: pytest.LogCaptureFixture
+    person: Person, settings: Settings, sign_in: SignIn, clock: Clock, caplog: pytest.LogCaptureFixture
 ) -> None:
     ServerSecret(settings.data_dir).file.unlink()
 
     with pytest.raises(SecondFactorLost):
-        log_in(logins, clock)
+        log_in(sign_in, clock)
 
     assert f"the second factor of {person.id} cannot be read" in caplog.text
     assert "--second-factor" in caplog.text
@@ -72,7 +72,7 @@ def test_without_the_key_the_page_says_that_the_second_step_cannot_be_read(
     person: Person, settings: Settings, visit: Visit
 ) -> None:
     visitor = visit()
-    ticket = read_ticket(visitor.give_password("clara"))
+    ticket = read_ticket(visitor.submit_password("clara"))
     ServerSecret(settings.data_dir).file.unlink()
 
     page = visitor.post("/login/code", ticket=ticket, code="123456", next="/")
@@ -83,20 +83,20 @@ def test_without_the_key_the_page_says_that_the_second_step_cannot_be_read(
 
 
 def test_a_code_that_cannot_be_compared_is_no_guess_and_a_recovery_code_lets_in(
-    settings: Settings, logins: Logins, add_person: AddPerson, clock: Clock
+    settings: Settings, sign_in: SignIn, add_person: AddPerson, clock: Clock
 ) -> None:
-    logins.credentials.set_second_factor(add_person().id, SECRET, 0, ["aaaa-bbbb"])
+    sign_in.credentials.set_second_factor(add_person().id, SECRET, 0, ["aaaa-bbbb"])
     ServerSecret(settings.data_dir).file.unlink()
-    step = logins.give_password("clara", PASSWORD, HERE)
+    step = sign_in.submit_password("clara", PASSWORD, HERE)
     for _ in range(20):
         with pytest.raises(SecondFactorLost):
-            logins.give_code(step.ticket, make_code(clock), HERE)
+            sign_in.submit_code(step.ticket, make_code(clock), HERE)
 
-    assert logins.give_code(step.ticket, "aaaa-bbbb", HERE).session
+    assert sign_in.submit_code(step.ticket, "aaaa-bbbb", HERE).session
 
 
 def test_a_secret_does_not_open_as_another_persons(
-    accounts: AccountStore, logins: Logins, add_person: AddPerson, clock: Clock
+    accounts: AccountStore, sign_in: SignIn, add_person: AddPerson, clock: Clock
 ) -> None:
     clara, dora = add_person("clara"), add_person("dora")
     hers = select(people.c.totp_secret).where(people.c.id == dora.id).scalar_subquery()
@@ -104,7 +104,7 @@ def test_a_secret_does_not_open_as_another_persons(
         connection.execute(update(people).where(people.c.id == clara.id).values(totp_secret=hers))
 
     with pytest.raises(SecondFactorLost):
-        log_in(logins, clock)
+        log_in(sign_in, clock)
 
 
 def test_a_start_warns_of_a_lost_key_and_names_the_cure(
@@ -124,10 +124,10 @@ def test_a_start_warns_of_a_lost_key_and_names_the_cure(
 
 
 def test_the_warning_comes_again_with_a_key_that_a_login_has_made(
-    person: Person, settings: Settings, logins: Logins, caplog: pytest.LogCaptureFixture
+    person: Person, settings: Settings, sign_in: SignIn, caplog: pytest.LogCaptureFixture
 ) -> None:
     ServerSecret(settings.data_dir).file.unlink()
-    logins.give_password("clara", PASSWORD, HERE)
+    sign_in.submit_password("clara", PASSWORD, HERE)
 
     create_app(settings)
 

@@ -31,7 +31,7 @@ def copy_session(visitor: Visitor, visit: Visit) -> Visitor:
 
 
 def log_in_again(visitor: Visitor, clock: Clock) -> None:
-    ticket = read_ticket(visitor.give_password("clara"))
+    ticket = read_ticket(visitor.submit_password("clara"))
     visitor.post("/login/code", ticket=ticket, code=make_code(clock), next="/")
 
 
@@ -134,7 +134,7 @@ def test_behind_tls_a_cookie_is_bound_to_this_very_host(
 ) -> None:
     session = accounts.begin_session(add_person().id)
     visitor, other = visit_behind_proxy(), visit_behind_proxy()
-    ticket = read_ticket(visitor.give_password("clara"))
+    ticket = read_ticket(visitor.submit_password("clara"))
     other.client.cookies.set("acromion_session", session)  # without the prefix it opens nothing
 
     answer = visitor.post("/login/code", ticket=ticket, code=make_code(clock), next="/")

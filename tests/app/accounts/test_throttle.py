@@ -8,7 +8,7 @@ from sqlalchemy import select
 
 from app.accounts import passwords
 from app.accounts.accounts import AccountStore, Person
-from app.accounts.logins import TOLD_S, Budget, Caller, Logins, limit_address
+from app.accounts.sign_in import LOG_PERIOD_S, Budget, Caller, SignIn, limit_address
 from app.errors import LoginRefused, TooManyTries
 from app.library.audit_log import NOBODY, acting
 from app.library.database.tables import audit_log, tries
@@ -33,10 +33,10 @@ def hashes(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return seen
 
 
-def guess(logins: Logins, login: str, password: str = "wrong", caller: Caller = STRANGER) -> str:
+def guess(sign_in: SignIn, login: str, password: str = "wrong", caller: Caller = STRANGER) -> str:
     """Try once; return the code of the refusal."""
     try:
-        logins.give_password(login, password, caller)
+        sign_in.submit_password(login, password, caller)
     except (LoginRefused, TooManyTries) as refusal:
         return refusal.code
     return "in"
@@ -44,94 +44,94 @@ def guess(logins: Logins, login: str, password: str = "wrong", caller: Caller = 
 
 @pytest.mark.parametrize("way", ["one address", "one name"])
 def test_guesses_for_500_s_from_one_address_or_of_one_name_cost_at_most_twenty_hashes(
-    person: Person, logins: Logins, hashes: list[str], clock: Clock, way: str
+    person: Person, sign_in: SignIn, hashes: list[str], clock: Clock, way: str
 ) -> None:
     for number in range(250):
         caller = Caller(f"198.51.100.{number}", "")
         if way == "one address":
-            guess(logins, f"person{number}", f"guess {number}")
+            guess(sign_in, f"person{number}", f"guess {number}")
         else:
-            guess(logins, "clara", f"guess {number}", caller)
+            guess(sign_in, "clara", f"guess {number}", caller)
         clock.wait(2.0)
 
     assert 10 <= len(hashes) <= 20
 
 
-def test_a_known_browser_gets_in_while_strangers_guess(person: Person, logins: Logins) -> None:
-    known = Caller("192.0.2.1", logins.enter(person.id, Caller("192.0.2.1", "")).browser)
+def test_a_known_browser_gets_in_while_strangers_guess(person: Person, sign_in: SignIn) -> None:
+    known = Caller("192.0.2.1", sign_in.enter(person.id, Caller("192.0.2.1", "")).browser)
     for _ in range(50):
-        guess(logins, "clara")
+        guess(sign_in, "clara")
 
-    assert guess(logins, "clara", PASSWORD, Caller("192.0.2.2", "")) == "E-TRIES"
-    assert guess(logins, "clara", PASSWORD, known) == "in"
+    assert guess(sign_in, "clara", PASSWORD, Caller("192.0.2.2", "")) == "E-TRIES"
+    assert guess(sign_in, "clara", PASSWORD, known) == "in"
 
 
-def test_a_known_browser_gets_in_from_an_address_that_guesses(person: Person, logins: Logins) -> None:
-    browser = logins.enter(person.id, STRANGER).browser
+def test_a_known_browser_gets_in_from_an_address_that_guesses(person: Person, sign_in: SignIn) -> None:
+    browser = sign_in.enter(person.id, STRANGER).browser
     for number in range(50):
-        guess(logins, f"person{number}")
+        guess(sign_in, f"person{number}")
 
-    assert guess(logins, "clara", PASSWORD, Caller(STRANGER.address, browser)) == "in"
+    assert guess(sign_in, "clara", PASSWORD, Caller(STRANGER.address, browser)) == "in"
 
 
-def test_a_known_browser_has_no_budget_for_other_people(logins: Logins, add_person: AddPerson) -> None:
-    browser = logins.enter(add_person().id, STRANGER).browser
+def test_a_known_browser_has_no_budget_for_other_people(sign_in: SignIn, add_person: AddPerson) -> None:
+    browser = sign_in.enter(add_person().id, STRANGER).browser
     add_person("dora")
 
-    tried = [guess(logins, "dora", caller=Caller(STRANGER.address, browser)) for _ in range(6)]
+    tried = [guess(sign_in, "dora", caller=Caller(STRANGER.address, browser)) for _ in range(6)]
 
     assert tried == ["E-LOGIN"] * 5 + ["E-TRIES"]
 
 
 def test_a_known_browser_may_not_guess_without_end(
-    logins: Logins, add_person: AddPerson, hashes: list[str]
+    sign_in: SignIn, add_person: AddPerson, hashes: list[str]
 ) -> None:
-    browser = logins.enter(add_person().id, STRANGER).browser
+    browser = sign_in.enter(add_person().id, STRANGER).browser
 
     for _ in range(100):
-        guess(logins, "clara", caller=Caller(STRANGER.address, browser))
+        guess(sign_in, "clara", caller=Caller(STRANGER.address, browser))
 
     assert len(hashes) <= 20
 
 
-def test_the_name_of_a_known_browser_changes_with_each_login(person: Person, logins: Logins) -> None:
-    first = logins.enter(person.id, STRANGER).browser
+def test_the_name_of_a_known_browser_changes_with_each_login(person: Person, sign_in: SignIn) -> None:
+    first = sign_in.enter(person.id, STRANGER).browser
 
-    second = logins.enter(person.id, Caller(STRANGER.address, first)).browser
+    second = sign_in.enter(person.id, Caller(STRANGER.address, first)).browser
 
-    assert logins.credentials.knows_browser(second, person.id)
-    assert not logins.credentials.knows_browser(first, person.id)
+    assert sign_in.credentials.knows_browser(second, person.id)
+    assert not sign_in.credentials.knows_browser(first, person.id)
 
 
-def test_people_who_share_a_browser_are_each_known_in_it(logins: Logins, add_person: AddPerson) -> None:
+def test_people_who_share_a_browser_are_each_known_in_it(sign_in: SignIn, add_person: AddPerson) -> None:
     clara, dora = add_person(), add_person("dora")
-    first = logins.enter(clara.id, STRANGER).browser
+    first = sign_in.enter(clara.id, STRANGER).browser
 
-    shared = logins.enter(dora.id, Caller(STRANGER.address, first)).browser
+    shared = sign_in.enter(dora.id, Caller(STRANGER.address, first)).browser
 
-    assert logins.credentials.knows_browser(shared, clara.id)
-    assert logins.credentials.knows_browser(shared, dora.id)
+    assert sign_in.credentials.knows_browser(shared, clara.id)
+    assert sign_in.credentials.knows_browser(shared, dora.id)
 
 
 def test_an_account_of_ones_own_does_not_clear_the_address(
-    logins: Logins, add_person: AddPerson, hashes: list[str]
+    sign_in: SignIn, add_person: AddPerson, hashes: list[str]
 ) -> None:
     add_person("mallory", has_second_factor=False)
     for number in range(200):
-        guess(logins, f"person{number}")
+        guess(sign_in, f"person{number}")
         if number % 5 == 0:
-            guess(logins, "mallory", PASSWORD)
+            guess(sign_in, "mallory", PASSWORD)
 
     assert len(hashes) <= 20
 
 
-def test_the_right_password_does_not_clear_wrong_codes(person: Person, logins: Logins, clock: Clock) -> None:
+def test_the_right_password_does_not_clear_wrong_codes(person: Person, sign_in: SignIn, clock: Clock) -> None:
     refused = []
     for number in range(7):
         caller = Caller(f"198.51.100.{number}", "")
-        step = logins.give_password("clara", PASSWORD, caller)
+        step = sign_in.submit_password("clara", PASSWORD, caller)
         try:
-            logins.give_code(step.ticket, "000000", caller)
+            sign_in.submit_code(step.ticket, "000000", caller)
         except (LoginRefused, TooManyTries) as refusal:
             refused.append(refusal.code)
 
@@ -146,16 +146,16 @@ def test_delays_double_up_to_the_longest() -> None:
 
 
 def test_many_tries_at_once_are_counted_one_by_one_and_forgiven_after_an_hour_of_silence(
-    logins: Logins, clock: Clock
+    sign_in: SignIn, clock: Clock
 ) -> None:
     budget = limit_address("203.0.113.1")
-    logins.throttle.give_back([budget])  # without rows
+    sign_in.throttle.refund([budget])  # without rows
 
     for _ in range(2):
         taken = 0
         for _ in range(30):  # none of them has been looked at yet
             try:
-                logins.throttle.take([budget])
+                sign_in.throttle.take([budget])
                 taken += 1
             except TooManyTries:
                 pass
@@ -168,8 +168,8 @@ def test_addresses_of_one_network_of_ipv6_share_a_budget() -> None:
     assert limit_address("2001:db8::1").key != limit_address("2001:db8:0:1::1").key
 
 
-def test_a_name_that_was_typed_is_not_kept(logins: Logins, settings: Settings) -> None:
-    guess(logins, "my password by mistake")
+def test_a_name_that_was_typed_is_not_kept(sign_in: SignIn, settings: Settings) -> None:
+    guess(sign_in, "my password by mistake")
 
     kept = (settings.data_dir / "acromion.sqlite3").read_bytes()
     kept += (settings.data_dir / "acromion.sqlite3-wal").read_bytes()
@@ -177,10 +177,10 @@ def test_a_name_that_was_typed_is_not_kept(logins: Logins, settings: Settings) -
 
 
 def test_a_name_that_was_typed_is_not_confirmed_by_a_digest(
-    person: Person, logins: Logins, accounts: AccountStore
+    person: Person, sign_in: SignIn, accounts: AccountStore
 ) -> None:
     for _ in range(7):
-        guess(logins, "hunter2")
+        guess(sign_in, "hunter2")
 
     keys = find_keys(accounts)
     assert sum(key.startswith(("account:", "told:account:")) for key in keys) == 2
@@ -194,13 +194,13 @@ def find_keys(accounts: AccountStore) -> list[str]:
 
 @on_both_databases
 def test_two_servers_count_the_tries_of_a_name_together(
-    person: Person, logins: Logins, settings: Settings, clock: Clock
+    person: Person, sign_in: SignIn, settings: Settings, clock: Clock
 ) -> None:
-    other = Logins(AccountStore(settings, clock), settings)
+    other = SignIn(AccountStore(settings, clock), settings)
 
     told = [
         guess(server, "clara", caller=Caller(f"{network}.{number}", ""))
-        for server, network in ((logins, "198.51.100"), (other, "203.0.113"))
+        for server, network in ((sign_in, "198.51.100"), (other, "203.0.113"))
         for number in range(3)
     ]
     other.accounts.database.close()
@@ -211,9 +211,9 @@ def test_two_servers_count_the_tries_of_a_name_together(
 def test_the_page_says_how_long_to_wait(person: Person, visit: Visit) -> None:
     visitor = visit()
     for _ in range(5):
-        visitor.give_password("clara", "wrong wrong wrong")
+        visitor.submit_password("clara", "wrong wrong wrong")
 
-    answer = visitor.give_password("clara", "wrong wrong wrong")
+    answer = visitor.submit_password("clara", "wrong wrong wrong")
 
     assert (answer.status_code, answer.headers["retry-after"]) == (429, "1")
 
@@ -245,10 +245,10 @@ def test_confirming_is_throttled_too(visitor: Visitor, hashes: list[str]) -> Non
 
 
 def test_codes_from_one_ticket_are_throttled(
-    person: Person, visit: Visit, clock: Clock, logins: Logins
+    person: Person, visit: Visit, clock: Clock, sign_in: SignIn
 ) -> None:
     visitor = visit()
-    ticket = read_ticket(visitor.give_password("clara"))
+    ticket = read_ticket(visitor.submit_password("clara"))
 
     answers = [
         visitor.post("/login/code", ticket=ticket, code="000000", next="/").status_code for _ in range(6)
@@ -257,16 +257,16 @@ def test_codes_from_one_ticket_are_throttled(
 
     assert answers == [401] * 5 + [429]
     assert late.status_code == 429
-    assert [told for *_, told in find_notes(logins)] == [{"by": "code", "person": person.id}]
+    assert [told for *_, told in find_notes(sign_in)] == [{"by": "code", "person": person.id}]
 
 
 # What of it is in the audit log.
 
 
-def find_notes(logins: Logins) -> list[tuple[str, dict[str, str]]]:
+def find_notes(sign_in: SignIn) -> list[tuple[str, dict[str, str]]]:
     """Return what the audit log says of tries that had to wait: who, codes."""
     query = select(audit_log).where(audit_log.c.act == "login.throttled")
-    return [(row.who, json.loads(row.other)) for row in logins.accounts.database.read_all(query)]
+    return [(row.who, json.loads(row.other)) for row in sign_in.accounts.database.read_all(query)]
 
 
 @pytest.mark.parametrize(
@@ -278,33 +278,33 @@ def find_notes(logins: Logins) -> list[tuple[str, dict[str, str]]]:
     ],
 )
 def test_tries_that_have_to_wait_are_one_line_with_the_person_if_there_is_one(
-    person: Person, logins: Logins, login: str, address: str, told: dict[str, str]
+    person: Person, sign_in: SignIn, login: str, address: str, told: dict[str, str]
 ) -> None:
     with acting(NOBODY):
         for number in range(20):
-            guess(logins, login.format(number), caller=Caller(address.format(number), ""))
+            guess(sign_in, login.format(number), caller=Caller(address.format(number), ""))
 
     expected = told | {"person": person.id} if "person" in told else told
-    assert find_notes(logins) == [(NOBODY, expected)]
+    assert find_notes(sign_in) == [(NOBODY, expected)]
 
 
-def test_a_quarter_of_an_hour_later_it_is_a_line_again(person: Person, logins: Logins, clock: Clock) -> None:
+def test_a_quarter_of_an_hour_later_it_is_a_line_again(person: Person, sign_in: SignIn, clock: Clock) -> None:
     for _ in range(2):
         for _ in range(30):
-            guess(logins, "clara")
-        clock.wait(TOLD_S)
+            guess(sign_in, "clara")
+        clock.wait(LOG_PERIOD_S)
 
-    assert len(find_notes(logins)) == 2
+    assert len(find_notes(sign_in)) == 2
 
 
 def test_a_second_server_does_not_tell_it_again(
-    person: Person, logins: Logins, settings: Settings, clock: Clock
+    person: Person, sign_in: SignIn, settings: Settings, clock: Clock
 ) -> None:
-    other = Logins(AccountStore(settings, clock), settings)
+    other = SignIn(AccountStore(settings, clock), settings)
 
-    for server in (logins, other):
+    for server in (sign_in, other):
         for _ in range(20):
             guess(server, "clara")
     other.accounts.database.close()
 
-    assert len(find_notes(logins)) == 1
+    assert len(find_notes(sign_in)) == 1

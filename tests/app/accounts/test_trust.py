@@ -10,7 +10,7 @@ from fastapi.testclient import TestClient
 from sqlalchemy import insert, update
 
 from app.http.api.housekeeping import apply_retention, write_side_files
-from app.library.audit_log import AuditQuestion, find_lines
+from app.library.audit_log import AuditFilter, find_lines
 from app.library.batches import identify_study
 from app.library.database.tables import analyses, answers
 from app.library.governance import DAY_S, AggregateStore, ReleaseStore, RetentionStore, StudyGroup
@@ -28,27 +28,27 @@ from tests.crash.program import write_digest
 
 def find_acts(services: Services, act: str) -> list[tuple[str, str, str]]:
     """Return who, recording and analysis of each line of an act, the oldest first."""
-    lines = list(find_lines(services.store.reader, AuditQuestion(act=act)))[::-1]
+    lines = list(find_lines(services.store.reader, AuditFilter(act=act)))[::-1]
     return [(line.who, line.recording_id, line.analysis_id) for line in lines]
 
 
-def finish(job: Job, bench: Callable[..., WorkerContext]) -> None:
-    assert do_next(bench(write_digest)), job.id
+def finish(job: Job, open_worker: Callable[..., WorkerContext]) -> None:
+    assert do_next(open_worker(write_digest)), job.id
 
 
 # Releases.
 
 
 def test_a_report_is_released_and_taken_back_by_further_rows(
-    store: JobStore, add_job: AddJob, bench: Callable[..., WorkerContext]
+    store: JobStore, add_job: AddJob, open_worker: Callable[..., WorkerContext]
 ) -> None:
     job = add_job()
-    finish(job, bench)
+    finish(job, open_worker)
     releases = ReleaseStore(store.engine, store.reader)
 
     done = releases.release(store.get(job.id), "per_1")
     again = releases.release(store.get(job.id), "per_2")
-    back = releases.take_back(store.get(job.id), "per_1")
+    back = releases.withdraw(store.get(job.id), "per_1")
 
     assert done is not None
     assert again is not None
@@ -59,17 +59,17 @@ def test_a_report_is_released_and_taken_back_by_further_rows(
 
 
 def test_a_later_version_is_not_released_by_it(
-    house: House, caller: TestClient, bench: Callable[..., WorkerContext]
+    house: House, caller: TestClient, open_worker: Callable[..., WorkerContext]
 ) -> None:
     clinician = dict(house.log_in("clinician"))
     first = ask(caller, clinician)
     early = caller.post(f"/api/v1/analyses/{first['id']}/release", headers=clinician)
-    do_next(bench(write_digest))
+    do_next(open_worker(write_digest))
     released = caller.post(f"/api/v1/analyses/{first['id']}/release", headers=clinician)
     form = {"text": "Fine.", "name": "-", "date": "2026-11-24"}
     later = caller.post(f"/analyses/{first['id']}/conclude", data=form, headers=clinician)
     second = later.headers["location"].rpartition("/")[2]
-    do_next(bench(write_digest))
+    do_next(open_worker(write_digest))
 
     assert early.status_code == 404  # there is no report yet
     assert released.json()["released_by"] == house.people["clinician"]
@@ -189,14 +189,14 @@ def test_a_recording_goes_when_the_server_has_run_for_its_term(house: House, cal
     clinician = dict(house.log_in("clinician"))
     old = ask(caller, clinician)["recording_id"]
     apply_retention(house.services, 29 * DAY_S)
-    is_there = house.services.store.may_hold(old)
+    is_there = house.services.store.may_have_row(old)
     house.services.retention.put("recordings", 30)
     new = caller.post("/api/v1/recordings", content=b"newer", headers=clinician).json()["id"]
 
     apply_retention(house.services, 1 * DAY_S)
 
     assert is_there
-    assert [house.services.store.may_hold(one) for one in (old, new)] == [False, True]
+    assert [house.services.store.may_have_row(one) for one in (old, new)] == [False, True]
     assert find_acts(house.services, "recording.purged") == [("system", old, "")]
 
 
@@ -208,15 +208,15 @@ def test_the_trash_has_a_term(house: House, caller: TestClient) -> None:
 
     apply_retention(house.services, 2 * DAY_S)
 
-    assert not house.services.store.may_hold(recording_id)
+    assert not house.services.store.may_have_row(recording_id)
 
 
 def test_a_result_goes_by_its_term_and_the_recording_stays(
-    house: House, caller: TestClient, bench: Callable[..., WorkerContext]
+    house: House, caller: TestClient, open_worker: Callable[..., WorkerContext]
 ) -> None:
     clinician = dict(house.log_in("clinician"))
     job = ask(caller, clinician)
-    do_next(bench(write_digest))
+    do_next(open_worker(write_digest))
     house.services.retention.put("results", 10)
 
     apply_retention(house.services, 10 * DAY_S)
@@ -240,7 +240,7 @@ def test_the_lines_that_have_reached_their_term_go_and_a_line_says_so(
 
     gone = terms.shorten_audit_log()
 
-    acts = [line.act for line in find_lines(store.reader, AuditQuestion())]
+    acts = [line.act for line in find_lines(store.reader, AuditFilter())]
     assert gone == 2
     assert acts == ["trail.shortened", "analysis.asked", "recording.stored", "retention.changed"]
 

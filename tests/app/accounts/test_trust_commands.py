@@ -11,9 +11,9 @@ import pytest
 from typer.testing import CliRunner
 
 from app.accounts.accounts import AccountStore, Person
-from app.accounts.logins import Caller, Logins
+from app.accounts.sign_in import Caller, SignIn
 from app.cli import app
-from app.library.audit_log import AuditQuestion, find_lines
+from app.library.audit_log import AuditFilter, find_lines
 from app.library.jobs import JobStore
 from app.settings import Settings
 from tests.app.accounts.conftest import AddPerson
@@ -48,7 +48,7 @@ def test_terms_and_holds_are_changed_by_command(settings: Settings, store: JobSt
     assert run(settings, "hold", "begin", recording_id)[0] == 0
     assert run(settings, "hold", "end", recording_id)[0] == 0
 
-    lines = find_lines(store.reader, AuditQuestion(who="machine"))
+    lines = find_lines(store.reader, AuditFilter(who="machine"))
     assert [line.act for line in lines][:2] == ["recording.let_go", "recording.held"]
 
 
@@ -64,7 +64,7 @@ def test_backup_verify_and_restore_leave_a_line(
     run(there, "restore", str(tmp_path / "copy.zip"))
 
     restored = JobStore(there)
-    lines = [(line.who, line.act) for line in find_lines(restored.reader, AuditQuestion(who="machine"))]
+    lines = [(line.who, line.act) for line in find_lines(restored.reader, AuditFilter(who="machine"))]
     restored.close()
     assert lines == [
         ("machine", "store.restored"),
@@ -125,24 +125,24 @@ def data(tmp_path: Path) -> Path:
     return tmp_path / "data"
 
 
-def test_the_first_manager_gets_an_address_that_works_once(data: Path, logins: Logins) -> None:
+def test_the_first_manager_gets_an_address_that_works_once(data: Path, sign_in: SignIn) -> None:
     code, told = run_account(data, "add", "boss", "--role", "manager")
     link = re.search(r"/login/link/([\w-]+)", told)
     assert link is not None
 
-    person = logins.set_password_by_link(link[1], "five yellow umbrellas", "192.0.2.1")
+    person = sign_in.set_password_by_link(link[1], "five yellow umbrellas", "192.0.2.1")
 
     assert (code, person.login) == (0, "boss")
     assert person.roles == {"manager"}
 
 
-def test_a_password_may_be_typed_instead(data: Path, logins: Logins) -> None:
+def test_a_password_may_be_typed_instead(data: Path, sign_in: SignIn) -> None:
     code, _ = run_account(
         data, "add", "boss", "--role", "manager", "--password", typed="five yellow umbrellas\n"
     )
 
     assert code == 0
-    assert logins.give_password("boss", "five yellow umbrellas", HERE).next == "enrol"
+    assert sign_in.submit_password("boss", "five yellow umbrellas", HERE).next == "enrol"
 
 
 def test_a_token_made_by_command_asks_for_its_person(

@@ -8,7 +8,7 @@ import numpy as np
 
 from app.report.export.all import write_elevation
 from app.report.export.results import encode_results
-from app.report.findings import Findings, Kept, ReportSubject
+from app.report.findings import Findings, FinishedAnalysis, ReportSubject
 from app.report.several.people import MeasuredDay, Stage
 from app.request import OnStage, ReportRequest
 from fusion.elevation import Elevation, ElevationSegment
@@ -38,7 +38,7 @@ def make_day(
     start = MONDAY + timedelta(days=day)
     sha256 = f"{subject}{side}{day}".encode().hex().ljust(64, "0")
     findings = replace(findings, recording=replace(findings.recording, start=start, sha256=sha256))
-    return MeasuredDay(Kept(findings, make_subject(subject, side=side)), stage, place)
+    return MeasuredDay(FinishedAnalysis(findings, make_subject(subject, side=side)), stage, place)
 
 
 def write_day(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:

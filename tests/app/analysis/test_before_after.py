@@ -8,9 +8,9 @@ from typing import Any, Literal
 import pytest
 
 from app.errors import CannotCompare
-from app.report.findings import Kept
+from app.report.findings import FinishedAnalysis
 from app.report.model import Report, format_brief
-from app.report.pairs import build_comparison, describe_comparison, encode_document, refuse_no_comparison
+from app.report.pairs import build_comparison, check_comparable, describe_comparison, encode_document
 from app.report.render.html import render_html
 from fusion.conventions import CalibrationState
 from tests.app.analysis.days_factory import MONDAY, make_day
@@ -19,7 +19,7 @@ from tests.app.report.report_reading import plain
 
 def kept_with(
     above_60_percent: float = 7.6, side: str = "right", subject: str = "S012", day: int = 1
-) -> Kept:
+) -> FinishedAnalysis:
     return make_day(day, above_60_percent, subject=subject, side=side).kept
 
 
@@ -27,17 +27,17 @@ BEFORE = kept_with(day=0)
 
 
 def analysed_otherwise(
-    kept: Kept, part: Literal["method", "calibration", "recording"], **changes: Any
-) -> Kept:
+    kept: FinishedAnalysis, part: Literal["method", "calibration", "recording"], **changes: Any
+) -> FinishedAnalysis:
     changed: Any = replace(getattr(kept.findings, part), **changes)
     return replace(kept, findings=replace(kept.findings, **{part: changed}))
 
 
-def held(kept: Kept, state: CalibrationState) -> Kept:
+def held(kept: FinishedAnalysis, state: CalibrationState) -> FinishedAnalysis:
     return analysed_otherwise(kept, "calibration", state=state)
 
 
-def report_of(after: Kept) -> Report:
+def report_of(after: FinishedAnalysis) -> Report:
     return build_comparison(BEFORE, after, "en")
 
 
@@ -106,9 +106,11 @@ def test_a_missing_code_is_said_beside_the_change() -> None:
     assert plain(report.pose_caution).startswith("A subject code is missing; the person who asked")
 
 
-def why_refused(after: Kept, before: Kept = BEFORE, *, mixed_methods: bool = False) -> object:
+def why_refused(
+    after: FinishedAnalysis, before: FinishedAnalysis = BEFORE, *, mixed_methods: bool = False
+) -> object:
     try:
-        refuse_no_comparison(before, after, mixed_methods=mixed_methods)
+        check_comparable(before, after, mixed_methods=mixed_methods)
     except CannotCompare as refusal:
         return refusal.facts["why"]
     return None
@@ -127,7 +129,9 @@ def why_refused(after: Kept, before: Kept = BEFORE, *, mixed_methods: bool = Fal
         (analysed_otherwise(kept_with(), "method", version="999"), "methods"),
     ],
 )
-def test_only_different_days_of_one_person_by_one_method_are_compared(after: Kept, why: str | None) -> None:
+def test_only_different_days_of_one_person_by_one_method_are_compared(
+    after: FinishedAnalysis, why: str | None
+) -> None:
     assert why_refused(after) == why
 
 

@@ -16,7 +16,7 @@ from app.analysis.pair import find_offset_s, make_report_of_two, read_analysed, 
 from app.errors import CannotPair
 from app.report.export.all import write_elevation
 from app.report.export.results import encode_results
-from app.report.findings import Kept
+from app.report.findings import FinishedAnalysis
 from app.report.model import Report, format_brief
 from app.report.pairs import ArmPair, OnePerson, build_pair, describe_pair
 from app.report.render.pdf import render_pdf
@@ -41,10 +41,12 @@ SHARED = PairedArms(
 )
 
 
-def kept_of(side: str, start: datetime | None = START, sha256: str = "", subject: str = "S012") -> Kept:
+def kept_of(
+    side: str, start: datetime | None = START, sha256: str = "", subject: str = "S012"
+) -> FinishedAnalysis:
     findings = make_analysis(start=start)
     recording = replace(findings.recording, sha256=sha256 or side * 8)
-    return Kept(replace(findings, recording=recording), make_subject(subject, side=side))
+    return FinishedAnalysis(replace(findings, recording=recording), make_subject(subject, side=side))
 
 
 def make_pair(offset_s: float = 0.0, trunk: TrunkRelative = NO_TRUNK) -> ArmPair:
@@ -319,7 +321,7 @@ def test_what_a_report_leaves_out_is_not_paired(tmp_path: Path) -> None:
     kept = kept_of("left")
     findings = replace(kept.findings, exclusions=(Span(0, 10_000_000, "break"),))
 
-    elevation = read_analysed(folder, Kept(findings, kept.subject))
+    elevation = read_analysed(folder, FinishedAnalysis(findings, kept.subject))
 
     assert sum(int(segment.valid.sum()) for segment in elevation.segments) == 5000
 
@@ -332,7 +334,7 @@ def test_a_hole_in_the_file_of_angles_ends_the_run(tmp_path: Path) -> None:
     write_elevation(Elevation(runs, None), tmp_path / "elevation.parquet")
     kept = kept_of("left")
 
-    elevation = read_analysed(tmp_path, Kept(replace(kept.findings, exclusions=()), kept.subject))
+    elevation = read_analysed(tmp_path, FinishedAnalysis(replace(kept.findings, exclusions=()), kept.subject))
 
     assert [(s.start_us, len(s), round(s.rate_hz, 6)) for s in elevation.segments] == [
         (0, 200, 100.0),

@@ -11,7 +11,7 @@ import pytest
 from app.analysis.run import make_report
 from app.request import ReportRequest
 from app.store.decoded import DecodedCache, hash_entry_key
-from app.store.folder import KnownLogs
+from app.store.folder import KnownFiles
 from fusion.recording import QualityFlag, Recording, Span
 from fusion.simulation import write_recordings
 from tests.factories import hold
@@ -118,7 +118,7 @@ def test_the_report_is_the_same_with_and_without_the_cache_until_the_file_change
     for kept in (None, cache, cache, cache):
         if len(bodies) == 3:
             log.write_bytes(other.read_bytes())
-        make_report(log, ReportRequest("a.gt3x", kinds=()), tmp_path, known=KnownLogs(cache=kept))
+        make_report(log, ReportRequest("a.gt3x", kinds=()), tmp_path, known=KnownFiles(cache=kept))
         bodies.append((tmp_path / "results.json").read_bytes())
 
     assert bodies[0] == bodies[1] == bodies[2] != bodies[3]

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from app import version
-from app.analysis.fork_server import LOCK, _take_turn, tell_preparing
+from app.analysis.fork_server import LOCK, _lock_preparation, report_preparing
 from app.request import Stage
 from fusion import numba_kernels
 from fusion.numba_kernels import DONE, USUAL_KERNELS
@@ -25,7 +25,7 @@ SLOW = {
 
 WRITE_TABLES = (
     "import numpy; from app.report.export.all import *;"
-    "encode_parquet([]); lay_numbers(numpy.zeros(1)); lay_flags(numpy.ones(1, bool))"
+    "encode_parquet([]); build_numbers(numpy.zeros(1)); build_flags(numpy.ones(1, bool))"
 )
 
 
@@ -72,7 +72,7 @@ def kernels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_a_stage_is_told_as_preparing_until_all_is_compiled(kernels: Path) -> None:
     told: list[tuple[Stage, float]] = []
-    listen = tell_preparing(lambda stage, fraction: told.append((stage, fraction)))
+    listen = report_preparing(lambda stage, fraction: told.append((stage, fraction)))
     for number in range(USUAL_KERNELS // 2):
         (kernels / f"{number}.nbc").touch()
 
@@ -88,7 +88,7 @@ def test_the_writing_of_the_report_is_told_as_such(kernels: Path) -> None:
     assert list(kernels.iterdir()) == []
     told: list[tuple[Stage, float]] = []
 
-    tell_preparing(lambda stage, fraction: told.append((stage, fraction)))("rendering", 0.9)
+    report_preparing(lambda stage, fraction: told.append((stage, fraction)))("rendering", 0.9)
 
     assert told == [("rendering", 0.9)]
 
@@ -98,11 +98,11 @@ def test_once_all_is_compiled_stages_are_told_as_they_are(kernels: Path) -> None
 
     def listen(_stage: Stage, _fraction: float) -> None: ...
 
-    assert tell_preparing(listen) is listen
+    assert report_preparing(listen) is listen
 
 
 def test_only_one_prepares(tmp_path: Path) -> None:
-    assert [_take_turn(tmp_path) for _ in range(2)] == [True, False]
+    assert [_lock_preparation(tmp_path) for _ in range(2)] == [True, False]
     assert (tmp_path / LOCK).exists()
 
 

@@ -13,7 +13,7 @@ from typer.testing import CliRunner, Result
 
 from app.analysis.validate import make_validation
 from app.cli import app
-from app.report.agreement import tabulate_lags, tell_drift
+from app.report.agreement import format_drift, tabulate_lags
 from app.report.model import Table
 from app.report.words.wording import load_wording
 from app.request import Reference, ReportRequest
@@ -67,7 +67,7 @@ def test_the_clock_of_the_reference_is_found(validation: dict[str, Any]) -> None
 def test_a_drift_is_told_to_what_its_margin_bears(
     drift_ppm: float, margin_ppm: float | None, told: str
 ) -> None:
-    assert tell_drift(drift_ppm, margin_ppm, "en") == told
+    assert format_drift(drift_ppm, margin_ppm, "en") == told
 
 
 def test_overall_and_every_task_have_the_statistics_over_the_time_of_the_tasks(

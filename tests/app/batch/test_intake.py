@@ -139,9 +139,9 @@ def test_no_line_of_the_log_names_the_subject_or_the_file(
 
     (job,) = watch.scan()
 
-    assert f"a file of the watched folder was taken in as {job.id}" in caplog.text
-    assert "could not be taken in: E-BIG" in caplog.text
-    assert "could not be taken in: its name cannot be used" in caplog.text
+    assert f"imported a file from the watched folder as {job.id}" in caplog.text
+    assert "could not be imported: E-BIG" in caplog.text
+    assert "could not be imported: its name cannot be used" in caplog.text
     assert not any(word in caplog.text for word in ("S012", "S013", "Marie", "too long"))
 
 

@@ -90,7 +90,7 @@ def test_a_folder_below_the_person_is_a_task(tmp_path: Path) -> None:
 
     files = find_study_files(tmp_path, tmp_path / "out")
 
-    told = [(file.log.name, file.person, file.task, file.paper_task) for file in files]
+    told = [(file.recording_path.name, file.person, file.task, file.paper_task) for file in files]
     assert told == [("gt9x.gt3x", "P07", "task-03 flexion", 3)]
 
 

@@ -41,7 +41,7 @@ def finished(shared_server: TestClient, shared_settings: Settings) -> str:
     """Return the address of a finished analysis of the shared server."""
     wishes = {"file_name": "Équipe 1.gt3x", "lang": "fr"}
     sent = shared_server.post("/api/v1/analyze", content=b"<b>recording", params=wishes)
-    bench = open_worker_context(shared_settings, stand_ins.write_report)
-    assert run_next(bench)
-    bench.store.close()
+    worker = open_worker_context(shared_settings, stand_ins.write_report)
+    assert run_next(worker)
+    worker.store.close()
     return sent.headers["location"]

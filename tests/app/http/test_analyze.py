@@ -20,7 +20,7 @@ from app.request import clean_file_name
 from app.settings import Settings
 from app.store.folder import Storage
 from tests.app import stand_ins
-from tests.app.conftest import OpenBench, serving
+from tests.app.conftest import OpenWorker, serving
 
 URL = "/api/v1/analyze"
 
@@ -178,8 +178,8 @@ def test_the_words_of_a_refusal_follow_the_language_asked_for_then_the_browsers(
     assert problem.headers["content-language"] == language
 
 
-def test_a_caller_who_prefers_to_wait_gets_the_end(client: TestClient, bench: OpenBench) -> None:
-    worker = threading.Thread(target=run_when_queued, args=(bench(stand_ins.write_report),))
+def test_a_caller_who_prefers_to_wait_gets_the_end(client: TestClient, open_worker: OpenWorker) -> None:
+    worker = threading.Thread(target=run_when_queued, args=(open_worker(stand_ins.write_report),))
     worker.start()
 
     answer = client.post(URL, content=b"x", headers={"prefer": "respond-async, wait=20"})
@@ -244,7 +244,7 @@ def test_no_name_keeps_a_separator_or_a_control_character(name: str) -> None:
     assert not set("/\\\r\n\t\x00") & set(shown)
 
 
-def run_when_queued(bench: Any) -> None:
+def run_when_queued(worker: Any) -> None:
     end_s = time.monotonic() + 10
-    while not run_next(bench) and time.monotonic() < end_s:
+    while not run_next(worker) and time.monotonic() < end_s:
         time.sleep(0.05)

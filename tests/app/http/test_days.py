@@ -13,7 +13,7 @@ from app.queue.worker import open_worker_context, run_next
 from app.request import ProfileRequest
 from app.settings import Settings
 from tests.app.analysis.days_factory import write_day
-from tests.app.conftest import OpenBench
+from tests.app.conftest import OpenWorker
 from tests.app.http.test_pairs import send, take_folder
 
 Finished = tuple[str, str]
@@ -112,12 +112,12 @@ def test_an_analysis_leads_to_the_days_of_its_person(shared: TestClient, days: F
 
 
 def test_an_analysis_says_whose_arm_it_is_where_the_recording_does_not(
-    client: TestClient, bench: OpenBench, own_days: Finished
+    client: TestClient, open_worker: OpenWorker, own_days: Finished
 ) -> None:
     recording = client.post("/api/v1/recordings", params={"file_name": "c.gt3x"}, content=b"3 5").json()["id"]
     settings = {"subject": "S012", "side": "right"}
     made = client.post("/api/v1/analyses", json={"recording_ids": [recording], "settings": settings})
-    assert run_next(bench(write_day))
+    assert run_next(open_worker(write_day))
 
     assert made.json()["id"] in client.get(f"/analyses/{own_days[0]}").text
     kept = client.get(f"/api/v1/recordings/{recording}").json()
@@ -125,11 +125,11 @@ def test_an_analysis_says_whose_arm_it_is_where_the_recording_does_not(
 
 
 def test_a_sensor_on_the_trunk_is_no_day_of_an_arm(
-    client: TestClient, bench: OpenBench, own_days: Finished
+    client: TestClient, open_worker: OpenWorker, own_days: Finished
 ) -> None:
     asked = {"file_name": "trunk.gt3x", "subject": "S012"}
     trunk = client.post("/api/v1/analyze", params=asked, content=b"2 1.0").json()["id"]
-    assert run_next(bench(write_day))
+    assert run_next(open_worker(write_day))
 
     (address,) = re.findall(r'href="([^"]*/days\?[^"]*)"', client.get(f"/analyses/{own_days[0]}").text)
 

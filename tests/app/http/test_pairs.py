@@ -8,16 +8,16 @@ from typing import Any
 import pytest
 from starlette.testclient import TestClient
 
-from app.analysis.attempt import Attempt, load_and_make_report, make_now
+from app.analysis.attempt import Attempt, load_and_make_report, run_and_wait
 from app.analysis.pair import make_report_of_two
 from app.http.api.pairs import ChangeView, PairView
-from app.library import kept_pairs as pairs
+from app.library import report_cache as pairs
 from app.main import create_app
 from app.queue.worker import open_worker_context, run_next
 from app.request import PairRequest
 from app.settings import Settings
 from tests.app import stand_ins
-from tests.app.conftest import OpenBench, services_of
+from tests.app.conftest import OpenWorker, services_of
 
 Finished = tuple[str, str]
 
@@ -54,11 +54,11 @@ def arms_of_whom(analysed: tuple[str, str, str]) -> Finished:
 
 
 @pytest.fixture
-def two(client: TestClient, bench: OpenBench, monkeypatch: pytest.MonkeyPatch) -> Finished:
+def two(client: TestClient, open_worker: OpenWorker, monkeypatch: pytest.MonkeyPatch) -> Finished:
     """Two analyses whose report of two is a stand-in."""
     monkeypatch.setattr(pairs, "load_and_make_pair", stand_ins.write_pair)
     ids = send(client, b"one", "left"), send(client, b"two", "right")
-    at_work = bench(stand_ins.write_report)
+    at_work = open_worker(stand_ins.write_report)
     assert run_next(at_work)
     assert run_next(at_work)
     return ids
@@ -243,11 +243,11 @@ def test_what_a_purge_overtakes_is_not_kept(
     recording = client.get(f"/api/v1/analyses/{two[0]}").json()["recording_id"]
 
     def purge_meanwhile(attempt: Attempt) -> object:
-        made = make_now(attempt)
+        made = run_and_wait(attempt)
         assert client.delete(f"/api/v1/recordings/{recording}?purge=true").status_code == 200
         return made
 
-    monkeypatch.setattr(pairs, "make_now", purge_meanwhile)
+    monkeypatch.setattr(pairs, "run_and_wait", purge_meanwhile)
 
     answer = client.get("/api/v1/pair/report.pdf", params=ask_pair(two, lang="en"))
 

@@ -19,7 +19,7 @@ from app.queue.worker import run_next
 from app.settings import Settings
 from app.store.folder import Storage
 from tests.app import stand_ins
-from tests.app.conftest import OpenBench, serving
+from tests.app.conftest import OpenWorker, serving
 
 URL = "/api/v1/recordings"
 
@@ -247,11 +247,11 @@ def test_a_second_delete_does_not_begin_the_term_of_the_trash_anew(
 ) -> None:
     rows, kept = RecordingStore(store.engine, store.reader), keep(client)
     client.delete(f"{URL}/{kept['id']}")
-    rows.age_trash(60.0, term_s=100.0)
+    rows.advance_trash(60.0, term_s=100.0)
 
     client.delete(f"{URL}/{kept['id']}")
 
-    assert rows.age_trash(60.0, term_s=100.0) == (kept["id"],)
+    assert rows.advance_trash(60.0, term_s=100.0) == (kept["id"],)
 
 
 def test_a_delete_of_the_reference_of_a_comparison_changes_nothing(
@@ -268,11 +268,11 @@ def test_a_delete_of_the_reference_of_a_comparison_changes_nothing(
 
 
 @pytest.mark.parametrize("way", ["purge", "no term"])
-def test_deleting_for_good_leaves_nothing(settings: Settings, bench: OpenBench, way: str) -> None:
+def test_deleting_for_good_leaves_nothing(settings: Settings, open_worker: OpenWorker, way: str) -> None:
     term_s = 0.0 if way == "no term" else 1e6
     with serving(settings, trash_term_s=term_s) as client:
         job = client.post("/api/v1/analyze", content=b"PATIENT-BYTES", params={"subject": "CANARY"}).json()
-        run_next(bench(stand_ins.write_report))
+        run_next(open_worker(stand_ins.write_report))
         address = f"{URL}/{job['recording_id']}"
 
         client.delete(address, params={"purge": way == "purge"})

@@ -15,7 +15,7 @@ from app.library.jobs import JobStore
 from app.queue.worker import run_next
 from app.settings import Settings
 from tests.app import stand_ins
-from tests.app.conftest import OpenBench, serving
+from tests.app.conftest import OpenWorker, serving
 
 URL = "/api/v1/analyses"
 
@@ -97,10 +97,10 @@ def test_settings_that_cannot_be_are_refused(shared: TestClient, wished: dict[st
     assert (answer.status_code, answer.json()["code"]) == (422, "E-PARAMETER")
 
 
-def test_the_same_question_twice_gives_the_same_analysis(client: TestClient, bench: OpenBench) -> None:
+def test_the_same_question_twice_gives_the_same_analysis(client: TestClient, open_worker: OpenWorker) -> None:
     recording = keep(client)
     first = ask(client, recording)
-    run_next(bench(stand_ins.write_report))
+    run_next(open_worker(stand_ins.write_report))
 
     answer = client.post(URL, json={"recording_ids": [recording]})
 
@@ -139,10 +139,10 @@ def test_another_paper_or_language_is_the_same_version(client: TestClient, store
     assert [store.get(job).request.version for job in told] == [1, 1]
 
 
-def test_a_failed_analysis_can_be_tried_again_once(client: TestClient, bench: OpenBench) -> None:
+def test_a_failed_analysis_can_be_tried_again_once(client: TestClient, open_worker: OpenWorker) -> None:
     recording = keep(client)
     first = ask(client, recording)
-    run_next(bench(stand_ins.refuse))
+    run_next(open_worker(stand_ins.refuse))
 
     again = client.post(f"{URL}/{first['id']}/retry")
     asked = ask(client, recording)  # a failed analysis answers no question
@@ -153,19 +153,19 @@ def test_a_failed_analysis_can_be_tried_again_once(client: TestClient, bench: Op
     assert client.get(f"{URL}/{first['id']}").json()["replaced_by"] == again.json()["id"]
 
 
-def test_an_analysis_that_succeeded_is_not_tried_again(client: TestClient, bench: OpenBench) -> None:
+def test_an_analysis_that_succeeded_is_not_tried_again(client: TestClient, open_worker: OpenWorker) -> None:
     first = ask(client, keep(client))
-    run_next(bench(stand_ins.write_report))
+    run_next(open_worker(stand_ins.write_report))
 
     again = client.post(f"{URL}/{first['id']}/retry")
 
     assert (again.status_code, again.json()["id"]) == (200, first["id"])
 
 
-def test_analyses_are_found_by_state_and_recording(client: TestClient, bench: OpenBench) -> None:
+def test_analyses_are_found_by_state_and_recording(client: TestClient, open_worker: OpenWorker) -> None:
     recordings = [keep(client, bytes([k])) for k in range(3)]
     first, second, _ = ask(client, *recordings)["items"]
-    run_next(bench(stand_ins.write_report))
+    run_next(open_worker(stand_ins.write_report))
 
     def found(**filters: str) -> list[str]:
         return [item["id"] for item in client.get(URL, params=filters).json()["items"]]
@@ -229,9 +229,9 @@ def test_a_person_goes_before_a_hundred_scripts(client: TestClient, store: JobSt
     assert claimed.id == person["id"]
 
 
-def test_progress_is_told_as_events_until_the_end(client: TestClient, bench: OpenBench) -> None:
+def test_progress_is_told_as_events_until_the_end(client: TestClient, open_worker: OpenWorker) -> None:
     analysis = ask(client, keep(client))
-    worker = threading.Timer(0.5, run_next, (bench(stand_ins.write_report),))
+    worker = threading.Timer(0.5, run_next, (open_worker(stand_ins.write_report),))
     worker.start()
 
     with client.stream("GET", analysis["links"]["events"]) as stream:
@@ -266,10 +266,10 @@ def read(text: str) -> list[dict[str, str]]:
 
 
 def test_a_batch_counts_its_analyses_by_state_and_gives_no_half_a_table(
-    client: TestClient, bench: OpenBench
+    client: TestClient, open_worker: OpenWorker
 ) -> None:
     batch = start(client, 3)
-    run_next(bench(stand_ins.refuse))
+    run_next(open_worker(stand_ins.refuse))
 
     seen = client.get(batch["links"]["self"]).json()
     table = client.get(batch["links"]["summary_csv"])
@@ -312,9 +312,9 @@ def test_of_items_of_which_one_cannot_be_none_is_started(
     assert store.find_newest() == ()
 
 
-def test_failed_recordings_stand_in_both_tables(client: TestClient, bench: OpenBench) -> None:
+def test_failed_recordings_stand_in_both_tables(client: TestClient, open_worker: OpenWorker) -> None:
     links = start(client, 2)["links"]
-    worker = bench(stand_ins.refuse)
+    worker = open_worker(stand_ins.refuse)
     run_next(worker)
     run_next(worker)
 
@@ -329,9 +329,9 @@ def test_failed_recordings_stand_in_both_tables(client: TestClient, bench: OpenB
     assert problems[0]["title"] == "Trop court"
 
 
-def test_failed_ones_can_be_tried_again_and_count_once(client: TestClient, bench: OpenBench) -> None:
+def test_failed_ones_can_be_tried_again_and_count_once(client: TestClient, open_worker: OpenWorker) -> None:
     links = start(client, 2)["links"]
-    worker = bench(stand_ins.refuse)
+    worker = open_worker(stand_ins.refuse)
     run_next(worker)
     run_next(worker)
 
@@ -360,10 +360,10 @@ def test_a_single_request_waits_for_one_round_only(client: TestClient, store: Jo
     assert single in [job.id for job in first_two if job]
 
 
-def test_the_same_item_twice_is_analysed_once(client: TestClient, bench: OpenBench) -> None:
+def test_the_same_item_twice_is_analysed_once(client: TestClient, open_worker: OpenWorker) -> None:
     one, other = {"recording_id": keep_number(client, 0)}, {"recording_id": keep_number(client, 1)}
     batch = client.post(BATCHES, json={"items": [one, other, one]}).json()
-    worker = bench(stand_ins.refuse)
+    worker = open_worker(stand_ins.refuse)
     while run_next(worker):
         pass
 
@@ -374,11 +374,11 @@ def test_the_same_item_twice_is_analysed_once(client: TestClient, bench: OpenBen
 
 
 def test_what_was_analysed_before_is_taken_as_it_is_unless_asked_for_anew(
-    client: TestClient, bench: OpenBench
+    client: TestClient, open_worker: OpenWorker
 ) -> None:
     items = [{"recording_id": keep_number(client, 0)}]
     client.post(BATCHES, json={"items": items})
-    run_next(bench(stand_ins.write_report))
+    run_next(open_worker(stand_ins.write_report))
 
     again = client.post(BATCHES, json={"items": items, "name": "another"}).json()
     anew = client.post(BATCHES, json={"items": items, "again": True}).json()
@@ -415,12 +415,14 @@ def test_a_batch_that_lost_an_analysis_is_made_again(client: TestClient, store: 
     assert (again["id"] != first["id"], again["item_count"]) == (True, 2)
 
 
-def test_a_repetition_takes_its_place_in_every_batch_that_asked(client: TestClient, bench: OpenBench) -> None:
+def test_a_repetition_takes_its_place_in_every_batch_that_asked(
+    client: TestClient, open_worker: OpenWorker
+) -> None:
     items = [{"recording_id": keep_number(client, 0)}]
     first, second = (client.post(BATCHES, json={"items": items, "name": name}).json() for name in "ab")
-    run_next(bench(stand_ins.refuse))
+    run_next(open_worker(stand_ins.refuse))
 
     client.post(first["links"]["retry_failed"])
-    run_next(bench(stand_ins.write_report))
+    run_next(open_worker(stand_ins.write_report))
 
     assert client.get(second["links"]["self"]).json()["counts"]["succeeded"] == 1

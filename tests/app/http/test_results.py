@@ -18,7 +18,7 @@ from app.queue.worker import open_worker_context, run_next
 from app.report.export.crate import CRATE
 from app.settings import Settings
 from tests.app import stand_ins
-from tests.app.conftest import OpenBench
+from tests.app.conftest import OpenWorker
 
 NAMES = (
     "results.json", "report.html", "report.pdf", "answer.txt", "elevation.parquet", "bundle.zip",
@@ -26,10 +26,10 @@ NAMES = (
 )  # fmt: skip
 
 
-def analyse(client: TestClient, bench: OpenBench, make: MakeReport, **wishes: str) -> str:
+def analyse(client: TestClient, open_worker: OpenWorker, make: MakeReport, **wishes: str) -> str:
     """Send a recording and let a worker take it; return the address of the analysis."""
     sent = client.post("/api/v1/analyze", content=b"<b>recording", params=wishes)
-    run_next(bench(make))
+    run_next(open_worker(make))
     return sent.headers["location"]
 
 
@@ -41,9 +41,9 @@ def test_a_finished_analysis_says_so(shared: TestClient, finished: str) -> None:
 
 
 def test_a_failed_analysis_is_a_200_with_its_problem_and_has_no_file(
-    client: TestClient, bench: OpenBench
+    client: TestClient, open_worker: OpenWorker
 ) -> None:
-    address = analyse(client, bench, stand_ins.refuse)
+    address = analyse(client, open_worker, stand_ins.refuse)
 
     answer = client.get(address, params={"lang": "fr"})
 
@@ -98,8 +98,8 @@ def test_a_download_is_named_by_file_and_version_where_nothing_else_is_known(
 
 
 @pytest.mark.parametrize("name", ['a";b.gt3x', "a\r\nSet-Cookie: x.gt3x", "../../x.gt3x", "%0d%0a.gt3x"])
-def test_no_file_name_escapes_from_the_header(client: TestClient, bench: OpenBench, name: str) -> None:
-    address = analyse(client, bench, stand_ins.write_report, file_name=name)
+def test_no_file_name_escapes_from_the_header(client: TestClient, open_worker: OpenWorker, name: str) -> None:
+    address = analyse(client, open_worker, stand_ins.write_report, file_name=name)
 
     answer = client.get(f"{address}/results.json")
 
@@ -126,10 +126,10 @@ def test_the_newest_analysis_is_listed_first(client: TestClient) -> None:
 
 
 def test_the_bundle_is_a_crate_whose_tables_keep_their_schema(
-    client: TestClient, bench: OpenBench, small_gt3x: bytes, tmp_path: Path
+    client: TestClient, open_worker: OpenWorker, small_gt3x: bytes, tmp_path: Path
 ) -> None:
     sent = client.post("/api/v1/analyze", content=small_gt3x)
-    run_next(bench(None))
+    run_next(open_worker(None))
     bundle = zipfile.ZipFile(io.BytesIO(client.get(f"{sent.headers['location']}/bundle.zip").content))
     bundle.extractall(tmp_path / "crate")
 
@@ -178,9 +178,9 @@ def analysed(shared_server: TestClient, shared_settings: Settings, shift_gt3x: P
     """Return the address of the analysis of a left arm."""
     asked = {"side": "left", "file_name": "a.gt3x"}
     made = shared_server.post("/api/v1/analyze", params=asked, content=shift_gt3x.read_bytes())
-    bench = open_worker_context(shared_settings, load_and_make_report)
-    assert run_next(bench)
-    bench.store.close()
+    worker = open_worker_context(shared_settings, load_and_make_report)
+    assert run_next(worker)
+    worker.store.close()
     return str(made.headers["location"])
 
 

@@ -18,7 +18,7 @@ from app.queue.worker import open_worker_context, run_next
 from app.settings import Settings
 from app.store.folder import Storage
 from tests.app import stand_ins
-from tests.app.conftest import AddJob, OpenBench, serving
+from tests.app.conftest import AddJob, OpenWorker, serving
 
 TIMES = [k / 20 for k in range(600)]
 ANGLES = "time_s,elevation_deg\n" + "".join(
@@ -185,10 +185,10 @@ def test_a_refused_file_keeps_what_was_typed(shared: TestClient) -> None:
     assert 'value="S7"' in answer.text
 
 
-def test_the_page_leads_from_the_form_to_the_answer(client: TestClient, bench: OpenBench) -> None:
+def test_the_page_leads_from_the_form_to_the_answer(client: TestClient, open_worker: OpenWorker) -> None:
     sent = client.post("/validations", files=FILES)
     waiting = client.get(sent.headers["location"]).text
-    run_next(bench(load_and_make_report))
+    run_next(open_worker(load_and_make_report))
 
     answer = client.get(sent.headers["location"]).text
 
@@ -236,18 +236,18 @@ def test_the_plot_of_a_comparison_is_a_drawing_of_its_own(shared: TestClient, co
 
 
 def test_a_comparison_is_no_other_visit_of_a_person(
-    client: TestClient, settings: Settings, bench: OpenBench, add_job: AddJob
+    client: TestClient, settings: Settings, open_worker: OpenWorker, add_job: AddJob
 ) -> None:
     compare(client, settings, subject="S1")
     shift = add_job(subject="S1")
-    run_next(bench(stand_ins.write_report))
+    run_next(open_worker(stand_ins.write_report))
 
     assert "/beside/" not in client.get(f"/analyses/{shift.id}").text
 
 
-def test_a_failed_comparison_tells_why_on_its_page(client: TestClient, bench: OpenBench) -> None:
+def test_a_failed_comparison_tells_why_on_its_page(client: TestClient, open_worker: OpenWorker) -> None:
     sent = client.post("/validations", files=FILES)
-    run_next(bench(stand_ins.refuse))
+    run_next(open_worker(stand_ins.refuse))
 
     assert "E-SHORT" in client.get(sent.headers["location"]).text
 

@@ -28,7 +28,7 @@ from app.services import Services
 from app.settings import Settings
 from app.store.server_secret import ServerSecret
 from tests.app import stand_ins
-from tests.app.conftest import OpenBench, services_of, serving
+from tests.app.conftest import OpenWorker, services_of, serving
 from tests.loops import run_coroutine
 
 URL = "/api/v1/webhooks"
@@ -139,10 +139,10 @@ def subscribe(client: TestClient, url: str, **wish: Any) -> dict[str, Any]:
     return hook
 
 
-def finish_one(client: TestClient, bench: OpenBench) -> str:
+def finish_one(client: TestClient, open_worker: OpenWorker) -> str:
     """Let an analysis end; returns its id."""
     job = client.post("/api/v1/analyze", content=b"x", params={"subject": "CANARY"}).json()
-    assert run_next(bench(stand_ins.write_report))
+    assert run_next(open_worker(stand_ins.write_report))
     return str(job["id"])
 
 
@@ -155,10 +155,10 @@ def ask_batch(client: TestClient, count: int = 1, name: str = "spring") -> dict[
 
 
 def test_the_end_of_an_analysis_is_told_signed_and_with_ids_only(
-    open_client: TestClient, bench: OpenBench, listener: Listener
+    open_client: TestClient, open_worker: OpenWorker, listener: Listener
 ) -> None:
     hook = subscribe(open_client, listener.url)
-    job_id = finish_one(open_client, bench)
+    job_id = finish_one(open_client, open_worker)
 
     tell_webhooks(services_of(open_client), 1.0)
 
@@ -176,10 +176,10 @@ def test_the_end_of_an_analysis_is_told_signed_and_with_ids_only(
 
 @pytest.mark.parametrize("status", [503, 307])  # no redirect is followed
 def test_what_was_not_heard_is_told_again_under_the_same_id(
-    open_client: TestClient, bench: OpenBench, listener: Listener, status: int
+    open_client: TestClient, open_worker: OpenWorker, listener: Listener, status: int
 ) -> None:
     subscribe(open_client, listener.url)
-    finish_one(open_client, bench)
+    finish_one(open_client, open_worker)
     services, listener.status = services_of(open_client), status
     tell_webhooks(services, 1.0)
     listener.status = 204
@@ -194,13 +194,13 @@ def test_what_was_not_heard_is_told_again_under_the_same_id(
 
 
 def test_a_delivery_that_waits_outlives_the_server(
-    settings: Settings, bench: OpenBench, listener: Listener
+    settings: Settings, open_worker: OpenWorker, listener: Listener
 ) -> None:
     with serving(settings) as before:
         hooks, secret = services_of(before).webhooks, ServerSecret(settings.data_dir)
         hooks.add(listener.url, ("analysis.finished",), secret)
         before.post("/api/v1/analyze", content=b"x")
-    run_next(bench(stand_ins.refuse))
+    run_next(open_worker(stand_ins.refuse))
 
     after = TestClient(create_app(settings.model_copy(update={"webhooks_may_be_private": True})))
     tell_webhooks(services_of(after), 1.0)
@@ -214,11 +214,11 @@ def list_told(listener: Listener) -> list[dict[str, str]]:
 
 
 def test_a_batch_is_told_once_when_its_last_one_ends(
-    open_client: TestClient, bench: OpenBench, listener: Listener
+    open_client: TestClient, open_worker: OpenWorker, listener: Listener
 ) -> None:
     subscribe(open_client, listener.url, events=["batch.finished"])
     batch = ask_batch(open_client, 2)
-    worker = bench(stand_ins.write_report)
+    worker = open_worker(stand_ins.write_report)
     run_next(worker)
     tell_webhooks(services_of(open_client), 1.0)
     assert listener.heard == []
@@ -230,7 +230,7 @@ def test_a_batch_is_told_once_when_its_last_one_ends(
 
 
 def test_a_batch_of_what_is_done_already_or_is_thrown_away_is_told_at_once(
-    open_client: TestClient, bench: OpenBench, listener: Listener
+    open_client: TestClient, open_worker: OpenWorker, listener: Listener
 ) -> None:
     subscribe(open_client, listener.url, events=["batch.finished"])
     thrown = ask_batch(open_client)
@@ -238,7 +238,7 @@ def test_a_batch_of_what_is_done_already_or_is_thrown_away_is_told_at_once(
     tell_webhooks(services_of(open_client), 1.0)
     assert list_told(listener) == [{"batch_id": thrown["id"]}]
     open_client.post("/api/v1/analyze", content=b"done")
-    run_next(bench(stand_ins.write_report))
+    run_next(open_worker(stand_ins.write_report))
     (done,) = open_client.get("/api/v1/recordings").json()["items"]
 
     batch = open_client.post("/api/v1/batches", json={"items": [{"recording_id": done["id"]}]}).json()
@@ -248,11 +248,11 @@ def test_a_batch_of_what_is_done_already_or_is_thrown_away_is_told_at_once(
 
 
 def test_an_address_that_does_not_hear_is_tried_once_in_a_round(
-    open_client: TestClient, bench: OpenBench, listener: Listener
+    open_client: TestClient, open_worker: OpenWorker, listener: Listener
 ) -> None:
     listener.status = 500
     subscribe(open_client, listener.url, events=["analysis.finished"])
-    worker = bench(stand_ins.write_report)
+    worker = open_worker(stand_ins.write_report)
     for content in (b"x", b"y", b"z"):
         open_client.post("/api/v1/analyze", content=content)
         run_next(worker)
@@ -263,7 +263,7 @@ def test_an_address_that_does_not_hear_is_tried_once_in_a_round(
 
 
 def test_one_that_never_answers_keeps_no_other_waiting(
-    open_client: TestClient, bench: OpenBench, listener: Listener
+    open_client: TestClient, open_worker: OpenWorker, listener: Listener
 ) -> None:
     services = services_of(open_client)
 
@@ -278,7 +278,7 @@ def test_one_that_never_answers_keeps_no_other_waiting(
     with listening(read_until_closed) as silent:
         subscribe(open_client, silent)
         subscribe(open_client, listener.url)
-        finish_one(open_client, bench)
+        finish_one(open_client, open_worker)
 
         run_coroutine(keep_both())
 
@@ -286,10 +286,10 @@ def test_one_that_never_answers_keeps_no_other_waiting(
 
 
 def test_terms_pass_while_one_never_answers(
-    open_client: TestClient, bench: OpenBench, monkeypatch: pytest.MonkeyPatch
+    open_client: TestClient, open_worker: OpenWorker, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     services, connected, aged = services_of(open_client), threading.Event(), threading.Event()
-    monkeypatch.setattr(housekeeping, "LOOK_S", 0.01)
+    monkeypatch.setattr(housekeeping, "CHECK_PERIOD_S", 0.01)
     monkeypatch.setattr(housekeeping, "AGE_S", 0.0)
 
     def apply_retention(*_: object) -> None:
@@ -311,7 +311,7 @@ def test_terms_pass_while_one_never_answers(
 
     with listening(stay_silent) as silent:
         subscribe(open_client, silent)
-        finish_one(open_client, bench)
+        finish_one(open_client, open_worker)
 
         run_coroutine(keep_house())
 
@@ -415,10 +415,10 @@ def test_the_api_refuses_an_address_inside(client: TestClient) -> None:
 
 
 def test_a_webhook_that_is_gone_is_told_nothing(
-    open_client: TestClient, bench: OpenBench, listener: Listener
+    open_client: TestClient, open_worker: OpenWorker, listener: Listener
 ) -> None:
     hook = subscribe(open_client, listener.url)
-    finish_one(open_client, bench)
+    finish_one(open_client, open_worker)
 
     assert open_client.delete(f"{URL}/{hook['id']}").status_code == 204
 

@@ -14,7 +14,7 @@ from app.queue.worker import run_next
 from app.report.words.messages import format_columns
 from app.request import write_profile
 from tests.app import stand_ins
-from tests.app.conftest import AddJob, OpenBench
+from tests.app.conftest import AddJob, OpenWorker
 
 URL = "/api/v1/columns"
 HEADER, OTHER, UNNAMED = "0123456789abcdef", "fedcba9876543210", "-0123456789abcdef"
@@ -37,15 +37,15 @@ def write_table(header: str, number: int = 0) -> bytes:
     return f"{header}\n{number}\n".encode()
 
 
-def add_failed(add_job: AddJob, bench: OpenBench, *headers: str) -> list[Job]:
+def add_failed(add_job: AddJob, open_worker: OpenWorker, *headers: str) -> list[Job]:
     """Analyse a file with each of these headers, whose columns nobody has named."""
     jobs = [add_job(write_table(header, k), f"{k}.csv") for k, header in enumerate(headers)]
-    run_all(bench)
+    run_all(open_worker)
     return jobs
 
 
-def run_all(bench: OpenBench) -> None:
-    worker = bench(stand_ins.read_by_columns)
+def run_all(open_worker: OpenWorker) -> None:
+    worker = open_worker(stand_ins.read_by_columns)
     while any(job.state is JobState.QUEUED for job in worker.store.find_newest()):
         run_next(worker)
 
@@ -73,12 +73,12 @@ def test_columns_named_anew_take_the_place_of_the_old_and_keep_its_name(mappings
 
 
 def test_confirmed_columns_alone_are_applied_to_a_file_with_their_header(
-    client: TestClient, add_job: AddJob, bench: OpenBench, mappings: MappingStore, store: JobStore
+    client: TestClient, add_job: AddJob, open_worker: OpenWorker, mappings: MappingStore, store: JobStore
 ) -> None:
     mappings.put(HEADER, "ours.csv", PROFILE, is_confirmed=True)
     mappings.put(OTHER, "theirs.csv", PROFILE, is_confirmed=False)
 
-    mine, other = add_failed(add_job, bench, HEADER, OTHER)
+    mine, other = add_failed(add_job, open_worker, HEADER, OTHER)
     shown = client.get(f"/analyses/{mine.id}?lang=fr").text
 
     assert find_states(store) == ["succeeded", "failed"]
@@ -88,7 +88,7 @@ def test_confirmed_columns_alone_are_applied_to_a_file_with_their_header(
     assert "Nommer de nouveau les colonnes" in shown
 
     client.post(f"/analyses/{mine.id}/columns", data=FORM | {"header": HEADER, "acceleration_unit": "mg"})
-    run_all(bench)
+    run_all(open_worker)
 
     newest = store.find_newest()[0]
     assert newest.state is JobState.SUCCEEDED
@@ -102,13 +102,13 @@ def test_a_table_whose_columns_no_line_names_is_always_asked_about(mappings: Map
 
 @on_both_databases
 def test_one_answer_serves_every_file_with_the_header_that_waits(
-    add_job: AddJob, bench: OpenBench, mappings: MappingStore, store: JobStore
+    add_job: AddJob, open_worker: OpenWorker, mappings: MappingStore, store: JobStore
 ) -> None:
-    jobs = add_failed(add_job, bench, HEADER, HEADER, OTHER, HEADER)
+    jobs = add_failed(add_job, open_worker, HEADER, HEADER, OTHER, HEADER)
 
     assert mappings.count_waiting(HEADER) == 3
     again = mappings.analyse(store.get(jobs[1].id), PROFILE, HEADER)
-    run_all(bench)
+    run_all(open_worker)
 
     assert store.get(again.id).recording_id == jobs[1].recording_id
     assert find_states(store) == ["succeeded", "succeeded", "failed", "succeeded"]
@@ -116,9 +116,9 @@ def test_one_answer_serves_every_file_with_the_header_that_waits(
 
 
 def test_a_file_that_was_analysed_otherwise_since_does_not_wait(
-    add_job: AddJob, bench: OpenBench, mappings: MappingStore, store: JobStore
+    add_job: AddJob, open_worker: OpenWorker, mappings: MappingStore, store: JobStore
 ) -> None:
-    (job,) = add_failed(add_job, bench, HEADER)
+    (job,) = add_failed(add_job, open_worker, HEADER)
 
     store.add_analysis((job.recording_id, job.sha256), job.request)
 
@@ -126,12 +126,12 @@ def test_a_file_that_was_analysed_otherwise_since_does_not_wait(
 
 
 def test_the_page_keeps_the_columns_by_their_names_and_analyses_by_them(
-    client: TestClient, add_job: AddJob, bench: OpenBench, mappings: MappingStore, store: JobStore
+    client: TestClient, add_job: AddJob, open_worker: OpenWorker, mappings: MappingStore, store: JobStore
 ) -> None:
-    first, _ = add_failed(add_job, bench, HEADER, HEADER)
+    first, _ = add_failed(add_job, open_worker, HEADER, HEADER)
 
     client.post(f"/analyses/{first.id}/columns", data=FORM | {"header": HEADER})
-    run_all(bench)
+    run_all(open_worker)
 
     (kept,) = mappings.find_all()
     assert (kept.name, kept.profile, kept.is_confirmed) == ("t, p, q, r", PROFILE, False)
@@ -143,14 +143,14 @@ def test_columns_that_no_line_names_go_by_their_number() -> None:
 
 
 def test_the_page_offers_what_was_named_before_and_uses_it_when_told(
-    client: TestClient, add_job: AddJob, bench: OpenBench, mappings: MappingStore, store: JobStore
+    client: TestClient, add_job: AddJob, open_worker: OpenWorker, mappings: MappingStore, store: JobStore
 ) -> None:
     mappings.put(HEADER, "ours.csv", PROFILE, is_confirmed=False)
-    jobs = add_failed(add_job, bench, HEADER, HEADER)
+    jobs = add_failed(add_job, open_worker, HEADER, HEADER)
 
     shown = client.get(f"/analyses/{jobs[0].id}?lang=en").text
     client.post(f"/analyses/{jobs[0].id}/columns/use", data={"header": HEADER})
-    run_all(bench)
+    run_all(open_worker)
 
     assert "for files with this header" in shown
     assert "Acceleration: p, q, r · Angular rate (gyroscope): 5, 6, 7" in shown
@@ -158,8 +158,10 @@ def test_the_page_offers_what_was_named_before_and_uses_it_when_told(
     assert mappings.get(HEADER).is_confirmed
 
 
-def test_a_header_that_cannot_be_is_refused(client: TestClient, add_job: AddJob, bench: OpenBench) -> None:
-    (job,) = add_failed(add_job, bench, HEADER)
+def test_a_header_that_cannot_be_is_refused(
+    client: TestClient, add_job: AddJob, open_worker: OpenWorker
+) -> None:
+    (job,) = add_failed(add_job, open_worker, HEADER)
 
     answer = client.post(f"/analyses/{job.id}/columns", data=FORM | {"header": "%"})
 
@@ -167,7 +169,7 @@ def test_a_header_that_cannot_be_is_refused(client: TestClient, add_job: AddJob,
 
 
 def test_a_batch_counts_what_was_cured_by_naming_the_columns(
-    client: TestClient, bench: OpenBench, store: JobStore
+    client: TestClient, open_worker: OpenWorker, store: JobStore
 ) -> None:
     stored = [
         client.post("/api/v1/recordings", content=write_table(HEADER, k), params={"file_name": f"{k}.csv"})
@@ -175,11 +177,11 @@ def test_a_batch_counts_what_was_cured_by_naming_the_columns(
     ]
     items = [{"recording_id": answer.json()["id"]} for answer in stored]
     batch = client.post("/api/v1/batches", json={"items": items}).json()
-    run_all(bench)
+    run_all(open_worker)
 
     first = store.find_newest()[0]
     client.post(f"/analyses/{first.id}/columns", data=FORM | {"header": HEADER, "everywhere": "yes"})
-    run_all(bench)
+    run_all(open_worker)
 
     counts = client.get(batch["links"]["self"]).json()["counts"]
     assert (counts["succeeded"], counts["failed"]) == (2, 0)

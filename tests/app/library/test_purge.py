@@ -31,7 +31,7 @@ from app.store.decoded import DecodedCache, hash_entry_key
 from app.store.folder import Storage, open_storage
 from app.store.server_secret import ServerSecret
 from tests.app import stand_ins
-from tests.app.conftest import AddJob, OpenBench, do_next, on_both_set_ups, services_of
+from tests.app.conftest import AddJob, OpenWorker, do_next, on_both_set_ups, services_of
 from tests.factories import hold
 
 CANARY = "canary-5f2c71d09ab84e36c1f7a2d8e"
@@ -48,7 +48,7 @@ def services(client: TestClient) -> Services:
 def purged(
     client: TestClient,
     store: JobStore,
-    bench: OpenBench,
+    open_worker: OpenWorker,
     small_gt3x: bytes,
     caplog: pytest.LogCaptureFixture,
     tmp_path: Path,
@@ -59,7 +59,7 @@ def purged(
     WebhookStore(store.engine, store.reader).add("https://nobody.invalid/", EVENTS, ServerSecret(tmp_path))
     post(client, "recordings", json={"subject": CANARY})
     send_by_tus(client, b"PATIENT " + CANARY.encode())
-    analyse_in_every_way(client, bench, small_gt3x)
+    analyse_in_every_way(client, open_worker, small_gt3x)
     ids = {kept["id"] for kept in client.get("/api/v1/recordings").json()["items"]}
     assert len(ids) == 3
     for recording_id in ids:
@@ -89,7 +89,7 @@ def send_by_tus(client: TestClient, content: bytes) -> None:
     assert client.patch(address, content=content[20:], headers=more).status_code == 204
 
 
-def analyse_in_every_way(client: TestClient, bench: OpenBench, small_gt3x: bytes) -> None:
+def analyse_in_every_way(client: TestClient, open_worker: OpenWorker, small_gt3x: bytes) -> None:
     kept = post(client, "recordings", content=small_gt3x, params=WORDS)
     own = f"/api/v1/recordings/{kept['id']}"
     assert client.put(f"{own}/periods", json=PERIODS).status_code == 200
@@ -97,10 +97,10 @@ def analyse_in_every_way(client: TestClient, bench: OpenBench, small_gt3x: bytes
     settings = {"subject": CANARY, "reason": CANARY, "periods": PERIODS}
     wish = {"recording_ids": [kept["id"]], "settings": settings}
     assert "id" in post(client, "analyses", json=wish)
-    assert do_next(bench(stand_ins.write_report))
+    assert do_next(open_worker(stand_ins.write_report))
     french = {"recording_ids": [kept["id"]], "settings": settings | {"lang": "fr"}}
     again = post(client, "analyses", json=french)
-    assert do_next(bench(stand_ins.refuse))
+    assert do_next(open_worker(stand_ins.refuse))
     retried = post(client, f"analyses/{again['id']}/retry")
     assert post(client, f"analyses/{retried['id']}/cancel")["state"] == "cancelled"
     assert post(client, "batches", json={"name": CANARY, "items": [{"recording_id": kept["id"]}]})["id"]
@@ -255,7 +255,7 @@ def write_canary_report(log: Path, request: Any, out: Path, on_stage: Any) -> No
     (out / "canary.txt").write_text(CANARY)
 
 
-def fill_every_place(settings: Settings, client: TestClient, bench: OpenBench) -> str:
+def fill_every_place(settings: Settings, client: TestClient, open_worker: OpenWorker) -> str:
     """Store the canary as bytes, words, periods and a report, also in a kept response; return its id."""
     content = b"recording " + CANARY.encode()
     kept = client.post("/api/v1/recordings", content=content, params=WORDS).json()
@@ -263,7 +263,7 @@ def fill_every_place(settings: Settings, client: TestClient, bench: OpenBench) -
     assert client.put(f"{own}/periods", json=PERIODS).status_code == 200
     wish = {"recording_ids": [kept["id"]], "settings": {"subject": CANARY, "reason": CANARY}}
     asked = client.post("/api/v1/analyses", json=wish).json()
-    assert do_next(bench(write_canary_report))
+    assert do_next(open_worker(write_canary_report))
     shown = client.get(f"/api/v1/analyses/{asked['items'][0]['id']}").json()
     assert shown["state"] == JobState.SUCCEEDED
     assert client.get(own).json()["subject"] == CANARY
@@ -277,10 +277,10 @@ def find_hits(folder: Path) -> list[str]:
 
 
 def test_a_restored_older_backup_holds_nothing_of_what_was_erased_before_the_last_one(
-    settings: Settings, client: TestClient, bench: OpenBench, tmp_path: Path
+    settings: Settings, client: TestClient, open_worker: OpenWorker, tmp_path: Path
 ) -> None:
     other = client.post("/api/v1/recordings", content=b"another", params={"subject": "S2"}).json()["id"]
-    recording_id = fill_every_place(settings, client, bench)
+    recording_id = fill_every_place(settings, client, open_worker)
     back_up(settings, tmp_path / "older.zip")
     client.delete(f"/api/v1/recordings/{recording_id}", params={"purge": True})
     back_up(settings, tmp_path / "newer.zip")
@@ -314,9 +314,13 @@ def age(tmp_path: Path) -> tuple[tuple[str], Path]:
 
 
 def test_an_encrypted_backup_is_closed_to_everybody_else(
-    settings: Settings, client: TestClient, bench: OpenBench, tmp_path: Path, age: tuple[tuple[str], Path]
+    settings: Settings,
+    client: TestClient,
+    open_worker: OpenWorker,
+    tmp_path: Path,
+    age: tuple[tuple[str], Path],
 ) -> None:
-    fill_every_place(settings, client, bench)
+    fill_every_place(settings, client, open_worker)
 
     back_up(settings, tmp_path / "b.age", age[0])
 
@@ -329,9 +333,13 @@ def test_an_encrypted_backup_is_closed_to_everybody_else(
 
 
 def test_a_drill_restores_an_encrypted_backup_and_reads_every_byte(
-    settings: Settings, client: TestClient, bench: OpenBench, tmp_path: Path, age: tuple[tuple[str], Path]
+    settings: Settings,
+    client: TestClient,
+    open_worker: OpenWorker,
+    tmp_path: Path,
+    age: tuple[tuple[str], Path],
 ) -> None:
-    fill_every_place(settings, client, bench)
+    fill_every_place(settings, client, open_worker)
     copied = back_up(settings, tmp_path / "b.age", age[0])
 
     done = drill(tmp_path / "b.age", age[1])

@@ -10,7 +10,7 @@ from fastapi.testclient import TestClient
 from app.logs import FORMAT, LineFormatter, escape_controls
 from app.queue.worker import run_next
 from tests.app import stand_ins
-from tests.app.conftest import OpenBench
+from tests.app.conftest import OpenWorker
 
 HOSTILE = "a\r\nFAKE\x1b[31m\x00\x85\u2028\u2029\u202eb\u2066\ud800"
 ESCAPED = r"a\u000d\u000aFAKE\u001b[31m\u0000\u0085\u2028\u2029\u202eb\u2066\ud800"
@@ -64,18 +64,18 @@ def test_no_line_of_a_traceback_passes_for_a_record(lines: io.StringIO) -> None:
 
 
 def test_no_name_and_no_subject_of_an_upload_reaches_the_log(
-    client: TestClient, bench: OpenBench, lines: io.StringIO
+    client: TestClient, open_worker: OpenWorker, lines: io.StringIO
 ) -> None:
     names = {"subject": "CANARY-1", "file_name": "CANARY-2\u202e\x85.csv"}
     client.post("/api/v1/analyze", content=b"x", params=names, headers={"X-Canary": "CANARY-3"})
-    run_next(bench(stand_ins.write_report))
+    run_next(open_worker(stand_ins.write_report))
     recording = client.post("/api/v1/recordings", content=b"y", params=names).json()["id"]
     client.patch(f"/api/v1/recordings/{recording}", json={"subject": "CANARY-4"})
     items = [{"recording_id": recording, "settings": {"method": "CANARY-5"}}]
     client.post("/api/v1/batches", json={"name": "CANARY-6", "items": items})
     client.post("/api/v1/batches", json={"name": "CANARY-7", "items": items[:0]})
     client.get("/api/v1/recordings", params={"query": "CANARY-8\r\n"})
-    run_next(bench(stand_ins.refuse))
+    run_next(open_worker(stand_ins.refuse))
 
     assert "CANARY" not in lines.getvalue()
 

@@ -33,9 +33,9 @@ def upload(client: TestClient, content: bytes, **said: str) -> str:
 def analyse(settings: Settings, client: TestClient, recording_id: str) -> str:
     """Have a stored recording analysed by a stand-in for the science."""
     asked = client.post("/api/v1/analyses", json={"recording_ids": [recording_id]})
-    bench = open_worker_context(settings, stand_ins.write_report)
-    assert run_next(bench)
-    bench.store.close()
+    worker = open_worker_context(settings, stand_ins.write_report)
+    assert run_next(worker)
+    worker.store.close()
     return str(asked.json()["items"][0]["id"])
 
 
@@ -393,9 +393,9 @@ def test_a_report_that_an_older_database_does_not_know_stays_and_recover_brings_
         asked = client.post("/api/v1/analyses", json={"recording_ids": [upload(client, b"one")]}).json()
     put_back = keep_older_copy(settings)
     with serving(settings):
-        bench = open_worker_context(settings, stand_ins.write_report)
-        run_next(bench)
-        bench.store.close()
+        worker = open_worker_context(settings, stand_ins.write_report)
+        run_next(worker)
+        worker.store.close()
     before = read_every_byte(storage)
     put_back()
 

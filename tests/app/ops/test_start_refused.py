@@ -66,11 +66,11 @@ def data(tmp_path: Path) -> Path:
     """A data folder with a database of some rows, closed."""
     folder = tmp_path / "data"
     settings = Settings(data_dir=folder)
-    bench = open_worker_context(settings)
+    worker = open_worker_context(settings)
     for number in range(50):
         recording = StoredRecording(f"rec_{number}", "0" * 64, 1)
-        bench.store.add(recording, ReportRequest("shift.gt3x"))
-    bench.store.close()
+        worker.store.add(recording, ReportRequest("shift.gt3x"))
+    worker.store.close()
     return folder
 
 

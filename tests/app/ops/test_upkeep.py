@@ -21,13 +21,13 @@ from app.library.jobs import JobStore
 from app.library.recordings import Description, RecordingStore, UploadStore
 from app.library.rows import Job, JobState
 from app.library.webhooks import EVENTS, SECRET_OF_WEBHOOK, WebhookStore
-from app.ops.recover import catch_up
+from app.ops.recover import update_side_files
 from app.queue.worker import run_next
 from app.settings import Settings
 from app.store.folder import Fetched, FolderLock, Storage
 from app.store.server_secret import ServerSecret
 from tests.app import stand_ins
-from tests.app.conftest import AddJob, OpenBench, on_both_set_ups
+from tests.app.conftest import AddJob, OpenWorker, on_both_set_ups
 from tests.app.ops.conftest import Acromion
 
 Backup = Callable[[], Path]
@@ -77,11 +77,11 @@ def purge(store: JobStore, recording_id: str) -> None:
 
 
 @pytest.fixture
-def finished(store: JobStore, storage: Storage, add_job: AddJob, bench: OpenBench) -> Job:
+def finished(store: JobStore, storage: Storage, add_job: AddJob, open_worker: OpenWorker) -> Job:
     """An analysis with its files."""
     job = add_job(b"the recording", file_name="Équipe 1.gt3x")
-    run_next(bench(stand_ins.write_report))
-    catch_up(store, storage)
+    run_next(open_worker(stand_ins.write_report))
+    update_side_files(store, storage)
     return store.get(job.id)
 
 
@@ -218,7 +218,7 @@ def test_verify_leaves_alone_what_an_attempt_under_way_is_making(
     job = store.claim()
     assert job is not None
     assert job.token is not None
-    catch_up(store, storage)
+    update_side_files(store, storage)
     (storage.open_attempt(job.id, job.token) / "results.json").write_text("{}")
 
     assert acromion("verify").exit_code == 0

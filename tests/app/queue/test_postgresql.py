@@ -13,7 +13,7 @@ from sqlalchemy import Engine, text, update
 from sqlalchemy.exc import OperationalError
 
 from app.http.api.library.analyses import run_to_end
-from app.library.database.connect import lock_tables, one_request_at_a_time, open_database
+from app.library.database.connect import lock_requests, lock_tables, open_database
 from app.library.database.tables import analyses, recordings
 from app.library.jobs import JobStore
 from app.library.recordings import Description, RecordingStore, insert_recording
@@ -26,7 +26,7 @@ from app.queue.worker import run_next
 from app.settings import Settings
 from app.store.folder import Storage, StoredRecording
 from tests.app import stand_ins
-from tests.app.conftest import AddJob, OpenBench
+from tests.app.conftest import AddJob, OpenWorker
 from tests.loops import run_coroutine
 from tests.postgres import PostgresServer
 from tests.ways_in.servers import wait_for
@@ -104,10 +104,10 @@ def test_upkeep_and_revival_have_a_leader_each(leaders: tuple[Leader, Leader]) -
 
 @on_postgresql
 def test_only_the_leader_puts_back_what_a_dead_worker_held(
-    store: JobStore, add_job: AddJob, bench: OpenBench, leaders: tuple[Leader, Leader]
+    store: JobStore, add_job: AddJob, open_worker: OpenWorker, leaders: tuple[Leader, Leader]
 ) -> None:
     install(store.engine.url.render_as_string(hide_password=False))
-    job, workshop, (one, other) = add_job(), bench(stand_ins.write_report), leaders
+    job, workshop, (one, other) = add_job(), open_worker(stand_ins.write_report), leaders
     store.claim()
     store.run(update(analyses).values(lease_until_s=0.0, is_lease_missed=1))
     assert one.is_leader()
@@ -147,9 +147,9 @@ def test_upkeep_is_waited_for_when_the_server_ends() -> None:
 
 @on_postgresql
 def test_a_job_whose_recording_is_being_written_waits_for_the_next_turn(
-    store: JobStore, add_job: AddJob, bench: OpenBench
+    store: JobStore, add_job: AddJob, open_worker: OpenWorker
 ) -> None:
-    job, at_work = add_job(), bench(stand_ins.write_report)
+    job, at_work = add_job(), open_worker(stand_ins.write_report)
     with store.engine.begin() as connection:
         connection.execute(update(recordings).values(side_revision=0))
         passed_over = not run_next(at_work)
@@ -186,7 +186,7 @@ def test_an_analysis_that_two_servers_are_asked_for_at_once_is_made_once(
         return store.add_analysis(own, asked)
 
     with ThreadPoolExecutor(1) as other:
-        with one_request_at_a_time(store.engine):  # the other server's
+        with lock_requests(store.engine):  # the other server's
             waiting = other.submit(find_or_add, store, storage, own, asked, "api", add)
             time.sleep(0.3)
             made = add()
@@ -227,10 +227,10 @@ def test_the_server_goes_on_when_the_database_is_back(client: TestClient, postgr
 
 @on_postgresql
 def test_an_analysis_outlasts_a_restart_of_the_database(
-    store: JobStore, add_job: AddJob, bench: OpenBench, postgres: PostgresServer
+    store: JobStore, add_job: AddJob, open_worker: OpenWorker, postgres: PostgresServer
 ) -> None:
     job = add_job()
-    worker = threading.Thread(target=run_next, args=(bench(stand_ins.write_in_a_second),))
+    worker = threading.Thread(target=run_next, args=(open_worker(stand_ins.write_in_a_second),))
     worker.start()
     while store.get(job.id).stage is None:
         time.sleep(0.02)

@@ -18,14 +18,14 @@ from app.library.audit_log import acting
 from app.library.claims import WayIn
 from app.library.database.tables import analyses, recordings
 from app.library.jobs import JobFilter, JobStore
-from app.library.listing import Library, Took
+from app.library.listing import AnalysisDuration, Library
 from app.library.rows import TRANSITIONS, Job, JobState
 from app.queue.worker import run_next
 from app.request import ReportRequest
 from app.settings import Settings
 from app.store.folder import ResultFile, Storage
 from tests.app import stand_ins
-from tests.app.conftest import AddJob, OpenBench, on_both_databases
+from tests.app.conftest import AddJob, OpenWorker, on_both_databases
 from tests.app.stand_ins import write_report
 
 FILES = (ResultFile("results.json", "0" * 64, 2),)
@@ -261,9 +261,9 @@ def ask(store: JobStore, storage: Storage, who: str, number: int, way_in: WayIn 
         store.add(upload.keep(), ReportRequest(f"{who}-{number}.gt3x"), way_in)
 
 
-def read_order(store: JobStore, bench: OpenBench, count: int) -> list[str]:
+def read_order(store: JobStore, open_worker: OpenWorker, count: int) -> list[str]:
     """Do the jobs one by one; return whose each was."""
-    worker = bench(write_report)
+    worker = open_worker(write_report)
     for _ in range(count):
         assert run_next(worker)
     jobs = sorted(store.find_page(JobFilter(), count), key=lambda job: str(job.ended_at))
@@ -272,26 +272,26 @@ def read_order(store: JobStore, bench: OpenBench, count: int) -> list[str]:
 
 @on_both_databases
 def test_a_token_that_sends_much_does_not_hold_up_another(
-    store: JobStore, storage: Storage, bench: OpenBench
+    store: JobStore, storage: Storage, open_worker: OpenWorker
 ) -> None:
     for number in range(4):
         ask(store, storage, "tok_many", number)
     for number in range(2):
         ask(store, storage, "tok_few", number)
 
-    order = read_order(store, bench, 6)
+    order = read_order(store, open_worker, 6)
 
     assert order == ["tok_many", "tok_few", "tok_many", "tok_few", "tok_many", "tok_many"]
 
 
 def test_a_drop_on_the_page_goes_before_every_token(
-    store: JobStore, storage: Storage, bench: OpenBench
+    store: JobStore, storage: Storage, open_worker: OpenWorker
 ) -> None:
     for number in range(3):
         ask(store, storage, "tok_many", number)
     ask(store, storage, "per_clara", 0, "web")
 
-    assert read_order(store, bench, 4)[0] == "per_clara"
+    assert read_order(store, open_worker, 4)[0] == "per_clara"
 
 
 # The time left of an analysis, by those before it: what is judged, what is not, where it is told.
@@ -308,7 +308,11 @@ def running(add_job: AddJob) -> Job:
 
 
 def test_a_file_twice_as_large_takes_twice_as_long(running: Job) -> None:
-    took = [Took("a.gt3x", 50, 3.0), Took("b.gt3x", 100, 10.0), Took("c.gt3x", 200, 14.0)]
+    took = [
+        AnalysisDuration("a.gt3x", 50, 3.0),
+        AnalysisDuration("b.gt3x", 100, 10.0),
+        AnalysisDuration("c.gt3x", 200, 14.0),
+    ]
 
     assert estimate_left_s(running, took, NOW) == 3.0  # 6, 10 and 7 s: the middle one, less 4
 
@@ -317,30 +321,30 @@ def test_a_file_twice_as_large_takes_twice_as_long(running: Job) -> None:
     "took",
     [
         [],
-        [Took("a.csv", 100, 10.0)],  # another kind
-        [Took("a.gt3x", 49, 10.0)],  # less than half as large
-        [Took("a.gt3x", 201, 10.0)],  # more than twice
-        [Took("a.gt3x", 100, 4.0)],  # should be over
+        [AnalysisDuration("a.csv", 100, 10.0)],  # another kind
+        [AnalysisDuration("a.gt3x", 49, 10.0)],  # less than half as large
+        [AnalysisDuration("a.gt3x", 201, 10.0)],  # more than twice
+        [AnalysisDuration("a.gt3x", 100, 4.0)],  # should be over
     ],
 )
-def test_without_a_file_like_it_no_time_is_told(running: Job, took: list[Took]) -> None:
+def test_without_a_file_like_it_no_time_is_told(running: Job, took: list[AnalysisDuration]) -> None:
     assert estimate_left_s(running, took, NOW) is None
 
 
 def test_only_what_runs_has_time_left(running: Job) -> None:
     waiting = replace(running, state=JobState.QUEUED, started_at=None)
 
-    assert estimate_left_s(waiting, [Took("a.gt3x", 100, 10.0)], NOW) is None
+    assert estimate_left_s(waiting, [AnalysisDuration("a.gt3x", 100, 10.0)], NOW) is None
 
 
 def test_finished_analyses_are_what_time_is_judged_by(
-    store: JobStore, add_job: AddJob, bench: OpenBench
+    store: JobStore, add_job: AddJob, open_worker: OpenWorker
 ) -> None:
     add_job(b"1")
-    run_next(bench(stand_ins.write_report))
+    run_next(open_worker(stand_ins.write_report))
     add_job(b"2")
 
-    (took,) = Library(store.reader).find_took()
+    (took,) = Library(store.reader).find_durations()
 
     assert took.size_bytes == 1
     assert took.took_s >= 0
@@ -351,6 +355,6 @@ def test_the_list_tells_about_how_long_it_still_takes(
 ) -> None:
     add_job(b"123")
     store.claim()
-    monkeypatch.setattr(Library, "find_took", lambda _: (Took("a.gt3x", 3, 3600.0),))
+    monkeypatch.setattr(Library, "find_durations", lambda _: (AnalysisDuration("a.gt3x", 3, 3600.0),))
 
     assert re.search(r"about (1\s+h|59\s+min.{0,8}) left", client.get("/").text)

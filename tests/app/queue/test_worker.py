@@ -26,7 +26,7 @@ from app.request import Reference
 from app.settings import Settings
 from app.store.folder import Storage
 from tests.app import stand_ins
-from tests.app.conftest import AddJob, OpenBench, on_both_set_ups
+from tests.app.conftest import AddJob, OpenWorker, on_both_set_ups
 
 
 class SlowRoad:
@@ -65,18 +65,18 @@ def find_fork_server() -> int:
 
 @on_both_set_ups
 def test_a_job_becomes_a_report_of_the_attempt_that_counts(
-    store: JobStore, storage: Storage, add_job: AddJob, bench: OpenBench
+    store: JobStore, storage: Storage, add_job: AddJob, open_worker: OpenWorker
 ) -> None:
     job = add_job()
 
-    assert run_next(bench(stand_ins.write_report))
+    assert run_next(open_worker(stand_ins.write_report))
 
     done = store.get(job.id)
     assert done.state is JobState.SUCCEEDED
     assert store.find_file(job.id, "report.fr.pdf") is not None
     name = f"analyses/{job.id}/{done.token}/results.json"
     assert storage.fetch(name).path.read_bytes() == stand_ins.RESULTS
-    assert not run_next(bench(stand_ins.write_report))
+    assert not run_next(open_worker(stand_ins.write_report))
 
 
 @pytest.mark.parametrize(
@@ -89,12 +89,12 @@ def test_a_job_becomes_a_report_of_the_attempt_that_counts(
     ],
 )
 def test_an_attempt_that_cannot_become_a_report_ends_with_its_code(
-    store: JobStore, add_job: AddJob, bench: OpenBench, make: MakeReport,
+    store: JobStore, add_job: AddJob, open_worker: OpenWorker, make: MakeReport,
     limits: dict[str, float], code: str, facts: dict[str, object] | None,
 ) -> None:  # fmt: skip
     job = add_job()
 
-    run_next(bench(make, **limits))
+    run_next(open_worker(make, **limits))
 
     failed = store.get(job.id)
     assert (failed.state, failed.problem_code) == (JobState.FAILED, code)
@@ -102,45 +102,45 @@ def test_an_attempt_that_cannot_become_a_report_ends_with_its_code(
 
 
 def test_a_bug_ends_the_job_with_a_reference_and_leaves_no_file(
-    store: JobStore, storage: Storage, add_job: AddJob, bench: OpenBench
+    store: JobStore, storage: Storage, add_job: AddJob, open_worker: OpenWorker
 ) -> None:
     job = add_job()
 
-    run_next(bench(stand_ins.fail_by_bug))
+    run_next(open_worker(stand_ins.fail_by_bug))
 
     failed = store.get(job.id)
     assert (failed.problem_code, list(failed.problem_facts)) == ("E-INTERNAL", ["reference"])
     assert [path for path in storage.root.glob("analyses/**/*") if path.is_file()] == []
 
 
-def test_a_killed_attempt_is_tried_again(store: JobStore, add_job: AddJob, bench: OpenBench) -> None:
+def test_a_killed_attempt_is_tried_again(store: JobStore, add_job: AddJob, open_worker: OpenWorker) -> None:
     job = add_job()
 
-    run_next(bench(stand_ins.be_killed))
-    run_next(bench(stand_ins.write_report))
+    run_next(open_worker(stand_ins.be_killed))
+    run_next(open_worker(stand_ins.write_report))
 
     assert (store.get(job.id).state, store.get(job.id).attempts) == (JobState.SUCCEEDED, 2)
 
 
 def test_three_deaths_fail_the_job_and_the_queue_goes_on(
-    store: JobStore, add_job: AddJob, bench: OpenBench
+    store: JobStore, add_job: AddJob, open_worker: OpenWorker
 ) -> None:
     deadly = add_job()
-    killer = bench(stand_ins.be_killed)
+    killer = open_worker(stand_ins.be_killed)
     for _ in range(3):
         run_next(killer)
     next_job = add_job()
 
-    run_next(bench(stand_ins.write_report))
+    run_next(open_worker(stand_ins.write_report))
 
     assert store.get(deadly.id).problem_code == "E-CRASHED"
     assert store.get(next_job.id).state is JobState.SUCCEEDED
 
 
 def test_five_ends_of_the_worker_set_the_job_aside_without_blame_and_the_queue_goes_on(
-    store: JobStore, add_job: AddJob, bench: OpenBench
+    store: JobStore, add_job: AddJob, open_worker: OpenWorker
 ) -> None:
-    job, living = add_job(), bench(stand_ins.write_report)
+    job, living = add_job(), open_worker(stand_ins.write_report)
     for times in range(1, 6):
         die_while_running(store)
         return_expired(living)
@@ -158,22 +158,22 @@ def test_five_ends_of_the_worker_set_the_job_aside_without_blame_and_the_queue_g
 
 
 def test_ends_of_the_worker_do_not_bring_a_job_nearer_to_its_last_death(
-    store: JobStore, add_job: AddJob, bench: OpenBench
+    store: JobStore, add_job: AddJob, open_worker: OpenWorker
 ) -> None:
-    job, killer = add_job(), bench(stand_ins.be_killed)
+    job, killer = add_job(), open_worker(stand_ins.be_killed)
     for _ in range(2):
         run_next(killer)
         die_while_running(store)
         return_expired(killer)
 
-    run_next(bench(stand_ins.write_report))
+    run_next(open_worker(stand_ins.write_report))
 
     done = store.get(job.id)
     assert (done.state, done.attempts, done.interruptions) == (JobState.SUCCEEDED, 3, 2)
 
 
 def test_a_computer_that_starts_no_child_is_an_interruption(
-    store: JobStore, add_job: AddJob, bench: OpenBench, monkeypatch: pytest.MonkeyPatch
+    store: JobStore, add_job: AddJob, open_worker: OpenWorker, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def start_none(child: object) -> None:
         raise NotStarted
@@ -182,17 +182,17 @@ def test_a_computer_that_starts_no_child_is_an_interruption(
     monkeypatch.setattr(attempt, "start_child", start_none)
     monkeypatch.setattr(worker, "TROUBLE_S", 0)
 
-    run_next(bench(stand_ins.write_report))
+    run_next(open_worker(stand_ins.write_report))
 
     back = store.get(job.id)
     assert (back.state, back.attempts, back.interruptions) == (JobState.QUEUED, 0, 1)
 
 
 def test_an_analysis_outlasts_the_death_of_the_fork_server(
-    store: JobStore, add_job: AddJob, bench: OpenBench
+    store: JobStore, add_job: AddJob, open_worker: OpenWorker
 ) -> None:
     job = add_job()
-    thread = threading.Thread(target=run_next, args=(bench(stand_ins.write_in_a_second),))
+    thread = threading.Thread(target=run_next, args=(open_worker(stand_ins.write_in_a_second),))
     thread.start()
     wait_for_stage(store, job.id)
 
@@ -205,7 +205,7 @@ def test_an_analysis_outlasts_the_death_of_the_fork_server(
 
 @pytest.mark.skipif(sys.platform != "linux", reason="stops a process")
 def test_a_fork_server_that_does_not_answer_is_replaced(
-    store: JobStore, add_job: AddJob, bench: OpenBench, monkeypatch: pytest.MonkeyPatch
+    store: JobStore, add_job: AddJob, open_worker: OpenWorker, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def end_and_wait_longer() -> None:
         monkeypatch.setattr(forking, "START_TICKS", 180)
@@ -218,7 +218,7 @@ def test_a_fork_server_that_does_not_answer_is_replaced(
     monkeypatch.setattr(forking, "START_TICKS", 1)
     monkeypatch.setattr(forking, "end_fork_server", end_and_wait_longer)  # another may take long to load
 
-    run_next(bench(stand_ins.write_report))
+    run_next(open_worker(stand_ins.write_report))
 
     done = store.get(job.id)
     assert (done.state, done.attempts, done.interruptions) == (JobState.SUCCEEDED, 1, 0)
@@ -227,13 +227,13 @@ def test_a_fork_server_that_does_not_answer_is_replaced(
 
 @pytest.mark.skipif(sys.platform != "linux", reason="stops a process")
 def test_a_fork_server_that_reports_no_end_holds_no_worker(
-    store: JobStore, add_job: AddJob, bench: OpenBench, monkeypatch: pytest.MonkeyPatch
+    store: JobStore, add_job: AddJob, open_worker: OpenWorker, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     job = add_job()
     monkeypatch.setattr(forking, "TICK_S", 0.1)
     monkeypatch.setattr(forking, "START_TICKS", 1800)
     monkeypatch.setattr(forking, "END_TICKS", 2)
-    thread = threading.Thread(target=run_next, args=(bench(stand_ins.write_in_a_second),))
+    thread = threading.Thread(target=run_next, args=(open_worker(stand_ins.write_in_a_second),))
     thread.start()
     wait_for_stage(store, job.id)
 
@@ -243,9 +243,11 @@ def test_a_fork_server_that_reports_no_end_holds_no_worker(
     assert store.get(job.id).state is JobState.SUCCEEDED
 
 
-def test_a_cancelled_job_stops_within_two_seconds(store: JobStore, add_job: AddJob, bench: OpenBench) -> None:
+def test_a_cancelled_job_stops_within_two_seconds(
+    store: JobStore, add_job: AddJob, open_worker: OpenWorker
+) -> None:
     job = add_job()
-    worker = threading.Thread(target=run_next, args=(bench(stand_ins.write_slowly),))
+    worker = threading.Thread(target=run_next, args=(open_worker(stand_ins.write_slowly),))
     worker.start()
     wait_for_stage(store, job.id)
 
@@ -262,7 +264,7 @@ def test_nothing_is_left_of_an_attempt_whose_recording_is_deleted_while_its_file
     store: JobStore,
     storage: Storage,
     add_job: AddJob,
-    bench: OpenBench,
+    open_worker: OpenWorker,
     monkeypatch: pytest.MonkeyPatch,
     way: str,
 ) -> None:
@@ -280,13 +282,15 @@ def test_nothing_is_left_of_an_attempt_whose_recording_is_deleted_while_its_file
 
     monkeypatch.setattr(type(storage), "keep_attempt", keep_late)
 
-    assert run_next(bench(stand_ins.write_report))
+    assert run_next(open_worker(stand_ins.write_report))
 
     assert [name for name in storage.find_names() if name.startswith("analyses/")] == []
 
 
-def test_a_stopped_worker_puts_its_job_back(store: JobStore, add_job: AddJob, bench: OpenBench) -> None:
-    job, slow = add_job(), bench(stand_ins.write_slowly)
+def test_a_stopped_worker_puts_its_job_back(
+    store: JobStore, add_job: AddJob, open_worker: OpenWorker
+) -> None:
+    job, slow = add_job(), open_worker(stand_ins.write_slowly)
     worker = threading.Thread(target=run_next, args=(slow,))
     worker.start()
     wait_for_stage(store, job.id)
@@ -298,23 +302,23 @@ def test_a_stopped_worker_puts_its_job_back(store: JobStore, add_job: AddJob, be
 
 
 def test_a_damaged_recording_gives_no_report(
-    store: JobStore, storage: Storage, add_job: AddJob, bench: OpenBench
+    store: JobStore, storage: Storage, add_job: AddJob, open_worker: OpenWorker
 ) -> None:
     job = add_job()
     storage.drop_recording(job.recording_id)
 
-    run_next(bench(stand_ins.write_report))
+    run_next(open_worker(stand_ins.write_report))
 
     assert store.get(job.id).problem_code == "E-STORE-DAMAGED"
 
 
 def test_a_comparison_whose_reference_is_gone_ends_and_the_worker_goes_on(
-    store: JobStore, add_job: AddJob, bench: OpenBench
+    store: JobStore, add_job: AddJob, open_worker: OpenWorker
 ) -> None:
     plain = add_job()
     asked = replace(plain.request, reference=Reference("rec_gone", "reference.csv"))
     job = store.add_analysis((plain.recording_id, plain.sha256), asked)
-    at_work = bench(stand_ins.write_report)
+    at_work = open_worker(stand_ins.write_report)
 
     assert run_next(at_work)
     assert run_next(at_work)
@@ -330,12 +334,12 @@ def wait_for_stage(store: JobStore, job_id: str) -> None:
 
 @pytest.mark.parametrize("way", ["fetch", "keep_attempt"])
 def test_a_holder_renews_its_lease_while_the_store_is_slow(
-    store: JobStore, storage: Storage, add_job: AddJob, bench: OpenBench, way: str
+    store: JobStore, storage: Storage, add_job: AddJob, open_worker: OpenWorker, way: str
 ) -> None:
     job = add_job()
     road = SlowRoad(storage, store, way)
 
-    run_next(replace(bench(stand_ins.write_report), storage=cast("Storage", road)))
+    run_next(replace(open_worker(stand_ins.write_report), storage=cast("Storage", road)))
 
     assert len(road.leases) == 3
     assert store.get(job.id).state is JobState.SUCCEEDED
@@ -365,10 +369,10 @@ def test_a_large_file_is_given_more_time(settings: Settings) -> None:
 
 
 def test_a_job_that_finds_the_disk_full_goes_back_until_it_does_too_often(
-    store: JobStore, settings: Settings, add_job: AddJob, bench: OpenBench
+    store: JobStore, settings: Settings, add_job: AddJob, open_worker: OpenWorker
 ) -> None:
     job, other = add_job(), add_job(b"another")
-    full = bench(stand_ins.find_no_room, max_put_backs=1)
+    full = open_worker(stand_ins.find_no_room, max_put_backs=1)
 
     run_next(full)
     held = store.get(job.id)
@@ -381,7 +385,7 @@ def test_a_job_that_finds_the_disk_full_goes_back_until_it_does_too_often(
     assert failed.problem_facts == {"tries": 2}
 
     run_next(full)
-    run_next(bench(stand_ins.write_report))  # there is room again
+    run_next(open_worker(stand_ins.write_report))  # there is room again
     done = store.get(other.id)
     assert (done.state, done.problem_code) == (JobState.SUCCEEDED, None)
 
@@ -404,4 +408,4 @@ def test_a_worker_that_a_signal_has_stopped_is_replaced(
         assert (stopped.returncode, living.poll()) == (-signal.SIGKILL, None)
     finally:
         workers.stop()
-    assert f"worker {stopped.pid} stands still" in caplog.text
+    assert f"worker {stopped.pid} is stopped; killing it" in caplog.text

@@ -2,7 +2,7 @@
 
 import pytest
 
-from app.report.findings import Findings, take_findings
+from app.report.findings import Findings, build_findings
 from fusion.diary import DiaryEntry
 from fusion.pipeline import analyse
 from fusion.recording import Recording, Segment
@@ -19,4 +19,4 @@ def analysed() -> Findings:
     recording = Recording("gt9x", "0" * 64, day.start, None, segment.duration_us, (segment,))
     rows = ((600.0, "task", "a"), (2400.0, "break", ""), (4200.0, "task", "a"), (6000.0, "task", "b"))
     diary = tuple(DiaryEntry(start, start + 1500.0, kind, label) for start, kind, label in rows)  # type: ignore[arg-type]
-    return take_findings(analyse(recording, AnalysisSettings(diary=diary)))
+    return build_findings(analyse(recording, AnalysisSettings(diary=diary)))

@@ -39,7 +39,7 @@ from app.report.model import format_brief
 from app.report.single.report import build_report
 from app.report.words.wording import Language, load_wording
 from app.request import ReportRequest
-from app.store.folder import KnownLogs
+from app.store.folder import KnownFiles
 from fusion.diary import DiaryEntry
 from fusion.exposure.types import Interval
 from tests.app.analysis_factory import START, make_analysis, make_exposure, make_quality, make_subject
@@ -142,7 +142,7 @@ def made_results(shift_gt3x: Path, tmp_path_factory: pytest.TempPathFactory) -> 
     folder = tmp_path_factory.mktemp("made")
     diary = (DiaryEntry(60.0, 120.0, "task", "shelves"), DiaryEntry(120.0, 180.0, "break"))
     request = ReportRequest("a.gt3x", kinds=(), languages=("en",), diary=diary)
-    make_report(shift_gt3x, request, folder, known=KnownLogs(("ab" * 32,)))
+    make_report(shift_gt3x, request, folder, known=KnownFiles(("ab" * 32,)))
     results: dict[str, Any] = json.loads((folder / "results.json").read_text("utf-8"))
     return results
 

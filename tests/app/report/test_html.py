@@ -23,7 +23,7 @@ from app.report.export.xlsx import encode_workbook
 from app.report.findings import Findings
 from app.report.model import format_brief
 from app.report.render.html import content_security_policy, render_html
-from app.report.render.pdf import render_pdf, spell_uncovered
+from app.report.render.pdf import render_pdf, replace_uncovered
 from app.report.single.report import Report, build_report
 from app.report.words.wording import LANGUAGES, Language
 from app.request import Conclusion
@@ -184,7 +184,7 @@ def test_the_pdf_prints_every_payload_as_it_is() -> None:
     document = render_pdf(report_with(PAYLOADS), {})
 
     text = squeeze("".join(page.extract_text() for page in PdfReader(io.BytesIO(document)).pages))
-    missing = [p for p in PAYLOADS if squeeze(spell_uncovered(p))[:40] not in text]
+    missing = [p for p in PAYLOADS if squeeze(replace_uncovered(p))[:40] not in text]
     assert missing == []
 
 

@@ -67,7 +67,7 @@ def read_page_1(diary: bool, is_pose_off: bool, language: Language = "en") -> li
     return [line.strip() for line in plain(page.extract_text()).splitlines()]
 
 
-def tell_time(seconds: float) -> str:
+def format_time(seconds: float) -> str:
     """Hours and minutes; minutes and seconds below ten minutes; seconds below one."""
     if seconds < 60:
         return f"{seconds:.0f} s"
@@ -100,9 +100,9 @@ class Tracer:
         return {
             recording["subject"],
             f"{start.day} {start:%B %Y}, {self.clock(0)} to {self.clock(time['recorded_s'])}",
-            f"{tell_time(time['analysed_s'])} of {tell_time(time['recorded_s'])} recorded",
+            f"{format_time(time['analysed_s'])} of {format_time(time['recorded_s'])} recorded",
             (
-                f"▲  Data quality: use with care. Holes in the recording ({tell_time(hole['seconds'])}). "
+                f"▲  Data quality: use with care. Holes in the recording ({format_time(hole['seconds'])}). "
                 "Calibration pose: held at the start, as stated"
             ),
             f"({held:%H:%M:%S}, {pose['duration_s']:.1f} s).",
@@ -112,7 +112,7 @@ class Tracer:
         told = set()
         for row in self.exposure["time_above"]:
             share = f"95 % range {row['low']:.1f}–{row['high']:.1f} %"
-            told |= {f"{row['percent']:.1f} %", tell_time(row["duration_s"]), share}
+            told |= {f"{row['percent']:.1f} %", format_time(row["duration_s"]), share}
         rises = self.find("entries", threshold_deg=60)
         low, high = self.exposure["intervals"]["entries_above_60_per_h"]
         return told | {
@@ -136,7 +136,7 @@ class Tracer:
         marks = f"15 min with the most time above 60°: {worst['percent_above_60']:.1f} %"
         return {
             hours,
-            f"{marks} longest continuous time above 60°: {tell_time(longest['longest_s'])}",
+            f"{marks} longest continuous time above 60°: {format_time(longest['longest_s'])}",
             "12 3",
         }
 
@@ -165,7 +165,7 @@ class Tracer:
         }
 
     def row(self, rank: int, task: Any, above_s: float) -> str:
-        return f"{rank}  {task['label']} {tell_time(above_s)} {task['time_above_60_percent']:.1f} %"
+        return f"{rank}  {task['label']} {format_time(above_s)} {task['time_above_60_percent']:.1f} %"
 
     def sureness(self) -> set[str]:
         row = self.find("time_above", threshold_deg=60)

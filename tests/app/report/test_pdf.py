@@ -11,7 +11,7 @@ from pypdf import PageObject, PdfReader
 
 from app.report.export.results import encode_results
 from app.report.render.html import render_html
-from app.report.render.pdf import render_pdf, spell_uncovered
+from app.report.render.pdf import render_pdf, replace_uncovered
 from app.report.single.report import build_report
 from app.report.words.wording import LANGUAGES, Language, Part, load_wording
 from app.request import Paper
@@ -127,7 +127,7 @@ def test_any_script_in_a_subject_code_gives_a_report() -> None:
 
 
 def test_a_character_that_the_font_lacks_is_spelled_out() -> None:
-    assert spell_uncovered("Été 中") == "Été [U+4E2D]"
+    assert replace_uncovered("Été 中") == "Été [U+4E2D]"
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
@@ -135,7 +135,9 @@ def test_all_our_own_words_can_be_drawn(language: Language) -> None:
     words = [text for part in get_args(Part) for _, text in walk_texts(load_wording(language, part))]
     report = asdict(build_report(make_analysis(), make_subject(), language))
 
-    assert [word for word in (*words, str(report)) if "[U+" in spell_uncovered(word.replace("\n", " "))] == []
+    assert [
+        word for word in (*words, str(report)) if "[U+" in replace_uncovered(word.replace("\n", " "))
+    ] == []
 
 
 @pytest.mark.parametrize("language", LANGUAGES)

@@ -17,7 +17,7 @@ from app.report.findings import (
     QuestionFacts,
     RepeatFacts,
     StillFacts,
-    take_findings,
+    build_findings,
 )
 from app.report.model import Report, format_brief
 from app.report.render.html import render_html
@@ -150,7 +150,7 @@ def test_a_question_keeps_its_kind_both_times_and_the_angle() -> None:
     assert found.calibration is not None
     asking = replace(found.calibration, questions=(Question("slip", *MOVED_S),))
 
-    calibration = take_findings(replace(found, calibration=asking)).calibration
+    calibration = build_findings(replace(found, calibration=asking)).calibration
 
     assert calibration is not None
     assert calibration.questions == (QuestionFacts("slip", *MOVED_S),)

@@ -25,7 +25,15 @@ from app.report.words.numbers import (
     format_percent,
     format_rate,
 )
-from app.report.words.wording import LANGUAGES, Language, Part, fill, find_nearest, load_wording, set_spaces
+from app.report.words.wording import (
+    LANGUAGES,
+    Language,
+    Part,
+    apply_typography,
+    fill,
+    find_nearest,
+    load_wording,
+)
 from fusion.exposure.types import Interval
 from fusion.recording import QualityFlag
 from tests import ROOT
@@ -174,11 +182,11 @@ def test_an_unknown_code_is_an_error_of_the_software_or_shows_itself() -> None:
 def test_each_language_has_its_own_spaces_before_punctuation(language: Language, told: str) -> None:
     typed = "A (5 %): 20 h; yes?" if language == "en" else "« L'arc » : 5 % ; oui ? non !"
 
-    assert set_spaces(typed, language) == told
+    assert apply_typography(typed, language) == told
 
 
 def test_quebec_says_quart_where_france_says_poste() -> None:
-    assert set_spaces("Poste : la moitié du poste, deux postes à poste fixe", "fr-CA") == (
+    assert apply_typography("Poste : la moitié du poste, deux postes à poste fixe", "fr-CA") == (
         "Quart\u00a0: la moitié du quart, deux quarts à quart fixe"
     )
 
@@ -230,7 +238,7 @@ def test_a_language_that_was_not_made_is_served_by_the_nearest(
     ],
 )
 def test_a_noun_follows_its_number(language: Language, number: str, form: str) -> None:
-    text = set_spaces("{n} {n|time|times}", language)
+    text = apply_typography("{n} {n|time|times}", language)
 
     assert fill(text, {"n": number}) == f"{number}\u00a0{form}"
 

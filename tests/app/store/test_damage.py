@@ -34,7 +34,7 @@ from app.store.folder import (
 )
 from tests import ROOT
 from tests.app import stand_ins
-from tests.app.conftest import AddJob, OpenBench, do_next, on_both_set_ups
+from tests.app.conftest import AddJob, OpenWorker, do_next, on_both_set_ups
 from tests.loops import run_coroutine
 
 ALTERED = stand_ins.RESULTS.replace(b"12.34", b"92.34")
@@ -70,12 +70,12 @@ def spoil(storage: Storage, name: str, how: str) -> None:
 
 
 @pytest.fixture
-def finish(add_job: AddJob, bench: OpenBench) -> Finish:
+def finish(add_job: AddJob, open_worker: OpenWorker) -> Finish:
     """Store a recording and let a worker analyse it."""
 
     def make(make_report: MakeReport = stand_ins.write_report, **about: Any) -> Job:
         job = add_job(**about)
-        do_next(bench(make_report))
+        do_next(open_worker(make_report))
         return job
 
     return make
@@ -155,7 +155,7 @@ def test_a_folder_in_the_place_of_a_result_is_a_problem(
 
 @HOWS
 def test_a_retry_of_a_damaged_analysis_makes_the_same_version_again_once(
-    client: TestClient, kept: Kept, bench: OpenBench, finish: Finish, how: str
+    client: TestClient, kept: Kept, open_worker: OpenWorker, finish: Finish, how: str
 ) -> None:
     store, storage = kept
     job = finish()
@@ -165,7 +165,7 @@ def test_a_retry_of_a_damaged_analysis_makes_the_same_version_again_once(
 
     answer, second = (client.post(retry) for _ in range(2))
     told = ask(client, job, "report.pdf?lang=fr").json()["detail"]
-    do_next(bench(stand_ins.write_report))
+    do_next(open_worker(stand_ins.write_report))
 
     again = store.get(answer.json()["id"])
     assert (whole.status_code, whole.json()["id"]) == (200, job.id)
@@ -177,10 +177,10 @@ def test_a_retry_of_a_damaged_analysis_makes_the_same_version_again_once(
 
 @pytest.mark.parametrize("way", ["sent", "asked for"])
 def test_damaged_work_that_is_sent_or_asked_for_again_is_done_again(
-    client: TestClient, store: JobStore, storage: Storage, bench: OpenBench, way: str
+    client: TestClient, store: JobStore, storage: Storage, open_worker: OpenWorker, way: str
 ) -> None:
     first = client.post("/api/v1/analyze", content=b"recording").json()
-    do_next(bench(stand_ins.write_report))
+    do_next(open_worker(stand_ins.write_report))
     alter(storage, format_result_name(store, store.get(first["id"]), "results.json"))
 
     if way == "sent":
@@ -194,10 +194,10 @@ def test_damaged_work_that_is_sent_or_asked_for_again_is_done_again(
 
 @HOWS
 def test_the_original_sent_again_is_kept_where_the_stored_one_is_damaged(
-    client: TestClient, store: JobStore, storage: Storage, bench: OpenBench, how: str
+    client: TestClient, store: JobStore, storage: Storage, open_worker: OpenWorker, how: str
 ) -> None:
     first = client.post("/api/v1/analyze", content=b"recording").json()
-    do_next(bench(stand_ins.write_report))
+    do_next(open_worker(stand_ins.write_report))
     spoil(storage, f"recordings/{first['recording_id']}", how)
 
     second = client.post("/api/v1/analyze", content=b"recording").json()
@@ -235,14 +235,14 @@ def test_the_inspection_of_a_damaged_recording_is_a_problem(
 
 @HOWS
 def test_a_damaged_reference_gives_no_comparison(
-    client: TestClient, store: JobStore, storage: Storage, bench: OpenBench, how: str
+    client: TestClient, store: JobStore, storage: Storage, open_worker: OpenWorker, how: str
 ) -> None:
     files = {"recording": ("a.csv", b"a"), "reference": ("b.csv", b"b")}
     job = store.get(client.post("/api/v1/validations", files=files).json()["id"])
     assert job.request.reference is not None
     spoil(storage, f"recordings/{job.request.reference.path}", how)
 
-    do_next(bench(stand_ins.write_report))
+    do_next(open_worker(stand_ins.write_report))
 
     assert store.get(job.id).problem_code == "E-STORE-DAMAGED"
 
@@ -274,13 +274,13 @@ def test_the_page_of_a_damaged_analysis_says_so_and_offers_to_analyse_again(
 
 
 def test_the_button_leads_to_a_new_analysis_and_old_links_follow_it(
-    client: TestClient, store: JobStore, storage: Storage, bench: OpenBench, finish: Finish
+    client: TestClient, store: JobStore, storage: Storage, open_worker: OpenWorker, finish: Finish
 ) -> None:
     job = finish()
     alter(storage, format_result_name(store, job, "results.json"))
 
     pressed = client.post(f"/analyses/{job.id}/retry")
-    do_next(bench(stand_ins.write_report))
+    do_next(open_worker(stand_ins.write_report))
 
     new = store.get(job.id).replaced_by
     assert (pressed.status_code, pressed.headers["location"]) == (303, f"/analyses/{new}")
@@ -343,11 +343,11 @@ def test_lists_are_shown_with_a_damaged_analysis_in_them_which_the_table_names(
 
 
 def test_the_tables_of_a_batch_name_a_damaged_result_and_it_can_be_retried(
-    client: TestClient, store: JobStore, storage: Storage, bench: OpenBench
+    client: TestClient, store: JobStore, storage: Storage, open_worker: OpenWorker
 ) -> None:
     recording = client.post("/api/v1/recordings", content=b"recording").json()["id"]
     batch = client.post("/api/v1/batches", json={"items": [{"recording_id": recording}]}).json()["id"]
-    do_next(bench(stand_ins.write_report))
+    do_next(open_worker(stand_ins.write_report))
     (job,) = store.find_newest()
     alter(storage, format_result_name(store, job, "results.json"))
 
@@ -376,7 +376,7 @@ def test_a_damaged_analysis_beside_another_is_a_problem_answer(
 def test_a_damaged_report_of_two_is_made_again(
     client: TestClient, settings: Settings, finish: Finish, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.library.kept_pairs.load_and_make_pair", stand_ins.write_pair)
+    monkeypatch.setattr("app.library.report_cache.load_and_make_pair", stand_ins.write_pair)
     one, other = (finish(stand_ins.write_report, content=content) for content in (b"1", b"2"))
     address = f"/beside/compare/report.pdf?first={one.id}&second={other.id}"
     assert client.get(address).content == b"%PDF-two"
@@ -388,12 +388,12 @@ def test_a_damaged_report_of_two_is_made_again(
 
 
 def test_a_replaced_report_is_not_what_counts_in_the_library(
-    client: TestClient, store: JobStore, storage: Storage, bench: OpenBench, finish: Finish
+    client: TestClient, store: JobStore, storage: Storage, open_worker: OpenWorker, finish: Finish
 ) -> None:
     job = finish()
     alter(storage, format_result_name(store, job, "results.json"))
     client.post(f"/analyses/{job.id}/retry")
-    do_next(bench(stand_ins.refuse))
+    do_next(open_worker(stand_ins.refuse))
 
     page = client.get("/rows?lang=en").text
 
@@ -402,12 +402,12 @@ def test_a_replaced_report_is_not_what_counts_in_the_library(
 
 
 def test_a_failed_repetition_cannot_be_withdrawn_for_the_damaged_report(
-    client: TestClient, store: JobStore, storage: Storage, bench: OpenBench, finish: Finish
+    client: TestClient, store: JobStore, storage: Storage, open_worker: OpenWorker, finish: Finish
 ) -> None:
     job = finish()
     alter(storage, format_result_name(store, job, "results.json"))
     again = store.repeat(job, "web")
-    do_next(bench(stand_ins.refuse))
+    do_next(open_worker(stand_ins.refuse))
 
     with pytest.raises(NotHere):
         store.withdraw(again.id)
@@ -501,11 +501,11 @@ def test_a_file_that_is_replaced_by_the_same_bytes_while_it_is_read_is_whole(fol
 
 
 def test_a_recording_that_is_damaged_while_it_is_analysed_gives_no_report(
-    store: JobStore, storage: Storage, add_job: AddJob, bench: OpenBench
+    store: JobStore, storage: Storage, add_job: AddJob, open_worker: OpenWorker
 ) -> None:
     job = add_job()
 
-    do_next(bench(stand_ins.spoil_recording))
+    do_next(open_worker(stand_ins.spoil_recording))
 
     assert store.get(job.id).problem_code == "E-STORE-DAMAGED"
 

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from app.cli import app
 from app.http.api.library.files import format_disposition
-from app.library.audit_log import AuditLine, AuditQuestion, find_lines
+from app.library.audit_log import AuditFilter, AuditLine, find_lines
 from app.library.jobs import JobStore
 from app.library.recordings import RecordingStore
 from app.library.rows import Job
@@ -37,7 +37,7 @@ def build_address(recording_id: str) -> str:
 
 
 def find_exports(store: JobStore) -> list[AuditLine]:
-    return list(find_lines(store.reader, AuditQuestion(act="file.exported")))
+    return list(find_lines(store.reader, AuditFilter(act="file.exported")))
 
 
 def add_large(store: JobStore, storage: Storage, file_name: str) -> Job:

@@ -14,11 +14,11 @@ import pytest
 
 from app.analysis.run import make_report
 from app.report.export.all import (
+    build_flags,
+    build_nullable_numbers,
+    build_nullable_texts,
+    build_numbers,
     encode_elevation_csv,
-    lay_flags,
-    lay_numbers,
-    lay_some_numbers,
-    lay_some_texts,
     write_elevation,
 )
 from app.request import ReportRequest
@@ -219,13 +219,13 @@ def test_the_text_is_in_seconds_and_degrees(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64])
 def test_numbers_keep_their_type(kind: type) -> None:
-    column = lay_numbers(np.array([0.5, -1.25, 180.0], kind))
+    column = build_numbers(np.array([0.5, -1.25, 180.0], kind))
 
     assert column.equals(pa.array([0.5, -1.25, 180.0], pa.from_numpy_dtype(kind)))
 
 
 def test_every_second_number_of_a_longer_array_is_laid_close() -> None:
-    column = lay_numbers(np.arange(6.0)[::2])
+    column = build_numbers(np.arange(6.0)[::2])
 
     assert column.to_pylist() == [0.0, 2.0, 4.0]
 
@@ -233,16 +233,16 @@ def test_every_second_number_of_a_longer_array_is_laid_close() -> None:
 def test_more_flags_than_a_byte_holds_stay_in_order() -> None:
     flags = [True, False, False, True, True, False, True, False, True]
 
-    assert lay_flags(np.array(flags)).to_pylist() == flags
+    assert build_flags(np.array(flags)).to_pylist() == flags
 
 
 def test_a_number_that_is_not_there_is_null() -> None:
-    column = lay_some_numbers([1.5, None, 3])
+    column = build_nullable_numbers([1.5, None, 3])
 
     assert column.equals(pa.array([1.5, None, 3.0], pa.float64()))
 
 
 def test_a_text_that_is_not_there_is_null_and_an_empty_one_is_empty() -> None:
-    column = lay_some_texts(["é", None, "", "S012"])
+    column = build_nullable_texts(["é", None, "", "S012"])
 
     assert column.equals(pa.array(["é", None, "", "S012"], pa.string()))

@@ -249,7 +249,7 @@ def _accept(body: dict[str, Any], job: Job) -> JSONResponse:
 
 # Progress as server-sent events, for pages; polling stays the contract.
 
-LOOK_S = 0.25
+CHECK_PERIOD_S = 0.25
 QUIET_S = 15.0
 
 
@@ -283,7 +283,7 @@ async def _stream_changes(
             yield ": still here\n\n"
         if job.is_over:
             return
-        await anyio.sleep(LOOK_S)
+        await anyio.sleep(CHECK_PERIOD_S)
 
 
 ReportLanguage = Annotated[

@@ -19,11 +19,11 @@ from app.report.export.tables import (
     Origin,
     Row,
     add_origin,
+    build_problem_row,
     encode_summary,
     encode_table,
     summarise_failure,
     summarise_results,
-    tell_problem,
 )
 from app.report.figures import load_results
 from app.services import Services, UsedLanguage, UsedServices
@@ -127,9 +127,11 @@ def get_batch_problems(batch_id: str, services: UsedServices, language: UsedLang
     for job in _find_ended(services, batch_id):
         if job.state is not JobState.SUCCEEDED:
             code, facts = job.problem_code or CANCELLED, job.problem_facts
-            rows.append(tell_problem(_build_origin(job), code, facts, language))
+            rows.append(build_problem_row(_build_origin(job), code, facts, language))
         elif _is_damaged(services, job):
-            rows.append(tell_problem(_build_origin(job), ResultDamaged.code, {"name": RESULTS}, language))
+            rows.append(
+                build_problem_row(_build_origin(job), ResultDamaged.code, {"name": RESULTS}, language)
+            )
     return respond_with_file(encode_table(PROBLEM_COLUMNS, rows), MEDIA_TYPES["csv"], "problems.csv")
 
 

@@ -50,7 +50,7 @@ from app.library.recordings import Description, Purged, StoredRow
 from app.ops.copies import find_backup_term, renew_copies
 from app.request import ReportRequest
 from app.services import Services, UsedServices
-from app.store.folder import StoredRecording, borrow_recording, seems_whole
+from app.store.folder import StoredRecording, borrow_recording, seems_intact
 from fusion.diary import DiaryEntry, read_diary
 
 router = APIRouter(prefix="/api/v1/recordings", responses=PROBLEM_RESPONSES, tags=["recordings"])
@@ -131,7 +131,7 @@ def list_recordings(
 def get_recording(recording_id: str, services: UsedServices) -> RecordingView:
     """Return one recording, with its ETag; ``damage`` tells where its bytes are gone or altered."""
     row = services.recordings.get(recording_id)
-    is_whole = seems_whole(services.storage, StoredRecording(row.id, row.sha256, row.size_bytes))
+    is_whole = seems_intact(services.storage, StoredRecording(row.id, row.sha256, row.size_bytes))
     view = view_recording(row).model_copy(update={} if is_whole else {"damage": StoreDamaged.code})
     return JSONResponse(view.model_dump(), headers={"ETag": _tag(row)})  # type: ignore[return-value]
 
@@ -208,7 +208,7 @@ def get_inspection(
 
 
 def _inspect(services: Services, row: StoredRow, rate_hz: float | None = None) -> dict[str, Any]:
-    if not seems_whole(services.storage, StoredRecording(row.id, row.sha256, row.size_bytes)):
+    if not seems_intact(services.storage, StoredRecording(row.id, row.sha256, row.size_bytes)):
         raise StoreDamaged
     if row.inspection is not None and rate_hz is None:
         return dict(row.inspection)

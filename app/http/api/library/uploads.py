@@ -167,7 +167,7 @@ def _acknowledge(upload: Upload, services: Services, commit: Callable[[StoredRec
     try:
         return commit(stored)
     except BaseException:
-        if not services.store.may_hold(stored.id):  # the answer to a commit can be lost on its way
+        if not services.store.may_have_row(stored.id):  # the answer to a commit can be lost on its way
             services.storage.drop_recording(stored.id)
         raise
 
@@ -314,7 +314,7 @@ def get_upload_row(services: Services, upload_id: str) -> UploadRow:
         raise PurgedSince
     found_bytes = services.incoming.measure(upload_id)
     if row.recording_id is None and found_bytes < row.offset_bytes:
-        return services.uploads.step_back(row, found_bytes)
+        return services.uploads.reset_offset(row, found_bytes)
     return row
 
 
@@ -340,7 +340,7 @@ def finish_upload(services: Services, row: UploadRow, way_in: WayIn = "api") -> 
             paper, whole = services.settings.paper, declared.complete(row.about)
             asked = whole.build_request(row.about.file_name, declared.lang or "en", paper)
     counts = services.uploads.finish(row, stored, asked, way_in, study)
-    if counts != stored.id and not services.store.may_hold(stored.id):
+    if counts != stored.id and not services.store.may_have_row(stored.id):
         services.storage.drop_recording(stored.id)
     services.incoming.forget(row.id)
     return services.uploads.get(row.id)

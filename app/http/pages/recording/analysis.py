@@ -32,8 +32,8 @@ from app.http.pages.views import (
     build_row,
     build_settings,
     describe_old,
+    find_durations,
     find_neighbours,
-    find_took,
     format_size,
     format_time,
     format_times,
@@ -60,7 +60,7 @@ from app.report.words.wording import (
 )
 from app.request import LONGEST_CONCLUSION, LONGEST_SUBJECT, Conclusion, ConclusionDraft, ReportRequest
 from app.services import Services, choose_language, find_services
-from app.store.folder import StoredRecording, seems_whole
+from app.store.folder import StoredRecording, seems_intact
 from fusion.errors import SeveralSensors
 from fusion.pose.rules import WINDOW_FAULTS
 from fusion.recording import MICROSECONDS
@@ -179,7 +179,7 @@ def build_damage(page: Page, facts: Mapping[str, ProblemFact]) -> Damage | None:
 def describe_source(page: Page, job: Job) -> Problem | None:
     """Describe a damaged or missing recording of an analysis; None if it seems whole."""
     stored = StoredRecording(job.recording_id, job.sha256, job.size_bytes)
-    is_whole = seems_whole(page.services.storage, stored)
+    is_whole = seems_intact(page.services.storage, stored)
     return None if is_whole else describe_problem(StoreDamaged.code, {}, page.language)
 
 
@@ -375,7 +375,7 @@ def rows(page: UsedPage, only: str = "") -> Response:
     if not only:
         return page.render("library/rows.html", **build_library(page, read_filter(page.request)))
     entry = Entry(page.services.store.get(only), None)
-    entries = [build_entry(entry, page.language, find_took(page.services, [entry]))]
+    entries = [build_entry(entry, page.language, find_durations(page.services, [entry]))]
     return page.render("library/rows.html", entries=entries, is_empty=False, count="", query="")
 
 
@@ -397,7 +397,7 @@ def analysis(analysis_id: str, page: UsedPage, seen: Annotated[Seen, Query()]) -
     clock, failed = find_clock(services, history), history.find_failed(job)
     report = next(iter(history.reports), None)
     is_current = report is not None and report.id == job.id
-    entry = build_entry(Entry(job, None), language, find_took(services, [Entry(job, None)]))
+    entry = build_entry(Entry(job, None), language, find_durations(services, [Entry(job, None)]))
     subject = find_subject(page.request)
     own_name = find_person_name(page.request, subject.id)
     return page.render(

@@ -1,1 +1,1 @@
-"""The changes of the tables, one file for each; see ``docs/decisions/0018-two-databases.md``."""
+"""Changes of the tables, one file each; see ``docs/decisions/0018-two-databases.md``."""

@@ -1,7 +1,7 @@
 """The baseline: every table of the code.
 
 Before the first release a change of the tables changes ``REVISION`` of the tables module, and older data
-folders are refused. The first migration after the release writes these tables out first.
+folders are refused. The first migration after the release must first write out these tables.
 """
 
 from alembic import op

@@ -1,7 +1,7 @@
-"""Logging in by a password and a second factor, and proving again who one is.
+"""Sign-in with a password and a second factor, and confirmation of an active session.
 
-A session begins only once every step is done. A wrong name, a wrong password and an ended account are refused
-alike, and each costs one hash.
+A session begins only after every step. A wrong name, a wrong password and a disabled account get the same
+refusal, and each costs one hash.
 """
 
 import hmac
@@ -25,30 +25,30 @@ from app.accounts.accounts import (
     Person,
     hash_secret,
     normalise_login,
-    note_act,
+    record_act,
 )
 from app.accounts.subjects import Subject
 from app.errors import LoginRefused, SecondFactorLost, SecretUnreadable, TicketSpent, TooManyTries
-from app.library.audit_log import NOBODY, find_actor
+from app.library.audit_log import NOBODY, get_actor
 from app.library.database.tables import known_browsers, link_uses, people, recovery_codes, tickets, tries
 from app.library.rows import format_now
 from app.settings import Settings
 from app.store.folder import load_extra
 
-# What people log in with.
+# Stored credentials.
 
 
 UNOPENED = "?"
-"""In place of an authenticator's secret whose key is not here: no code is right, recovery codes are."""
+"""Replaces an authenticator's secret that cannot be decrypted: no code is right, but recovery codes work."""
 BROWSER_BYTES = 32
 BROWSER_TERM_S = 400 * 24 * 3600
-"""As long as browsers keep a cookie at most."""
+"""Maximum lifetime of a cookie in browsers."""
 
 logger = logging.getLogger(__name__)
 
 
 def name_second_factor(person_id: str) -> str:
-    """Name what the secret of an authenticator is encrypted about: no row opens as another person's."""
+    """Return the context of an authenticator's encrypted secret, which ties it to the person."""
     return f"second factor of {person_id}"
 
 
@@ -56,7 +56,7 @@ def name_second_factor(person_id: str) -> str:
 class LinkUse:
     """A password was set by a link: ``made_by`` (an id, or ``machine``) made it, ``address`` used it.
 
-    ``is_told``: the person knows.
+    ``is_told``: the person has been informed.
     """
 
     made_by: str
@@ -67,9 +67,9 @@ class LinkUse:
 
 @dataclass(frozen=True, slots=True)
 class Credentials:
-    """What is kept of one person's ways in.
+    """The stored credentials of one person.
 
-    ``second_factor``: an authenticator's secret, "" for none, :data:`UNOPENED` where its key is lost.
+    ``second_factor``: an authenticator's secret, "" for none, :data:`UNOPENED` if its key is lost.
     """
 
     person_id: str
@@ -79,30 +79,31 @@ class Credentials:
 
 
 class CredentialStore:
-    """Rows of what people log in with."""
+    """Credentials in the database."""
 
     def __init__(self, accounts: AccountStore) -> None:
         self._database, self._clock, self._secrets = accounts.database, accounts.clock, accounts.secrets
 
     def find(self, login: str) -> Credentials | None:
-        """Find what a person may log in with, by the login name; None where nobody may by this name."""
+        """Find a person's credentials by sign-in name; None if no active account has this name."""
         return self._find(people.c.login == normalise_login(login))
 
     def find_of(self, person_id: str) -> Credentials | None:
-        """Find what a person may log in with."""
+        """Find a person's credentials by id."""
         return self._find(people.c.id == person_id)
 
     def set_password(self, person_id: str, password_hash: str, *, is_new: bool = True) -> None:
-        """Keep the hash of a password; ``is_new``: of another one than before."""
+        """Store the hash of a password; ``is_new``: the password has changed, not only its hash."""
         with self._database.write() as connection:
             mine = update(people).where(people.c.id == person_id)
             connection.execute(mine.values(password_hash=password_hash))
             if is_new:
-                note_act(connection, "password.changed", person_id)
+                record_act(connection, "password.changed", person_id)
 
     def set_password_by_link(self, person: Person, password_hash: str, use: LinkUse) -> None:
-        """Keep the hash of a password that was set by a link, and by which one."""
-        told_at = None if person.has_password else format_now()  # the first is no news to who was invited
+        """Store the hash of a password that was set through a link, and record the link's use."""
+        # an invited person need not be informed of the first password
+        told_at = None if person.has_password else format_now()
         row = {"made_by": use.made_by, "address": use.address, "used_at": format_now(), "told_at": told_at}
         with self._database.write() as connection:
             mine = update(people).where(people.c.id == person.id)
@@ -110,21 +111,21 @@ class CredentialStore:
             connection.execute(delete(link_uses).where(link_uses.c.person_id == person.id))
             connection.execute(insert(link_uses).values(row | {"person_id": person.id}))
             by = {"by": "link", "made_by": use.made_by, "address": use.address}
-            note_act(connection, "password.changed", person.id, **by)
+            record_act(connection, "password.changed", person.id, **by)
 
     def find_link_use(self, person_id: str) -> LinkUse | None:
-        """Find the link by which a person's password was last set; None where it was not by one."""
+        """Find the link through which a person's password was last set; None if it was set otherwise."""
         row = self._database.read_one(select(link_uses).where(link_uses.c.person_id == person_id))
         return LinkUse(row.made_by, row.address, row.used_at, row.told_at is not None) if row else None
 
-    def note_told(self, person_id: str) -> None:
-        """Note that a person knows of the link."""
+    def mark_link_use_shown(self, person_id: str) -> None:
+        """Record that a person has been informed of the link."""
         with self._database.write() as connection:
             mine = update(link_uses).where(link_uses.c.person_id == person_id)
             connection.execute(mine.values(told_at=format_now()))
 
     def set_second_factor(self, person_id: str, secret: str, step: int, codes: Collection[str]) -> None:
-        """Keep an authenticator and its recovery codes in place of those before; "" for none."""
+        """Replace an authenticator and its recovery codes; an empty secret turns it off."""
         sealed = self._secrets.encrypt(secret, name_second_factor(person_id)).encode() if secret else None
         values = {"totp_secret": sealed, "totp_step": step}
         with self._database.write() as connection:
@@ -133,35 +134,35 @@ class CredentialStore:
             rows = [{"person_id": person_id, "hash": hash_secret(code)} for code in codes]
             if rows:
                 connection.execute(insert(recovery_codes), rows)
-            note_act(connection, "second_factor.changed", person_id, what="on" if secret else "off")
+            record_act(connection, "second_factor.changed", person_id, what="on" if secret else "off")
 
     def use_step(self, person_id: str, step: int) -> bool:
-        """Use up the step of a code; False where it, or a later one, was used: of two at once one wins."""
+        """Use up the step of a code; return False if it or a later one was used, even at the same time."""
         with self._database.write() as connection:
             unused = (people.c.id == person_id, people.c.totp_step < step)
             used = connection.execute(update(people).where(*unused).values(totp_step=step))
         return used.rowcount == 1
 
     def use_recovery_code(self, person_id: str, code: str) -> bool:
-        """Use up a recovery code; False where there is none such."""
+        """Use up a recovery code; return False if it does not exist."""
         with self._database.write() as connection:
             mine = (recovery_codes.c.person_id == person_id, recovery_codes.c.hash == hash_secret(code))
             used = connection.execute(delete(recovery_codes).where(*mine))
         return used.rowcount == 1
 
     def count_recovery_codes(self, person_id: str) -> int:
-        """Count the recovery codes that are left."""
+        """Return the number of unused recovery codes."""
         mine = recovery_codes.c.person_id == person_id
         return int(self._database.read_value(select(func.count()).select_from(recovery_codes).where(mine)))
 
     def knows_browser(self, browser: str, person_id: str) -> bool:
-        """Return whether a person has logged in in this browser before."""
+        """Return whether a person has signed in with this browser before."""
         is_it = (known_browsers.c.hash == hash_secret(browser), known_browsers.c.person_id == person_id)
         recent = known_browsers.c.used_s > self._clock() - BROWSER_TERM_S
         return self._database.read_one(select(known_browsers).where(*is_it, recent)) is not None
 
-    def note_browser(self, browser: str, person_id: str) -> str:
-        """Note that a person logged in in a browser; gives its new name, for the one before may be known."""
+    def remember_browser(self, browser: str, person_id: str) -> str:
+        """Record a sign-in with a browser; return the browser's new name, as the old one may be known."""
         name, before, now_s = secrets.token_urlsafe(BROWSER_BYTES), hash_secret(browser), self._clock()
         with self._database.write() as connection:
             old = known_browsers.c.used_s <= now_s - BROWSER_TERM_S
@@ -184,49 +185,49 @@ class CredentialStore:
         except SecretUnreadable:
             secret = UNOPENED
             logger.error(
-                "the second factor of %s cannot be read: put server.key back, or "
+                "the second factor of %s cannot be read: restore server.key, or run "
                 "acromion account reset LOGIN --second-factor",
                 row.id,
             )
         return Credentials(row.id, row.password_hash, secret, row.totp_step)
 
 
-# Delays after wrong logins.
+# Delays after failed sign-ins.
 
 
 FORGET_S = 3600.0
-"""So long after the last wrong try nothing is held against anybody."""
-TOLD_S = 15 * 60.0
-"""So long a further try that had to wait is no further line."""
+"""Time after the last failed attempt until all attempts are forgotten."""
+LOG_PERIOD_S = 15 * 60.0
+"""Time during which further delayed attempts add no line to the audit log."""
 
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """Whose tries are counted: the first ``free`` cost no time, then 1, 2, 4 … s up to ``longest_s``."""
+    """A counter of attempts: the first ``free`` cost no time, then 1, 2, 4 … s up to ``longest_s``."""
 
     key: str
     free: int
     longest_s: float
 
     def find_delay_s(self, failures: int) -> float:
-        """Return the delay before the next try, s."""
+        """Return the delay before the next attempt in s."""
         return min(self.longest_s, 2.0 ** (failures - self.free)) if failures >= self.free else 0.0
 
 
 class Throttle:
-    """Rows of tries.
+    """Counts attempts in the database.
 
-    A try counts before it is looked at, so that many at once get no more than many in a row. Who knows a
-    password gets his try back. A stranger's tries delay the account and his address, never a browser that is
-    known. Tries that had to wait are a line of the audit log, once for each account, address or browser in
-    15 minutes.
+    An attempt is counted before it is checked, so that simultaneous attempts gain nothing. A right password
+    takes back its attempt. A stranger's attempts delay the account and the stranger's address, but never a
+    known browser. Delayed attempts add a line to the audit log, once per account, address or browser in 15
+    minutes.
     """
 
     def __init__(self, database: AccountDatabase, clock: Callable[[], float] = time.time) -> None:
         self._database, self._clock = database, clock
 
     def take(self, budgets: Collection[Budget], person_id: str = "") -> None:
-        """Count a try, or refuse it before anything is computed; ``person_id``: whom it is about, if known.
+        """Count an attempt, or refuse it before anything is computed; ``person_id``: its person, if known.
 
         Raises TooManyTries.
         """
@@ -240,40 +241,40 @@ class Throttle:
                     delay_s = budget.find_delay_s(failures + 1)
                     _write_tries(connection, budget.key, failures + 1, now_s + delay_s)
                 elif until_s > now_s:
-                    _note_throttled(connection, budget.key, person_id, now_s)
+                    _record_throttled(connection, budget.key, person_id, now_s)
         if wait_s > 0:
             raise TooManyTries(wait_s=ceil(wait_s))
 
-    def give_back(self, budgets: Collection[Budget]) -> None:
-        """Take back a try that was right; what was wrong before stays counted."""
+    def refund(self, budgets: Collection[Budget]) -> None:
+        """Take back a successful attempt; earlier failed ones stay counted."""
         with self._database.write() as connection:
             for budget in budgets:
                 failures, _ = _read_tries(connection, budget.key)
                 _write_tries(connection, budget.key, max(failures - 1, 0), self._clock())
 
     def clear(self, budgets: Collection[Budget]) -> None:
-        """Hold nothing against whoever has logged in; against the address only one try less.
+        """Clear all attempts after a sign-in; of the address take back only one.
 
-        Somebody with an account of his own must not clear his address by it.
+        Otherwise a person could clear an address by signing in to another account.
         """
-        self.give_back([budget for budget in budgets if budget.key.startswith("address:")])
+        self.refund([budget for budget in budgets if budget.key.startswith("address:")])
         own = [budget.key for budget in budgets if not budget.key.startswith("address:")]
         with self._database.write() as connection:
             connection.execute(delete(tries).where(tries.c.key.in_(own)))
 
 
 def limit_code(person_id: str) -> Budget:
-    """Count tries of a person's second factor: the right password does not clear them."""
+    """Return the counter for a person's second factor; the right password does not clear it."""
     return Budget(f"code:{person_id}", 5, 300.0)
 
 
 def limit_address(address: str) -> Budget:
-    """Count tries from one address; of IPv6 one network, as a household has."""
+    """Return the counter for one address, or for one IPv6 network, which a household shares."""
     return Budget(f"address:{find_network(address)}", 10, 900.0)
 
 
 def find_network(address: str) -> str:
-    """Return the key under which tries of an address are counted: itself, or its network for IPv6."""
+    """Return the key for counting attempts of an address: itself, or its network for IPv6."""
     try:
         known = ip_address(address)
     except ValueError:
@@ -293,48 +294,48 @@ def _write_tries(connection: Connection, key: str, failures: int, until_s: float
         connection.execute(insert(tries).values(key=key, **values))
 
 
-def _note_throttled(connection: Connection, key: str, person_id: str, now_s: float) -> None:
-    """Note that tries had to wait, unless that was noted a short time ago.
+def _record_throttled(connection: Connection, key: str, person_id: str, now_s: float) -> None:
+    """Record that attempts had to wait, unless that was recorded recently.
 
-    An address says nothing of a person.
+    An entry about an address names no person.
     """
-    kind, told = key.partition(":")[0], f"told:{key}"
-    if _read_tries(connection, told)[1] <= now_s:
-        _write_tries(connection, told, 0, now_s + TOLD_S)
-        note_act(connection, "login.throttled", "" if kind == "address" else person_id, by=kind)
+    kind, log_key = key.partition(":")[0], f"told:{key}"
+    if _read_tries(connection, log_key)[1] <= now_s:
+        _write_tries(connection, log_key, 0, now_s + LOG_PERIOD_S)
+        record_act(connection, "login.throttled", "" if kind == "address" else person_id, by=kind)
 
 
-# What works once.
+# Single-use tickets.
 
 
 Purpose = Literal["password", "code", "enrol", "provider"]
-"""``password``: set one; ``code``, ``enrol``: give or set up the second factor; ``provider``: return."""
+"""``password``: set one; ``code``, ``enrol``: enter or set up the second factor; ``provider``: return."""
 
 TICKET_BYTES = 32
 
 
 @dataclass(frozen=True, slots=True)
 class Ticket:
-    """Whom it is for ("" before anybody is known), and what it was told to keep."""
+    """Content of a ticket: its person ("" if not known yet) and the stored data."""
 
     person_id: str
-    told: Mapping[str, Any]
+    data: Mapping[str, Any]
 
 
 class TicketStore:
-    """Rows of tickets; of each only the digest is kept."""
+    """Tickets in the database; only their digests are stored."""
 
     def __init__(self, database: AccountDatabase, clock: Callable[[], float] = time.time) -> None:
         self._database, self._clock = database, clock
 
-    def make(self, purpose: Purpose, term_s: float, person_id: str = "", **told: Any) -> str:
-        """Make a ticket; gives it. A person's earlier one for a new password no longer works."""
+    def make(self, purpose: Purpose, term_s: float, person_id: str = "", **data: Any) -> str:
+        """Create and return a ticket. A new "password" ticket replaces the person's earlier one."""
         ticket = secrets.token_urlsafe(TICKET_BYTES)
         row = {
             "hash": hash_secret(ticket),
             "purpose": purpose,
             "person_id": person_id or None,
-            "told": json.dumps(told),
+            "told": json.dumps(data),
             "expires_s": self._clock() + term_s,
         }
         with self._database.write() as connection:
@@ -342,16 +343,16 @@ class TicketStore:
             if purpose == "password":
                 earlier = (tickets.c.person_id == person_id, tickets.c.purpose == purpose)
                 connection.execute(delete(tickets).where(*earlier))
-                note_act(connection, "link.made", person_id)
+                record_act(connection, "link.made", person_id)
             connection.execute(insert(tickets).values(row))
         return ticket
 
-    def look(self, purpose: Purpose, ticket: str) -> Ticket:
+    def peek(self, purpose: Purpose, ticket: str) -> Ticket:
         """Return the content of a ticket without using it up. Raises TicketSpent."""
         return _read_ticket(self._database.read_one(select(tickets).where(*self._find(purpose, ticket))))
 
     def take(self, purpose: Purpose, ticket: str) -> Ticket:
-        """Use a ticket up; of two who try at once one gets it. Raises TicketSpent."""
+        """Use up a ticket; of two simultaneous attempts one succeeds. Raises TicketSpent."""
         with self._database.write() as connection:
             found = self._find(purpose, ticket)
             row = connection.execute(select(tickets).where(*found)).one_or_none()
@@ -371,7 +372,7 @@ def _read_ticket(row: Any | None) -> Ticket:
 
 EXTRA = "trust"
 STEP_TERM_S = 10 * 60.0
-"""So long a login may stand between two steps."""
+"""Maximum time between two steps of a sign-in."""
 INVITED_S = 7 * 24 * 3600.0
 FORGOTTEN_S = 3600.0
 STEP_DIGITS = 6
@@ -381,7 +382,7 @@ _ADDRESS = re.compile(r"[^0-9A-Za-z.:]")
 
 @dataclass(frozen=True, slots=True)
 class Caller:
-    """From where somebody tries: an address, and the name of the browser ("" for a new one)."""
+    """Origin of an attempt: an address, and the name of the browser ("" for a new one)."""
 
     address: str
     browser: str
@@ -389,7 +390,7 @@ class Caller:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """What follows a right password: ``in`` (for ``person_id``), or with ``ticket`` a code, or its set-up."""
+    """The next step after a password: ``in`` for ``person_id``, or ``code`` or ``enrol`` with ``ticket``."""
 
     next: Literal["in", "code", "enrol"]
     person_id: str
@@ -397,19 +398,19 @@ class Step:
 
 
 @dataclass(frozen=True, slots=True)
-class Entered:
-    """A login that is done: the values of both cookies.
+class SignedIn:
+    """A completed sign-in: the values of both cookies.
 
-    ``is_to_be_told``: the password was set by a link since, which the person is to be told.
+    ``must_show_link_use``: the password was set through a link since; the page must inform the person.
     """
 
     session: str
     browser: str
-    is_to_be_told: bool = False
+    must_show_link_use: bool = False
 
 
-class Logins:
-    """Passwords, codes and links of an installation; needs the extra ``trust``."""
+class SignIn:
+    """Sign-in with passwords, codes and links; needs the extra ``trust``."""
 
     def __init__(self, accounts: AccountStore, settings: Settings) -> None:
         self.accounts, self.credentials = accounts, CredentialStore(accounts)
@@ -417,56 +418,56 @@ class Logins:
         self.throttle = Throttle(accounts.database, accounts.clock)
         self._must_enrol = settings.second_factor == "required"
 
-    # Logging in.
+    # Sign-in.
 
-    def give_password(self, login: str, password: str, caller: Caller) -> Step:
-        """Take the first step. Raises LoginRefused, TooManyTries or NotInstalled."""
+    def submit_password(self, login: str, password: str, caller: Caller) -> Step:
+        """Check the password. Raises LoginRefused, TooManyTries or NotInstalled."""
         found = self.credentials.find(login)
         budgets = self._take(found, caller, self._limit_login(normalise_login(login)))
         kept = found.password_hash if found is not None else None
         if not self._passwords.verify_password(kept, password) or found is None:
-            logger.warning("login refused: name or password")
-            self.accounts.note_refusal(found.person_id if found is not None else "")
+            logger.warning("sign-in refused: name or password")
+            self.accounts.record_refused_sign_in(found.person_id if found is not None else "")
             raise LoginRefused
         if kept is not None and self._passwords.needs_rehash(kept):
             hashed = self._passwords.hash_password(password)
             self.credentials.set_password(found.person_id, hashed, is_new=False)
         if found.second_factor:
-            self.throttle.give_back(budgets)
+            self.throttle.refund(budgets)
             return Step("code", found.person_id, self.tickets.make("code", STEP_TERM_S, found.person_id))
         self.throttle.clear(budgets)
         if self._must_enrol:
             return Step("enrol", found.person_id, self.begin_enrolment(found.person_id))
         return Step("in", found.person_id)
 
-    def give_code(self, ticket: str, code: str, caller: Caller) -> Entered:
-        """Take the second step: a code of the authenticator, or a recovery code.
+    def submit_code(self, ticket: str, code: str, caller: Caller) -> SignedIn:
+        """Check the second step: an authenticator code or a recovery code.
 
         Raises LoginRefused, SecondFactorLost, TooManyTries, TicketSpent or NotInstalled.
         """
-        person_id = self.tickets.look("code", ticket).person_id
+        person_id = self.tickets.peek("code", ticket).person_id
         found = self.credentials.find_of(person_id)
         budgets = self._take(found, caller, limit_code(person_id))
         self._check_second_factor(found, code, budgets)
         if found is None or not self._is_code(found, code):
-            logger.warning("login refused: the second factor")
-            self.accounts.note_refusal(person_id)
+            logger.warning("sign-in refused: the second factor")
+            self.accounts.record_refused_sign_in(person_id)
             raise LoginRefused
         self.tickets.take("code", ticket)
         self.throttle.clear((*budgets, self._limit_login(self.accounts.get_person(person_id).login)))
         return self.enter(person_id, caller)
 
-    def enter(self, person_id: str, caller: Caller) -> Entered:
-        """Begin a session, in a browser that is known from now on."""
-        browser = self.credentials.note_browser(caller.browser, person_id)
+    def enter(self, person_id: str, caller: Caller) -> SignedIn:
+        """Begin a session, and remember the browser."""
+        browser = self.credentials.remember_browser(caller.browser, person_id)
         use = self.credentials.find_link_use(person_id)
         is_news = use is not None and not use.is_told
-        return Entered(self.accounts.begin_session(person_id), browser, is_news)
+        return SignedIn(self.accounts.begin_session(person_id), browser, is_news)
 
     def confirm(self, subject: Subject, proof: str, caller: Caller) -> str:
-        """Take the password, or a code of the authenticator, again from somebody who is logged in.
+        """Check the password, or an authenticator code, of a signed-in person again.
 
-        Gives the new cookie of the session. Raises LoginRefused, SecondFactorLost, TooManyTries or
+        Returns the new cookie of the session. Raises LoginRefused, SecondFactorLost, TooManyTries or
         NotInstalled.
         """
         found = self.credentials.find_of(subject.id)
@@ -487,22 +488,22 @@ class Logins:
     # The second factor.
 
     def begin_enrolment(self, person_id: str) -> str:
-        """Make a secret for an authenticator; it counts once a code of it was given. Gives the ticket."""
+        """Create an authenticator secret and return its ticket; the first right code turns it on."""
         secret = self.accounts.secrets.encrypt(self._passwords.make_secret(), name_second_factor(person_id))
         return self.tickets.make("enrol", STEP_TERM_S, person_id, secret=secret)
 
     def show_enrolment(self, ticket: str) -> tuple[str, str]:
-        """Return the secret of an enrolment, as text and as a drawing. Raises TicketSpent or NotInstalled."""
-        found = self.tickets.look("enrol", ticket)
+        """Return the secret of an enrolment as text and as a QR code. Raises TicketSpent or NotInstalled."""
+        found = self.tickets.peek("enrol", ticket)
         secret, person = self._open_secret(found), self.accounts.get_person(found.person_id)
         return secret, self._passwords.draw_secret(secret, person.login)
 
     def enrol(self, ticket: str, code: str) -> tuple[str, Sequence[str]]:
-        """Turn an authenticator on by its first code; gives the person and the recovery codes.
+        """Turn on an authenticator with its first code; return the person and the recovery codes.
 
         Raises LoginRefused, TicketSpent or NotInstalled.
         """
-        found = self.tickets.look("enrol", ticket)
+        found = self.tickets.peek("enrol", ticket)
         secret = self._open_secret(found)
         step = self._passwords.find_step(secret, code, self.accounts.clock(), 0)
         if step is None:
@@ -513,36 +514,36 @@ class Logins:
         return found.person_id, codes
 
     def _open_secret(self, ticket: Ticket) -> str:
-        return self.accounts.secrets.decrypt(str(ticket.told["secret"]), name_second_factor(ticket.person_id))
+        return self.accounts.secrets.decrypt(str(ticket.data["secret"]), name_second_factor(ticket.person_id))
 
     def drop_second_factor(self, person_id: str) -> None:
-        """Turn the authenticator off; where it is required the next login sets one up."""
+        """Turn off the authenticator; if it is required, the next sign-in sets up a new one."""
         self.credentials.set_second_factor(person_id, "", 0, ())
 
     # Passwords.
 
     def make_link(self, person_id: str, term_s: float) -> str:
-        """Make the last part of an address that works once, by which a person chooses a password."""
-        return self.tickets.make("password", term_s, person_id, made_by=find_actor())
+        """Create the last part of a single-use link with which a person chooses a password."""
+        return self.tickets.make("password", term_s, person_id, made_by=get_actor())
 
     def set_password_by_link(self, ticket: str, password: str, address: str) -> Person:
-        """Set a password by a link, used from ``address``; every session of the person ends.
+        """Set a password through a link, used from ``address``, and end every session of the person.
 
-        No session begins: the person logs in by it then, with the second factor. Raises TicketSpent,
-        WeakPassword or NotInstalled.
+        The person must then sign in with it and the second factor. Raises TicketSpent, WeakPassword or
+        NotInstalled.
         """
-        person = self.accounts.get_person(self.tickets.look("password", ticket).person_id)
+        person = self.accounts.get_person(self.tickets.peek("password", ticket).person_id)
         self.check_password(person, password)
-        told = self.tickets.take("password", ticket).told
-        use = LinkUse(str(told.get("made_by", NOBODY)), _ADDRESS.sub("-", address)[:LONGEST_ADDRESS])
+        data = self.tickets.take("password", ticket).data
+        use = LinkUse(str(data.get("made_by", NOBODY)), _ADDRESS.sub("-", address)[:LONGEST_ADDRESS])
         self.credentials.set_password_by_link(person, self._passwords.hash_password(password), use)
         self.accounts.end_sessions(person.id)
         return person
 
     def change_password(self, subject: Subject, proof: str, password: str, caller: Caller) -> str:
-        """Set another password, by the one before; every other session of the person ends.
+        """Change the password after checking the old one, and end the person's other sessions.
 
-        Gives the new cookie of the session. Raises LoginRefused, TooManyTries, WeakPassword or
+        Returns the new cookie of the session. Raises LoginRefused, TooManyTries, WeakPassword or
         NotInstalled.
         """
         person = self.accounts.get_person(subject.id)
@@ -556,7 +557,7 @@ class Logins:
         self._passwords.check_password(password, (person.login.partition("@")[0], *person.name.split()))
 
     def set_password(self, person: Person, password: str, but: str = "") -> None:
-        """Set a password that was checked; every session of the person but one ends."""
+        """Store a checked password, and end every session of the person except one."""
         self.credentials.set_password(person.id, self._passwords.hash_password(password))
         self.accounts.end_sessions(person.id, but)
 
@@ -565,7 +566,7 @@ class Logins:
         return load_extra("app.accounts.passwords", EXTRA)
 
     def _take(self, found: Credentials | None, caller: Caller, of_person: Budget) -> Sequence[Budget]:
-        """Count a try: by the browser alone where the person logged in there before. Raises TooManyTries."""
+        """Count an attempt, for a known browser only against that browser. Raises TooManyTries."""
         known_as = found.person_id if found is not None else ""
         budgets: Sequence[Budget] = (of_person, limit_address(caller.address))
         if caller.browser and self.credentials.knows_browser(caller.browser, known_as):
@@ -574,21 +575,22 @@ class Logins:
         return budgets
 
     def _limit_login(self, login: str) -> Budget:
-        """Count tries of one name, whether or not there is such a person.
+        """Return the counter for one sign-in name, whether or not it exists.
 
-        Kept is its keyed digest, because people sometimes type a password: no guess can be tried on the rows.
-        The key comes from the secret of the server, so that all servers count together.
+        The key is a keyed digest of the name, because people sometimes type a password there and stored keys
+        must not allow guesses. The key comes from the server secret, so that all servers count together.
         """
         key = self.accounts.secrets.derive("logins")
-        return Budget(f"account:{hmac.digest(key, login.encode(), 'sha256').hex()}", 5, 300.0)
+        digest = hmac.digest(key, login.encode(), "sha256").hex()
+        return Budget(f"account:{digest}", 5, 300.0)
 
     def _check_second_factor(self, found: Credentials | None, code: str, budgets: Collection[Budget]) -> None:
-        """Refuse a code that cannot be compared, for the key is lost: a guess it is not, nor a wrong one.
+        """Refuse an authenticator code that cannot be checked because the key is lost, and do not count it.
 
         Raises SecondFactorLost.
         """
         if found is not None and found.second_factor == UNOPENED and _is_step(code):
-            self.throttle.give_back(budgets)
+            self.throttle.refund(budgets)
             raise SecondFactorLost
 
     def _is_code(self, found: Credentials, code: str) -> bool:
@@ -602,6 +604,6 @@ class Logins:
 
 
 def _is_step(code: str) -> bool:
-    """Return whether a code is an authenticator's, and no recovery code."""
+    """Return whether a code is an authenticator's, not a recovery code."""
     typed = code.replace(" ", "")
     return len(typed) == STEP_DIGITS and typed.isdecimal()

@@ -1,10 +1,10 @@
-"""Reports of several finished analyses: made in a child process when first asked for, then kept as a cache.
+"""Reports on several finished analyses: made in a child process at the first request, then cached.
 
-    folder/<key>/             the files of one report; digests.json holds the SHA-256 of each
-    folder/<key>.<hex>.part/  what is being made, with copies of the files that it is made from
+ folder/<key>/             the files of one report; digests.json contains the SHA-256 of each
+ folder/<key>.<hex>.part/  a report in progress, with copies of its source files
 
-Page and API ask here, so that both give the same bytes. A damaged or missing entry is made again. The entries
-hold subject codes: a purge removes them all, and a start removes what a crash left half made.
+Page and API both use this module, so that they return the same bytes. A damaged or missing entry is made
+again. The entries contain subject codes: a purge removes them all, and a start removes incomplete ones.
 """
 
 import hashlib
@@ -18,7 +18,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from app.analysis.attempt import Attempt, choose_limits, make_now
+from app.analysis.attempt import Attempt, choose_limits, run_and_wait
 from app.errors import RecordedProblem
 from app.library.results import ResultReader
 from app.library.rows import Job
@@ -30,9 +30,9 @@ from app.store.permissions import make_folder
 from app.version import software_revision
 
 AT_ONCE = 2
-"""Reports of two made at the same time; each child may use the memory of an analysis."""
+"""Maximum number of simultaneous child processes; each may use the memory of an analysis."""
 MOST_KEPT = 200
-"""Entries in the cache, of about 1 MB each; the oldest go first."""
+"""Maximum number of cache entries, of about 1 MB each; the oldest are removed first."""
 NEEDED = ("results.json", "elevation.parquet")
 DIGESTS = "digests.json"
 
@@ -40,12 +40,12 @@ DIGESTS = "digests.json"
 def load_and_make_pair(
     sources: tuple[Path, ...],
     asked: PairRequest | ProfileRequest,
-    _log: Path,
+    _recording_path: Path,
     _request: ReportRequest,
     out: Path,
     _on_stage: OnStage,
 ) -> None:
-    """Make a report of several in the child process, from the folders of finished analyses."""
+    """Make a report on several analyses in the child process, from the folders of finished analyses."""
     pair = importlib.import_module("app.analysis.pair")
     make = pair.make_profile if isinstance(asked, ProfileRequest) else pair.make_report_of_two
     make(sources, asked, out)
@@ -55,58 +55,58 @@ Asked_co = TypeVar("Asked_co", bound=PairRequest | ProfileRequest, covariant=Tru
 
 
 @dataclass(frozen=True, slots=True)
-class AskedJobs(Generic[Asked_co]):
-    """The finished analyses of a report of several, in order, and what is asked of them.
+class ReportJobs(Generic[Asked_co]):
+    """The finished analyses of a report on several, in order, and the request.
 
-    Of a pair: left, right and, where there is one, trunk. Of several days: those before a change first.
+    For a pair: left, right and optionally trunk. For several days: those before a change first.
     """
 
     jobs: tuple[Job, ...]
     request: Asked_co
 
     def identify(self) -> str:
-        """Hash attempts, request and software: the same three give the same report."""
+        """Return a hash of attempts, request and software: the same three give the same report."""
         tokens = [job.token for job in self.jobs]
         parts = (self.request.kind, asdict(self.request), tokens, software_revision())
         return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:32]
 
 
-AnyJobs = AskedJobs[PairRequest | ProfileRequest]
+AnyReportJobs = ReportJobs[PairRequest | ProfileRequest]
 
 
 @dataclass(frozen=True, slots=True)
 class PairReport:
-    """The files of a report of several analyses, in their folder."""
+    """The files of a report on several analyses, in their folder."""
 
     folder: Path
     request: PairRequest | ProfileRequest
 
     def read(self, name: str) -> bytes:
-        """Read a file."""
+        """Return the content of a file."""
         return (self.folder / name).read_bytes()
 
     def find(self, stem: str, kind: str, language: Language) -> str:
-        """Return the name of the report or the answer: ``report.en.pdf``; in the nearest language made."""
+        """Return the file name of report or answer in the nearest available language: ``report.en.pdf``."""
         return f"{stem}.{find_nearest(language, self.request.languages)}.{kind}"
 
     def read_drawings(self, language: Language) -> list[dict[str, str]]:
-        """Read the drawings of several days: title, alternative, note, and both SVGs of each."""
+        """Return the charts of several days: title, alternative, note, and both SVGs of each."""
         drawings: list[dict[str, str]] = json.loads(self.read(self.find("drawings", "json", language)))
         return drawings
 
     def read_figures(self) -> dict[str, Any]:
-        """Read the figures as ``pair.json``, ``comparison.json`` or ``profile.json`` holds them."""
+        """Return the figures from ``pair.json``, ``comparison.json`` or ``profile.json``."""
         figures: dict[str, Any] = json.loads(self.read(self.request.figures_name))
         return figures
 
     def read_sentences(self, language: Language) -> list[str]:
-        """Read the lines of the answer."""
+        """Return the lines of the answer."""
         return self.read(self.find("answer", "txt", language)).decode("utf-8").splitlines()
 
 
 @dataclass(frozen=True, slots=True)
 class PairReports:
-    """Makes reports of two, a few at once, and keeps them in a folder; whoever comes later waits."""
+    """Makes reports on several analyses, a few at once, and caches them in a folder; further callers wait."""
 
     settings: Settings
     results: ResultReader
@@ -115,22 +115,20 @@ class PairReports:
     _publishing: threading.Lock = field(default_factory=threading.Lock)
 
     def sweep(self) -> None:
-        """Remove what a crash left half made; only for the one server of this folder, before it serves."""
+        """Remove what a crash left incomplete; only for the one server of this folder, before it serves."""
         for left in self.folder.glob("*.part"):
             shutil.rmtree(left, ignore_errors=True)
 
     def forget_all(self) -> None:
-        """Remove every report of two; they are made again when asked for."""
+        """Remove every cached report; they are made again on request."""
         with self._publishing:
             shutil.rmtree(self.folder, ignore_errors=True)
 
-    def make(self, asked: AnyJobs) -> PairReport:
-        """Return a report of two, made now unless it is there and whole.
+    def make(self, asked: AnyReportJobs) -> PairReport:
+        """Return a report on several analyses, from the cache if it is intact.
 
-        Raises
-        ------
-        RecordedProblem, Crashed, Interrupted
-            As the child process met them; among the first are E-PAIR and E-DAYS
+        Raises ------ RecordedProblem, Crashed, Interrupted
+            From the child process; E-PAIR and E-DAYS are among the first
             (:class:`app.errors.CannotPair`, :class:`app.errors.CannotProfile`).
         NotHere, NotFinished, NoSuchFile, ResultDamaged
             One of the analyses cannot be read.
@@ -142,7 +140,7 @@ class PairReports:
                     self._make(asked, report)
         return report
 
-    def _make(self, asked: AnyJobs, report: PairReport) -> None:
+    def _make(self, asked: AnyReportJobs, report: PairReport) -> None:
         kept = report.folder
         staging = kept.with_name(f"{kept.name}.{secrets.token_hex(4)}.part")
         out = staging / "out"
@@ -151,25 +149,25 @@ class PairReports:
         make_folder(out)
         try:
             sources = tuple(staging / str(number) for number in range(len(asked.jobs)))
-            for job, folder in zip(asked.jobs, sources, strict=True):  # as ``acromion run`` makes them
+            for job, folder in zip(asked.jobs, sources, strict=True):  # named as ``acromion run`` names them
                 folder.mkdir()
                 for name in NEEDED:
                     with self.results.borrow(job, name) as path:
                         shutil.copyfile(path, folder / name)
             make = partial(load_and_make_pair, sources, asked.request)
             limits = choose_limits(self.settings, sum(job.size_bytes for job in asked.jobs))
-            make_now(Attempt(sources[0], ReportRequest(""), out, make, limits))
+            run_and_wait(Attempt(sources[0], ReportRequest(""), out, make, limits))
             digests = {path.name: hash_file(path) for path in out.iterdir()}
             (out / DIGESTS).write_text(json.dumps(digests))
             self._publish(asked, out, kept)
-        except (FileNotFoundError, RecordedProblem):  # a purge may have taken the folder away
+        except (FileNotFoundError, RecordedProblem):  # a purge may have removed the folder
             self._check_there(asked)
             raise
         finally:
             shutil.rmtree(staging, ignore_errors=True)
 
-    def _publish(self, asked: AnyJobs, out: Path, kept: Path) -> None:
-        """Keep what was made, unless one of the analyses was deleted meanwhile."""
+    def _publish(self, asked: AnyReportJobs, out: Path, kept: Path) -> None:
+        """Keep the new report, unless one of the analyses was deleted meanwhile."""
         with self._publishing:
             self._check_there(asked)
             shutil.rmtree(kept, ignore_errors=True)
@@ -179,14 +177,14 @@ class PairReports:
             for path in entries[:-MOST_KEPT]:
                 shutil.rmtree(path, ignore_errors=True)
 
-    def _check_there(self, asked: AnyJobs) -> None:
-        """Raise NotHere where one of the analyses was deleted meanwhile."""
+    def _check_there(self, asked: AnyReportJobs) -> None:
+        """Raise NotHere if one of the analyses was deleted meanwhile."""
         for job in asked.jobs:
             self.results.store.get(job.id)
 
 
 def _is_whole(report: PairReport) -> bool:
-    """Return whether every file of an entry is there and has the bytes that were made."""
+    """Return whether every file of an entry exists and is unchanged."""
     try:
         digests = json.loads((report.folder / DIGESTS).read_bytes())
         return all(hash_file(report.folder / name) == sha256 for name, sha256 in digests.items())
