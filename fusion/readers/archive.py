@@ -35,14 +35,14 @@ TABLES = (".csv", ".txt", ".tsv")
 UNCALIBRATED = re.compile(r"uncalibrated", re.IGNORECASE)
 SENSOR_WORDS = {
     "other": re.compile(r"magn|(?<![a-z])mag(?![a-z])", re.IGNORECASE),
-    "gyr": re.compile(r"gyro\w*?scope|gyro|(?<![a-z])gyr(?![a-z])", re.IGNORECASE),
+    "gyr": re.compile(r"gyro(?:scope)?|(?<![a-z])gyr(?![a-z])", re.IGNORECASE),
     "gravity": re.compile(r"gravity", re.IGNORECASE),
     "linear": re.compile(r"(?:linear|user)[ _]?accel(?:eration|erometer)?", re.IGNORECASE),
     "total": re.compile(r"total[ _]?accel(?:eration)?", re.IGNORECASE),
     "acc": re.compile(r"accel(?:eration|erometer)?|(?<![a-z])acc(?![a-z])", re.IGNORECASE),
 }
 """Words for a sensor in the name of a table."""
-SAMPLING_RATE = re.compile(r"[ _]*\d+(?:\.\d+)?hz\b.*", re.IGNORECASE)
+SAMPLING_RATE = re.compile(r"[ _]?\d{1,6}(?:\.\d{1,6})?hz\b.*", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
