@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from fusion import *  # noqa: F403
 
-_MARKS = {"app": "The Acromion application", "fusion": "What the arm did"}
+_MARKS = {"app": "The Acromion application", "fusion": "Compute arm elevation and exposure"}
 """Text near the start of each package's ``__init__.py``."""
 
 # This text is not in the wording files: they are in `app`, which is another package when this is needed.

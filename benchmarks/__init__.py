@@ -1,5 +1,5 @@
-"""Measurements: each goal with a number has one, beside a peer where there is one."""
+"""Benchmarks: one for each numerical goal, with a peer for comparison if one exists."""
 
 import os
 
-os.environ.setdefault("ACROMION_NO_SECRET", "1")  # servers of a benchmark are called by the benchmark alone
+os.environ.setdefault("ACROMION_NO_SECRET", "1")  # only the benchmark itself calls its servers

@@ -1,4 +1,4 @@
-"""Measure what a login costs, and whether its time tells a known name from an unknown one.
+"""Measure the cost of a sign-in, and whether its duration reveals if a name is known.
 
 python -m benchmarks.access
 """
@@ -36,7 +36,7 @@ def main() -> None:
 
 
 def add_people(sign_in: SignIn) -> None:
-    """Add as many people as are tried, each once, so that nobody waits."""
+    """Add one person per attempt, so that no rate limit applies."""
     kept = hash_password(PASSWORD)
     for number in range(PAIRS + 1):
         person = sign_in.accounts.add_person(f"known{number}", "Somebody", ["clinician"])

@@ -35,7 +35,7 @@ verdict good; a caution or a poor lowers it to that grade.
 |---|---|---|---|
 {caveats}
 
-## Refusals of a file
+## File errors
 
 The file gives no figures. These refusals are declared in `fusion/errors.py`; HTTP status {status}, exit code
 {exit_code}. Besides its own facts, a refusal may have `line`, `byte` and `clock`: the place in the file.
@@ -83,7 +83,7 @@ def _describe_caveat(caveat: Caveat) -> str:
 def _describe_grade(caveat: Caveat) -> str:
     usual, limit = caveat.grade.name.lower(), caveat.limit
     beyond = {
-        f"from {100 * limit.from_share:g} % of the recorded time on": isfinite(limit.from_share),
+        f"from {100 * limit.from_share:g} % of the recorded time": isfinite(limit.from_share),
         f"below {limit.below_s / 3600:g} h": limit.below_s > 0.0,
     }
     graver = (
@@ -104,8 +104,8 @@ def _describe_others(refusals: tuple[type[FusionError] | type[AppError], ...]) -
         if issubclass(kind, AppError):
             title, outcome = describe_problem(kind.code, {}, "en").title, find_outcome(kind)
             again = "yes" if outcome.retryable else "no"
-            told = _describe_facts(find_own_facts(kind))
-            yield f"| `{kind.code}` | {title} | {outcome.status} | {outcome.exit_code} | {again} | {told} |"
+            facts = _describe_facts(find_own_facts(kind))
+            yield f"| `{kind.code}` | {title} | {outcome.status} | {outcome.exit_code} | {again} | {facts} |"
 
 
 def find_own_facts(kind: type[FusionError] | type[AppError]) -> Mapping[str, str]:

@@ -1,12 +1,12 @@
-"""Follow the steps of ``docker/Dockerfile`` where there is no engine: in an empty root, by chroot.
+"""Follow the steps of ``docker/Dockerfile`` without a container engine: in an empty root, with chroot.
 
     debootstrap --variant=minbase bookworm BASE              an empty Debian
-    cp -a PYTHON/. BASE/usr/local/ && chroot BASE ldconfig   a Python 3.12, where the base image has its own
+    cp -a PYTHON/. BASE/usr/local/ && chroot BASE ldconfig   a Python 3.12, as in the base image
     python -m benchmarks.container BASE WORK                 as root, on Linux
 
-Each stage is a copy of BASE in WORK; FROM, WORKDIR, COPY, RUN, USER and ENV are done as Docker does them. In
-the end the program of ENTRYPOINT and CMD starts as ``compose.yaml`` starts it (read-only but for ``/tmp`` and
-the volume, here with a network that reaches no other computer) and the HEALTHCHECK has to be met.
+Each stage is a copy of BASE in WORK. FROM, WORKDIR, COPY, RUN, USER and ENV work as in Docker. At the end the
+program of ENTRYPOINT and CMD starts as in ``compose.yaml`` (read-only except ``/tmp`` and the volume, here
+with a network that reaches no other computer), and its HEALTHCHECK must succeed.
 """
 
 import argparse
@@ -24,12 +24,12 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 HEALTHY_WITHIN_S = 120
 PASSED_ON = ("PIP_CERT", "PIP_INDEX_URL", "SSL_CERT_FILE", "HTTPS_PROXY", "https_proxy")
-"""What this machine needs to reach its package index; it stays out of the root's files."""
+"""Variables that this machine needs to reach its package index; not stored in the root's files."""
 
 
 @dataclass
 class Stage:
-    """An image in the making."""
+    """An image being built."""
 
     root: Path
     folder: str = "/"
@@ -43,7 +43,7 @@ class Stage:
 
 
 def read_steps(text: str) -> Iterator[tuple[str, str]]:
-    """Return each instruction and its words, without remarks, lines that go on joined."""
+    """Yield each instruction and its words, without comments, with continued lines joined."""
     bare = re.sub(r"^\s*#.*\n", "", text, flags=re.MULTILINE)
     for line in re.sub(r"\\\n\s*", " ", bare).splitlines():
         if line.strip():
@@ -51,8 +51,8 @@ def read_steps(text: str) -> Iterator[tuple[str, str]]:
             yield name, words
 
 
-def follow(base: Path, work: Path) -> Stage:
-    """Follow every step; a command that fails ends it."""
+def run_steps(base: Path, work: Path) -> Stage:
+    """Run every step; a failing command ends the run."""
     stages: dict[str, Stage] = {}
     stage = Stage(base)
     for name, words in read_steps((ROOT / "docker" / "Dockerfile").read_text("utf-8")):
@@ -66,11 +66,11 @@ def follow(base: Path, work: Path) -> Stage:
         elif name == "RUN":
             _run(f"mount -t proc proc {stage.root}/proc && {_enter(stage, words)}", stage)
         else:
-            _note(name, words, stage)
+            _apply_setting(name, words, stage)
     return stage
 
 
-def _note(name: str, words: str, stage: Stage) -> None:
+def _apply_setting(name: str, words: str, stage: Stage) -> None:
     if name == "WORKDIR":
         stage.folder = words
         (stage.root / words.lstrip("/")).mkdir(parents=True, exist_ok=True)
@@ -104,26 +104,26 @@ def _copy(words: list[str], stage: Stage, stages: dict[str, Stage]) -> None:
 
 
 def _enter(stage: Stage, script: str) -> str:
-    """Write the shell's line that runs a script inside, as the stage's user, in its folder."""
+    """Return the shell command that runs a script inside, as the stage's user, in its folder."""
     number = "0:0" if stage.user == "root" else "1000:1000"
     inside = shlex.join(["/bin/sh", "-c", f"cd {shlex.quote(stage.folder)} && {script}"])
     return f"chroot --userspec={number} {stage.root} {inside}"
 
 
 def _run(script: str, stage: Stage, *isolated: str) -> None:
-    """Run a script of the outer shell with mounts and processes of its own, which end with it."""
+    """Run a script of the outer shell with separate mounts and processes, which end with it."""
     own = ["unshare", "--mount", "--pid", "--fork", "--kill-child", *isolated, "/bin/sh", "-ec", script]
-    subprocess.run(own, env=_give_environment(stage), check=True)
+    subprocess.run(own, env=_build_environment(stage), check=True)
 
 
-def _give_environment(stage: Stage) -> dict[str, str]:
+def _build_environment(stage: Stage) -> dict[str, str]:
     home = "/root" if stage.user == "root" else f"/home/{stage.user}"
     known = {name: os.environ[name] for name in PASSED_ON if name in os.environ}
     return known | stage.variables | {"HOME": home}
 
 
 def start(stage: Stage) -> None:
-    """Start the program as the compose file does, and ask for its health until it is well."""
+    """Start the program as the compose file does, and poll its health check until it succeeds."""
     serve = _enter(stage, "exec " + shlex.join([*stage.entry, *stage.command]))
     healthy = _enter(stage, shlex.join(stage.health))
     script = f"""
@@ -148,12 +148,12 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("base", type=Path, help="an empty Debian with a Python in /usr/local")
-    parser.add_argument("work", type=Path, help="an absent folder; what is made stays there")
+    parser.add_argument("work", type=Path, help="a folder that does not exist yet; the stages are kept in it")
     asked = parser.parse_args()
     os.umask(0o022)
     asked.work.mkdir()
     began = time.monotonic()
-    start(follow(asked.base, asked.work))
+    start(run_steps(asked.base, asked.work))
     print(f"{time.monotonic() - began:.0f} s")
 
 

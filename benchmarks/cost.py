@@ -20,7 +20,7 @@ from fusion.simulation import simulate_shift, write_shift
 
 DAY_S, MONTH_H, DAYS_KEPT = 86_400.0, 730.0, 30
 ONE_MACHINE = 1_000
-"""As many shifts a day are done by one machine of four cores, with SQLite and a folder."""
+"""One machine of four cores, with SQLite and a folder, handles this many shifts a day."""
 PART_BYTES = 8 << 20
 
 
@@ -37,17 +37,17 @@ class Cost:
 
     @property
     def puts(self) -> int:
-        """Requests that write to the bucket: the parts of the recording, their begin and end, the results."""
+        """Requests that write to the bucket: the parts of the recording, their start and end, the results."""
         return math.ceil(self.recording_bytes / PART_BYTES) + 2 + self.results
 
     @property
     def moved_bytes(self) -> int:
-        """From the client to the web, to the bucket, to the worker; the results to the bucket."""
+        """From the client to the web server, to the bucket, to the worker; the results to the bucket."""
         return 3 * self.recording_bytes + self.result_bytes
 
     @property
     def commits(self) -> float:
-        """Upload, claim, publication; each stage told; heartbeats; Procrastinate's fetch, finish, drop."""
+        """Upload, claim, publication; each stage; heartbeats; Procrastinate's fetch, finish, drop."""
         return 3 + self.stages + self.cpu_s / 3 + 3
 
 
@@ -73,7 +73,7 @@ class Plan:
     commits_core_s: float = 500.0
 
     def per_s(self, each: float) -> float:
-        """Return a cost of one shift as a rate at the peak."""
+        """Return a cost per shift as a rate at the peak."""
         return each * self.shifts_a_day / DAY_S * self.peak
 
     def count_cores(self, cost: Cost) -> dict[str, int]:
@@ -94,7 +94,7 @@ def simulate(folder: Path, hours: float) -> None:
 
 
 def measure(hours: float) -> Cost:
-    """Analyse a simulated shift twice in this process; the second counts."""
+    """Analyse a simulated shift twice in this process; return the cost of the second."""
     stages: list[str] = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -116,7 +116,7 @@ def measure(hours: float) -> Cost:
 
 
 def list_cost(cost: Cost) -> list[str]:
-    """Write the measured line as a table."""
+    """Return the measured cost as table rows."""
     return [
         f"| processor | {cost.cpu_s:.1f} CPU s |",
         f"| memory, peak of the process | {cost.peak_bytes / 1e6:.0f} MB |",
@@ -129,7 +129,7 @@ def list_cost(cost: Cost) -> list[str]:
 
 
 def write_plan(cost: Cost, plan: Plan, prices: Prices) -> str:
-    """Write the row of a plan: rates at the peak, cores, bytes after a month and a year, dollars a month."""
+    """Return the row of a plan: peak rates, cores, bytes after a month and a year, dollars per month."""
     cores = plan.count_cores(cost)
     recordings_bytes = DAYS_KEPT * cost.recording_bytes
     month_bytes, year_bytes = (

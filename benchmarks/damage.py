@@ -1,4 +1,4 @@
-"""The damage matrix: ``python -m benchmarks.damage`` (about 280 cells; some minutes of an idle machine).
+"""Run the damage matrix: ``python -m benchmarks.damage`` (about 280 cells; some minutes on an idle machine).
 
 A real server builds a small store once. Each cell copies it, damages one part, does one thing by the real
 command line or over HTTP, and checks the result. The table is printed as Markdown; ``--write`` puts it
@@ -63,7 +63,7 @@ def format_table(table: Table) -> str:
     left_out += [f"{part}, {action}: {why}" for (part, action), why in MEANINGLESS_ACTIONS.items()]
     limits = [f"{part} {damage}: {why}" for (part, damage), why in LIMITS.items()]
     return "\n".join(
-        [*lines, "", f"Left out: {'; '.join(left_out)}.", "", f"Cannot be told: {'; '.join(limits)}."]
+        [*lines, "", f"Omitted: {'; '.join(left_out)}.", "", f"Cannot be detected: {'; '.join(limits)}."]
     )
 
 

@@ -1,4 +1,4 @@
-"""Make the example that the pages show without an analysis: a whole simulated shift, with its diary.
+"""Create the example that the pages show before the first analysis: a simulated shift with its diary.
 
     python -m benchmarks.example
 
@@ -26,12 +26,12 @@ DIARY = b"""start;end;kind;label
 11:30;12:00;break;
 12:00;14:50;task;Inspection
 """
-# The labels read alike in English and French.
+# The labels are the same in English and French.
 SETTINGS = AnalysisSettings(pose="side-lean", calibration_windows_s=((2.0, 18.0),), diary=read_diary(DIARY))
 
 
 def analyse_example() -> Findings:
-    """Simulate the shift and analyse it; the pose is the side-lean, as the help advises."""
+    """Simulate the shift and analyse it; the pose is the side-lean, as the help recommends."""
     with tempfile.TemporaryDirectory() as folder:
         shift = simulate_shift("gt9x", HOURS, seed=SEED)
         log = write_shift(Path(folder), shift, actilife_csv=False)[0]

@@ -1,9 +1,9 @@
-"""What all figures of exposure cost, intervals included: time and memory above the angles, for 1 to 24 h.
+"""Measure the cost of all exposure figures with intervals: time and memory beyond the angles, for 1 to 24 h.
 
 python -m benchmarks.exposure            the cost
-python -m benchmarks.exposure --oracles  what each figure must be, and what it is
-python -m benchmarks.exposure --truth    figures of simulated shifts beside those of their exact angle; with a
-                                         number: of so many seeds for each device
+python -m benchmarks.exposure --oracles  the expected and the actual value of each figure
+python -m benchmarks.exposure --truth    figures of simulated shifts compared with those of their exact angle;
+                                         a number sets how many seeds for each device
 """
 
 import json
@@ -24,13 +24,13 @@ from fusion.recording import Recording, Segment
 
 SHIFTS = ((1, 100), (2, 100), (4, 100), (8, 100), (24, 100), (8, 500))
 MEBIBYTE = 1024
-BLOCK_ROWS = 20_000  # little beside what is measured
+BLOCK_ROWS = 20_000  # little compared with the measured memory
 ROUNDS = 5
 SIGMA_DEG = 3.0
 
 
 def make_shift(rows: int, rate_hz: float) -> tuple[Elevation, Recording]:
-    """Make a shift of swings, its vertical and its samples, block by block to keep memory flat."""
+    """Return a shift of swings with its vertical and its samples, built in blocks to limit memory."""
     angle, valid = np.empty(rows, np.float32), np.ones(rows, np.bool_)
     vertical, rates = np.empty((rows, 3), np.float32), np.empty((rows, 3), np.float32)
     random = np.random.default_rng(0)
@@ -49,7 +49,7 @@ def make_shift(rows: int, rate_hz: float) -> tuple[Elevation, Recording]:
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """Median processor time of the rounds, and the peak of memory above the angles."""
+    """Median processor time of the rounds, and the peak of memory beyond the angles."""
 
     rows: int
     cpu_s: float
@@ -57,7 +57,7 @@ class Cost:
 
 
 def measure(hours: float, rate_hz: float) -> Cost:
-    """Measure in this process, whose peak of memory is the shift's if it measures nothing else."""
+    """Measure in this process; its memory peak is the shift's if it measures nothing else."""
     warm, warm_recording = make_shift(5000, rate_hz)
     summarise_exposure(warm, None, warm_recording, np.zeros(3), SIGMA_DEG)
     elevation, recording = make_shift(round(hours * 3600 * rate_hz), rate_hz)
@@ -74,10 +74,10 @@ def measure_once(elevation: Elevation, recording: Recording) -> float:
 
 
 def measure_apart(hours: float, rate_hz: float) -> Cost:
-    """Measure in a process of its own."""
+    """Measure in a separate process."""
     command = [sys.executable, "-m", "benchmarks.exposure", str(hours), str(rate_hz)]
-    told = subprocess.run(command, check=True, capture_output=True, text=True).stdout
-    return Cost(**json.loads(told))
+    output = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    return Cost(**json.loads(output))
 
 
 def main() -> None:
@@ -90,8 +90,8 @@ def main() -> None:
         return
     for hours, rate_hz in SHIFTS:
         cost = measure_apart(hours, rate_hz)
-        told = f"{cost.cpu_s:6.3f} s of CPU {cost.memory_mib:6.1f} MiB above input"
-        print(f"{hours:>4} h at {rate_hz:g} Hz {cost.rows:>11,} rows {told}")
+        cost_text = f"{cost.cpu_s:6.3f} s of CPU {cost.memory_mib:6.1f} MiB above input"
+        print(f"{hours:>4} h at {rate_hz:g} Hz {cost.rows:>11,} rows {cost_text}")
 
 
 if __name__ == "__main__":

@@ -13,8 +13,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from benchmarks.exposure import SHIFTS, measure_apart
-from benchmarks.exposure_oracles import list_oracles, tell_oracles
-from benchmarks.exposure_truth import DEVICES, SEEDS, tell_device
+from benchmarks.exposure_oracles import format_oracles, list_oracles
+from benchmarks.exposure_truth import DEVICES, SEEDS, format_device
 
 DOCUMENT = Path(__file__).parents[1] / "docs" / "reference" / "exposure-check.md"
 
@@ -39,7 +39,7 @@ def _make_pattern(name: str) -> str:
     return rf"<!-- {name} -->\n(.*?)\n?<!-- end of {name} -->"
 
 
-def tell_cost() -> Iterator[str]:
+def format_cost() -> Iterator[str]:
     """Measure each length of shift in a separate process."""
     yield "| shift | rows | CPU time, median of 5 | for each million rows | memory above the angles |"
     yield "|---|---:|---:|---:|---:|"
@@ -52,21 +52,21 @@ def tell_cost() -> Iterator[str]:
         )
 
 
-def tell_part(asked: list[str]) -> tuple[str, Iterator[str]]:
-    """Return the name and the lines of the part that was asked for."""
+def build_part(asked: list[str]) -> tuple[str, Iterator[str]]:
+    """Return the name and the lines of the requested part."""
     if asked == ["oracles"]:
-        return "oracles", tell_oracles(list_oracles())
+        return "oracles", format_oracles(list_oracles())
     if asked == ["cost"]:
-        return "cost", tell_cost()
+        return "cost", format_cost()
     for device in DEVICES:
         if asked[:2] == ["truth", device]:
             seeds = int(asked[2]) if asked[2:] else SEEDS
-            return f"truth {device}", tell_device(device, seeds)
+            return f"truth {device}", format_device(device, seeds)
     raise SystemExit(__doc__)
 
 
 def main() -> None:
-    name, lines = tell_part(sys.argv[1:])
+    name, lines = build_part(sys.argv[1:])
     text = "\n".join(lines)
     DOCUMENT.write_text(replace_part(DOCUMENT.read_text("utf-8"), name, text), "utf-8")
 

@@ -1,6 +1,6 @@
-"""The oracles: signals whose figures follow from a formula, and what the code computes.
+"""Compare the computed figures of signals with oracles: values that follow from a formula.
 
-Without the metric filter where the oracle is defined without it; the table ends with how many fail.
+The metric filter is off if the oracle is defined without it. The last line counts the failures.
 """
 
 from collections.abc import Iterator
@@ -55,9 +55,9 @@ def check_swing() -> Iterator[Oracle]:
     speeds.add_inclination(angle)
     velocity = speeds.summarise()
     assert velocity is not None
-    told = (velocity.p10_dps, velocity.p50_dps, velocity.p90_dps, velocity.p99_dps, velocity.mean_dps)
+    computed = (velocity.p10_dps, velocity.p50_dps, velocity.p90_dps, velocity.p99_dps, velocity.mean_dps)
     names = ("P10", "P50", "P90", "P99", "mean")
-    for name, value, got in zip(names, (9.8291, 44.4288, 62.0583, 62.8241, 40.0), told, strict=True):
+    for name, value, got in zip(names, (9.8291, 44.4288, 62.0583, 62.8241, 40.0), computed, strict=True):
         yield Oracle("3", f"swing speed {name}, deg/s", value, got, 0.05)
     slow = float(speeds.cell_s[:501].sum() / speeds.cell_s.sum())
     yield Oracle("4", "swing slower than 5 deg/s", 0.050714, slow, 0.0005)
@@ -169,8 +169,8 @@ def list_oracles() -> list[Oracle]:
     return sorted((oracle for check in CHECKS for oracle in check()), key=lambda o: int(o.number))
 
 
-def tell_oracles(oracles: list[Oracle]) -> Iterator[str]:
-    """Write the lines of a Markdown table, and how many fail."""
+def format_oracles(oracles: list[Oracle]) -> Iterator[str]:
+    """Yield the lines of a Markdown table, and the number of failures."""
     yield "| D | figure | expected | got | tolerance | |"
     yield "|---:|---|---:|---:|---:|---|"
     for o in oracles:
@@ -183,7 +183,7 @@ def tell_oracles(oracles: list[Oracle]) -> Iterator[str]:
 
 def main() -> int:
     oracles = list_oracles()
-    print("\n".join(tell_oracles(oracles)))
+    print("\n".join(format_oracles(oracles)))
     return 0 if all(oracle.is_met for oracle in oracles) else 1
 
 

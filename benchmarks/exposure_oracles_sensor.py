@@ -1,4 +1,4 @@
-"""The oracles that begin at the sensor or are properties: 18, 19, 21, 22, 24, 25 and 26."""
+"""Oracles that start at the sensor or are properties: 18, 19, 21, 22, 24, 25 and 26."""
 
 from collections.abc import Iterator
 from itertools import pairwise, permutations, product
@@ -41,7 +41,7 @@ def check_sensor() -> Iterator[Oracle]:
 
 
 def find_steady_error() -> float:
-    """Let the published filter, without its high-pass, rest with an offset about a level axis."""
+    """Run the published filter, without its high-pass, at rest with an offset about a level axis."""
     rows = 100 * 60
     acc_g, gyr_dps = np.tile([0.0, 0.0, 1.0], (rows, 1)), np.tile([0.0, 0.5, 0.0], (rows, 1))
     run = SensorRun(0.0, 100.0, acc_g.astype(np.float32), gyr_dps.astype(np.float32))
@@ -90,7 +90,7 @@ def check_properties() -> Iterator[Oracle]:
 
 
 def compare_mountings() -> float:
-    """Give how far the angles of 24 mountings lie apart at most."""
+    """Return the largest difference between the angles of 24 mountings."""
     made = move_arm(lambda t: 40 - 40 * np.cos(np.clip(t - 10, 0, None)), 40.0)
     (segment,) = made.recording.segments
     angles = [mount(segment.acc_g, segment.gyr_dps, turn) for turn in CUBE]
@@ -105,7 +105,7 @@ def mount(acc_g: FloatArray, gyr_dps: FloatArray, turn: FloatArray) -> FloatArra
 
 
 def count_disorder(day: Exposure) -> int:
-    """Count where a higher threshold or a longer window holds more, or a higher percentile lies lower."""
+    """Count higher thresholds or longer windows with a larger share, and percentiles out of order."""
     above = [item.percent for item in day.time_above]
     percentiles = list(day.percentiles_deg.values())
     windows = [window.percent_above_60 or 0.0 for window in day.peak_windows]

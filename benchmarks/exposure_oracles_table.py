@@ -1,4 +1,4 @@
-"""A row of the table of oracles, and what several rows are read from."""
+"""A row of the oracle table, and helpers that several rows use."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ class Oracle:
 
     @property
     def is_met(self) -> bool:
-        """Return whether the figure lies within the tolerance."""
+        """Return whether the figure is within the tolerance."""
         return abs(self.got - self.expected) <= self.tolerance
 
 

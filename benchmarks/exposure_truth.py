@@ -1,12 +1,12 @@
-"""The figures of simulated shifts beside those of their exact angle, and how often the range holds the truth.
+"""Compare simulated shifts with their exact angle, and count the ranges that include the truth.
 
-The truth is the exact angle of the simulated arm, through the same counting. A range speaks of the error of
-the angle (of the fusion, and of a pose held 3 deg off) and of how the day was sampled in 5-minute blocks. The
-day is the same on both sides here, so that only the first part is put to the test: a range that is wide by
-its second part holds the truth more often than 95 %; one of the sampling alone (speeds) says nothing of an
-error of the angle, and one of the error alone (the windows with the most time above 60°, the longest
-episode) nothing of other days. The simulated pose is held exactly; the second count turns the arm's axis
-away from it, in a random direction, by what the range allows for.
+The truth is the exact angle of the simulated arm, counted in the same way. A range includes the error of the
+angle (of the fusion, and of a pose held 3 deg off) and the sampling of the day in 5-minute blocks. Here both
+sides have the same day, so only the first part is tested. A range that is wide because of its second part
+includes the truth more often than 95 %. A range of the sampling only (speeds) says nothing about the error of
+the angle, and a range of the error only (the windows with the most time above 60°, the longest episode)
+nothing about other days. The simulated pose is held exactly; the second count rotates the arm axis away from
+it, in a random direction, by an amount that the range allows for.
 """
 
 from collections import Counter
@@ -44,7 +44,7 @@ class Compared:
 
     @property
     def is_inside(self) -> bool:
-        """Return whether the range holds the truth."""
+        """Return whether the range includes the truth."""
         return self.interval is not None and self.interval.low <= self.true <= self.interval.high
 
 
@@ -62,7 +62,7 @@ def expose_shift(device: Device, seed: int, hours: float) -> tuple[Analysis, Exp
 
 
 def turn_pose(analysis: Analysis, seed: int) -> Exposure:
-    """Count once more with the arm's axis as a pose gives it that is held 3 deg off (one sigma) both ways."""
+    """Count again with the arm axis of a pose that is held 3 deg off (one sigma) in both directions."""
     random = np.random.default_rng([seed, 7])
     assert analysis.calibration is not None
     axis = analysis.calibration.arm_axis
@@ -79,7 +79,7 @@ def turn_pose(analysis: Analysis, seed: int) -> Exposure:
 
 
 def compare(measured: Exposure, true: Exposure) -> Iterator[Compared]:
-    """Set the figures side by side that the angle alone gives."""
+    """Yield the figures that depend on the angle alone, from both sides."""
     for ours, exact in zip(measured.bins, true.bins, strict=True):
         name = f"time {ours.lower_deg:g} to {ours.upper_deg:g} deg, %"
         yield Compared(name, ours.percent, exact.percent, ours.interval)
@@ -109,8 +109,8 @@ def _name_figures(exposure: Exposure) -> dict[str, float]:
     }
 
 
-def tell_device(device: Device, seeds: int = SEEDS, hours: float = HOURS) -> Iterator[str]:
-    """Write as Markdown the figures of the first shift, and how often the ranges of all hold the truth."""
+def format_device(device: Device, seeds: int = SEEDS, hours: float = HOURS) -> Iterator[str]:
+    """Yield as Markdown the figures of the first shift, and how often the ranges of all include the truth."""
     held: Counter[str] = Counter()
     held_turned: Counter[str] = Counter()
     for seed in range(1, seeds + 1):
@@ -121,37 +121,37 @@ def tell_device(device: Device, seeds: int = SEEDS, hours: float = HOURS) -> Ite
         if seed == 1:
             yield f"{device} at {ASKED_HZ[device]:g} Hz, {hours:g} h, seed 1:"
             yield ""
-            yield from tell_shift(rows)
+            yield from format_shift(rows)
     yield ""
     yield f"{device}, {seeds} shifts: how many ranges include the figure of the exact angle."
     yield ""
-    yield from tell_held(held, held_turned, seeds)
+    yield from format_coverage(held, held_turned, seeds)
 
 
-def tell_shift(rows: list[Compared]) -> Iterator[str]:
-    """Write one shift's figures beside those of its exact angle."""
+def format_shift(rows: list[Compared]) -> Iterator[str]:
+    """Yield one shift's figures with those of its exact angle."""
     yield "| figure | sensor | exact angle | 95 % range | truth inside |"
     yield "|---|---:|---:|---:|---|"
     for row in rows:
-        told = f"{row.interval.low:.2f} to {row.interval.high:.2f}" if row.interval else "none"
+        interval = f"{row.interval.low:.2f} to {row.interval.high:.2f}" if row.interval else "none"
         inside = "yes" if row.is_inside else "**no**"
-        yield f"| {row.name} | {row.measured:.2f} | {row.true:.2f} | {told} | {inside} |"
+        yield f"| {row.name} | {row.measured:.2f} | {row.true:.2f} | {interval} | {inside} |"
 
 
-def tell_held(held: Counter[str], held_turned: Counter[str], seeds: int) -> Iterator[str]:
-    """Write of how many shifts the range of each figure held the truth."""
+def format_coverage(held: Counter[str], held_turned: Counter[str], seeds: int) -> Iterator[str]:
+    """Yield for how many shifts the range of each figure included the truth."""
     yield "| figure | pose exact | pose off |"
     yield "|---|---:|---:|"
     for name, count in held.items():
         yield f"| {name} | {count} | {held_turned[name]} |"
-    shares = [100 * sum(told.values()) / (seeds * len(held)) for told in (held, held_turned)]
+    shares = [100 * sum(counts.values()) / (seeds * len(held)) for counts in (held, held_turned)]
     yield f"| all, % | {shares[0]:.1f} | {shares[1]:.1f} |"
 
 
 def main(seeds: int = SEEDS, devices: tuple[Device, ...] = DEVICES) -> int:
     print(__doc__)
     for device in devices:
-        for line in tell_device(device, seeds):
+        for line in format_device(device, seeds):
             print(line, flush=True)
     return 0
 

@@ -1,12 +1,12 @@
-"""Freeze what the command line writes, to the byte, and compare it after a change that may move no figure.
+"""Record digests of the command line's output, and compare them after a change that must not alter a result.
 
     python -m benchmarks.freeze make FILE       write the digest of every output
-    python -m benchmarks.freeze compare FILE    make the outputs again and name those that differ (exit 1)
+    python -m benchmarks.freeze compare FILE    create the outputs again and list the differences (exit 1)
 
-The samples and flags of every recording under ``../shared/data`` that can be read, and a
-dozen recordings of every format, with the settings that change a report, pairs, changes and
-agreements. Recordings under ``../shared/data`` are taken where they are there, the others are simulated.
-``software.revision`` hashes every source file; it is held constant here, and nothing else is.
+Covers the samples and flags of every readable recording under ``../shared/data``, and a dozen recordings of
+every format, with the settings that change a report, pairs, changes and agreements. Recordings under
+``../shared/data`` are used if they exist; the others are simulated. ``software.revision`` hashes every source
+file; it is the only value that is held constant.
 """
 
 import argparse
@@ -24,7 +24,7 @@ ROOT = Path(__file__).resolve().parents[1]
 SHARED = ROOT.parent / "shared" / "data"
 HOLD_REVISION = "import app.version\napp.version._source_files = lambda: []\n"
 PASSING = frozenset({"run.json", "done.json"})
-"""Files that hold the time of the run, or the folder that it wrote into."""
+"""Files with the time of the run, or with the output folder."""
 END_TIME = re.compile(rb'"endTime": "[^"]*"')
 """The time of the run in the RO-Crate."""
 
@@ -48,13 +48,13 @@ DIARY = "start,end,kind,label\n07:05:00,07:15:00,task,packing\n07:15:00,07:20:00
 
 
 def main() -> None:
-    """Make the digests, or compare with those of a file."""
+    """Create the digests, or compare with those of a file."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("verb", choices=("make", "compare"))
     parser.add_argument("file", type=Path)
-    parser.add_argument("--keep", type=Path, help="leave the outputs in this folder")
+    parser.add_argument("--keep", type=Path, help="keep the outputs in this folder")
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         found = freeze(asked.keep or Path(folder))
@@ -69,7 +69,7 @@ def main() -> None:
 
 
 def freeze(folder: Path) -> dict[str, str]:
-    """Make every output in a folder; gives the SHA-256 of each by its name."""
+    """Create every output in a folder; return the SHA-256 of each by its name."""
     work, hook = folder / "work", folder / "hook"
     for made in (work, hook):
         made.mkdir(parents=True)
@@ -94,7 +94,7 @@ def list_shared() -> list[Path]:
 
 
 def digest_samples(path: Path) -> str:
-    """Return the digest of what the reader makes of a file: samples, segments, flags; or its refusal."""
+    """Return the digest of a file as read (samples, segments, flags), or its error."""
     from fusion import read_recording  # noqa: PLC0415  only here
     from fusion.errors import FusionError  # noqa: PLC0415
 
@@ -112,7 +112,7 @@ def digest_samples(path: Path) -> str:
 
 
 def list_commands(work: Path) -> Iterator[tuple[str, list[str]]]:
-    """Return every command in order; later ones use what earlier ones have written."""
+    """Yield every command in order; later ones use the output of earlier ones."""
     for name, options in SIMULATED.items():
         yield f"simulate_{name}", ["simulate", name, *options]
     for name, path in RECORDINGS.items():
@@ -121,10 +121,10 @@ def list_commands(work: Path) -> Iterator[tuple[str, list[str]]]:
             yield name, ["run", str(SHARED / path), "-o", f"out/{name}", "--rate-hz", "100"]
     (work / "diary.csv").write_text(DIARY)
     first, second = "gt9x/*.gt3x", "gt9x_later/*.gt3x"
-    told = ["--subject", "S012", "--side", "left"]
-    yield "left", ["run", first, "-o", "out/left", *told, "--diary", "diary.csv", "--lang", "fr"]
+    subject = ["--subject", "S012", "--side", "left"]
+    yield "left", ["run", first, "-o", "out/left", *subject, "--diary", "diary.csv", "--lang", "fr"]
     yield "right", ["run", second, "-o", "out/right", "--subject", "S012", "--side", "right"]
-    yield "later", ["run", second, "-o", "out/later", *told, "--paper", "letter"]
+    yield "later", ["run", second, "-o", "out/later", *subject, "--paper", "letter"]
     yield "actilife", ["run", "gt9x/*.csv", "-o", "out/actilife"]
     yield "lsm9ds1", ["run", "lsm9ds1/*.csv", "-o", "out/lsm9ds1"]
     yield "published", ["run", first, "-o", "out/published", "--method", "published", "--report", "html"]
@@ -154,7 +154,7 @@ def _list_refused() -> list[str]:
 
 
 def _run(command: list[str], hook: Path, work: Path) -> bytes:
-    """Run one command as a user would; gives what it prints, without paths of this machine."""
+    """Run one command as a user would; return its output, without paths of this machine."""
     if "angles.csv" in command and not (work / "angles.csv").exists():
         _write_angles(work)
     arguments = [found for word in command for found in _expand(word, work)]
@@ -164,10 +164,10 @@ def _run(command: list[str], hook: Path, work: Path) -> bytes:
         [sys.executable, "-m", "app", *arguments], cwd=work, env=environment, capture_output=True, check=False
     )
     print(f"{done.returncode} {' '.join(command)}", flush=True)
-    if command[0] == "run":  # its lines tell how long it took
+    if command[0] == "run":  # its lines contain its duration
         return str(done.returncode).encode()
-    told = done.stdout.replace(str(work).encode(), b"").replace(str(SHARED).encode(), b"")
-    return str(done.returncode).encode() + told
+    output = done.stdout.replace(str(work).encode(), b"").replace(str(SHARED).encode(), b"")
+    return str(done.returncode).encode() + output
 
 
 def _expand(word: str, work: Path) -> list[str]:

@@ -1,10 +1,9 @@
-"""Fusion side by side with its peers, in one process: `python -m benchmarks.fusion
-[broad|sweep|shift|speed|band]`.
+"""Compare the fusion with its peers: `python -m benchmarks.fusion [broad|sweep|shift|speed|band]`.
 
-broad: inclination error on BROAD, interleaved trial by trial, beside vqf's VQF and offlineVQF (`pip install
-vqf`); sweep: the slerp weight that the published algorithm leaves open; shift: simulated hours against
-their truth; band: how often the stated uncertainty covers the truth; speed: eight hours at 100 and 500 Hz,
-warm, one core.
+broad: inclination error on BROAD, interleaved trial by trial, with vqf's VQF and offlineVQF (`pip install
+vqf`); sweep: the slerp weight that the published algorithm leaves open; shift: simulated hours and their
+truth; band: how often the stated uncertainty covers the truth; speed: eight hours at 100 and 500 Hz, warm,
+one core.
 """
 
 import sys
@@ -200,7 +199,7 @@ def print_band(device: Device, hours: float, seed: int) -> float:
     elevation = estimate_elevation(samples)
     segment = elevation.segments[0]
     if segment.sigma_deg is None:
-        raise SystemExit("smoothed gives a sigma")
+        raise SystemExit("smoothed has no sigma")
     sigma_deg = segment.sigma_deg[(np.arange(len(segment)) / segment.rate_hz).astype(np.int64)]
     error = segment.elevation_deg - arrays.elevation_deg
     share = float((np.abs(error) < 1.96 * sigma_deg).mean())

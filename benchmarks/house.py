@@ -1,10 +1,10 @@
-"""Count the house: files, lines, folders, what one recording passes.
+"""Count files, lines and folders, and the files that one recording uses.
 
     python -m benchmarks.house
 
-The figures are mirrors, not gates. Static ones are read from the source of ``app`` and ``fusion``. What one
-recording passes is traced: a file counts when one of its functions runs (its import alone does not count), in
-any process that the command starts. The recordings are simulated.
+The figures are for information; nothing fails on them. Static figures come from the source of ``app`` and
+``fusion``. The files that one recording uses are traced: a file counts if one of its functions runs (an
+import alone does not count), in any process that the command starts. The recordings are simulated.
 """
 
 import ast
@@ -25,7 +25,9 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("app", "fusion")
 CAVEAT = re.compile(r"W-[A-Z][A-Z-]+")
 FIGURE = "longest_without_s"
-"""A figure that stands in results.json and in a report: the files that name it are those to add another."""
+"""A figure in results.json and in a report: the files that contain its name are those to change for a new
+one.
+"""
 TRACER = f"""
 import os, sys, threading
 seen, folder = set(), os.environ["HOUSE_TRACE"]
@@ -44,7 +46,7 @@ def start():
 os.register_at_fork(after_in_child=start)
 start()
 """
-"""What every Python process of a traced command runs first (``sitecustomize``)."""
+"""Code that every Python process of a traced command runs first (``sitecustomize``)."""
 ANALYSE = (
     "import sys; from fusion import analyse, read_recording; analyse(read_recording(open(sys.argv[1], 'rb')))"
 )
@@ -100,7 +102,7 @@ COUNTED = UNITS | frozenset(
         "ppm",
     ]
 )
-"""Units, and what is counted: positions and lengths in rows, samples, lines or bytes, places on a sheet."""
+"""Units, and countable things: positions and lengths in rows, samples, lines or bytes, places on a sheet."""
 
 
 def main() -> None:
@@ -115,7 +117,7 @@ def main() -> None:
         f"largest folder, files ({largest.relative_to(ROOT)})": most,
         "files over 600 lines": sum(text.count("\n") > 600 for text in sources.values()),
         **trace_recordings(),
-        "longest import chain between rooms of fusion/": measure_chain(trees),
+        "longest import chain between folders of fusion/": measure_chain(trees),
         "private functions used once": count_used_once(sources, trees),
         "Python files with a W-code as a literal": count_caveat_files(trees),
         "numbers with a unit in their name, percent": share_with_unit(trees),
@@ -123,7 +125,7 @@ def main() -> None:
         "numbers with a unit or what is counted in their name, percent": share_with_unit(
             trees, units=COUNTED
         ),
-        f"files touched to add a figure (those that name {FIGURE})": count_figure_files(),
+        f"files touched to add a figure (files that contain {FIGURE})": count_figure_files(),
         "written words in docs/": count_words(),
         "idioms in code, docs and wording": count_idioms(),
         "docstrings that begin with Give, Tell or Say": sum(
@@ -134,7 +136,7 @@ def main() -> None:
 
 
 def trace_recordings() -> dict[str, int]:
-    """Count the files that one recording passes: in the child, from the command line, by Python."""
+    """Count the files that one recording uses: in the child, from the command line, from Python."""
     acromion = str(Path(sys.executable).with_name("acromion"))
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -155,7 +157,7 @@ def trace_recordings() -> dict[str, int]:
 
 
 def trace(folder: Path, command: list[str]) -> int:
-    """Count the files of ours in which a function runs while a command runs, in all its processes."""
+    """Count our files in which a function runs during a command, in all its processes."""
     notes = folder / "notes"
     notes.mkdir(parents=True)
     (folder / "sitecustomize.py").write_text(TRACER)
@@ -197,7 +199,7 @@ def _name_room(parts: tuple[str, ...]) -> str | None:
 
 
 def count_used_once(sources: dict[Path, str], trees: dict[Path, ast.Module]) -> int:
-    """Count the private functions whose name stands once beside their definition."""
+    """Count the private functions whose name occurs once besides their definition."""
     number = 0
     for path, tree in trees.items():
         names = [node.name for node in tree.body if isinstance(node, ast.FunctionDef)]
@@ -207,7 +209,7 @@ def count_used_once(sources: dict[Path, str], trees: dict[Path, ast.Module]) -> 
 
 
 def count_caveat_files(trees: dict[Path, ast.Module]) -> int:
-    """Count the files in which a caveat's code is a literal, beside the one that declares them."""
+    """Count the files with a caveat's code as a literal, without caveats.py, which declares them."""
     others = (tree for path, tree in trees.items() if path.name != "caveats.py")
     return sum(any(_is_caveat(node) for node in ast.walk(tree)) for tree in others)
 
@@ -223,7 +225,7 @@ def share_with_unit(
     types: tuple[str, ...] = ("float", "int"),
     units: frozenset[str] = UNITS,
 ) -> int:
-    """Return the percentage of numbers (parameters and fields) whose name ends in, or holds, a unit."""
+    """Return the percentage of numbers (parameters and fields) whose name contains a unit."""
     names = [name for tree in trees.values() for name in _list_numbers(tree, types)]
     return round(100 * sum(not units.isdisjoint(name.lower().split("_")) for name in names) / len(names))
 
@@ -241,7 +243,7 @@ def _list_numbers(tree: ast.Module, types: tuple[str, ...]) -> Iterator[str]:
 
 
 def count_figure_files() -> int:
-    """Count the files of code and words that name one figure."""
+    """Count the files of code and words that contain one figure's name."""
     files = (path for package in PACKAGES for path in (ROOT / package).rglob("*.*"))
     return sum(FIGURE in path.read_text() for path in files if path.suffix in {".py", ".toml"})
 

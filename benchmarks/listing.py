@@ -1,7 +1,7 @@
-"""How long a page of 100,000 recordings and analyses takes: ``python -m benchmarks.listing [recordings]``.
+"""Measure a page of 100,000 recordings and analyses: ``python -m benchmarks.listing [recordings]``.
 
-Fills a new SQLite database, then asks the application itself (routes, validation and JSON included) for the
-first page, a page in the middle and the last ones, with and without filters. Goal: p99 <= 100 ms.
+Fills a new SQLite database, then requests the first page, a page in the middle and the last ones from the
+application (with routes, validation and JSON), with and without filters. Goal: p99 <= 100 ms.
 """
 
 import statistics
@@ -27,7 +27,7 @@ AT_ONCE = 10_000
 
 
 def fill(settings: Settings, count: int) -> None:
-    """Write the rows of so many recordings, each with an analysis that has ended."""
+    """Write the rows of ``count`` recordings, each with a finished analysis."""
     store, request = JobStore(settings), ReportRequest("shift.gt3x").to_json()
     for first in range(0, count, AT_ONCE):
         numbers = range(first, min(first + AT_ONCE, count))
@@ -37,17 +37,17 @@ def fill(settings: Settings, count: int) -> None:
     store.close()
 
 
-def tell_moment(k: int) -> str:
-    """Return a moment that grows with the number."""
+def format_timestamp(k: int) -> str:
+    """Return a timestamp that increases with the number."""
     moment = datetime(2026, 1, 1, 6, tzinfo=UTC) + timedelta(minutes=5 * k)
     return moment.isoformat(timespec="microseconds")
 
 
 def make_recording(k: int) -> dict[str, object]:
     """Return the row of one recording."""
-    told = {"subject": f"S{k % 500:03d}", "external_id": f"visit-{k}", "start": tell_moment(k)[:19]}
+    metadata = {"subject": f"S{k % 500:03d}", "external_id": f"visit-{k}", "start": format_timestamp(k)[:19]}
     stored = {"sha256": f"{k:064x}", "size_bytes": 1_000_000, "file_name": f"{k}.gt3x", "state": "stored"}
-    return {"id": f"rec_{k:016x}", "created_at": tell_moment(k), **told, **stored}
+    return {"id": f"rec_{k:016x}", "created_at": format_timestamp(k), **metadata, **stored}
 
 
 def make_analysis(k: int, request: str) -> dict[str, object]:
@@ -60,12 +60,12 @@ def make_analysis(k: int, request: str) -> dict[str, object]:
         "token": "0" * 16,
     }
     problem = {"problem_code": None if k % 20 else "E-SHORT", "problem_facts": None}
-    row: dict[str, object] = {"id": f"an_{k:016x}", "created_at": tell_moment(k), "batch_id": None}
+    row: dict[str, object] = {"id": f"an_{k:016x}", "created_at": format_timestamp(k), "batch_id": None}
     return row | ended | known | problem
 
 
 def measure(ask: Callable[[], object]) -> tuple[float, float]:
-    """Give median and 99th percentile in milliseconds."""
+    """Return median and 99th percentile in milliseconds."""
     took_ms = []
     for _ in range(ROUNDS):
         began_s = time.perf_counter()
@@ -79,7 +79,7 @@ def main(count: int) -> None:
     with tempfile.TemporaryDirectory() as name:
         settings = Settings(data_dir=Path(name), min_free_bytes=0)
         fill(settings, count)
-        middle = write_cursor((tell_moment(count // 2), "z"))
+        middle = write_cursor((format_timestamp(count // 2), "z"))
         pages = {
             "recordings, first page": "/api/v1/recordings?limit=50",
             "recordings, in the middle": f"/api/v1/recordings?limit=50&cursor={middle}",

@@ -1,9 +1,9 @@
-"""Live sessions: replay to the bit, latency to the picture, twenty at once, what a kill loses.
+"""Live sessions: bit-identical replay, latency to the screen, twenty at once, data lost by a kill.
 
     python -m benchmarks.live [--hours 8] [--minutes 10] [--sessions 20] [--seconds 60]
 
-Each part prints its line; the kill is the server's, by SIGKILL, while lines come at 100 Hz. What it lost is
-counted in the recording that the next server makes of the rest.
+Each part prints its line. The server is killed with SIGKILL while lines arrive at 100 Hz; the loss is counted
+in the recording that the next server creates from the rest.
 """
 
 import argparse
@@ -43,14 +43,14 @@ WATCH = """() => {
 
 
 def start_server(data: Path, log: Path) -> RunningServer:
-    """Start a server that analyses nothing, and asks for no secret."""
+    """Start a server that runs no analysis and requires no secret."""
     return RunningServer(data, log, 0, ACROMION_NO_SECRET="1")
 
 
 def measure_replay(
     folder: Path, device: Literal["gt9x", "lsm9ds1"], hours: float, rate_hz: float | None
 ) -> None:
-    """Play a recording as fast as it goes, written and shown, and compare with the file's own angle."""
+    """Replay a recording at full speed, recorded and shown, and compare with the file's own angle."""
     log = write_recordings(folder / device, device, hours, 1, rate_hz)[0]
     recording = read_recording(log)
     source = ReplaySource(recording, log.name, 20.0, wait=lambda _: None)
@@ -66,19 +66,19 @@ def measure_replay(
     recorded_s = recording.duration_us / 1e6
     print(
         f"{device} {hours:g} h at {recording.rate_hz:g} Hz, {len(recording.segments)} segment(s): "
-        f"equal to the bit: {equal}; {taken_s:.1f} s of CPU, {recorded_s / taken_s:.0f} times its pace"
+        f"bit-identical: {equal}; {taken_s:.1f} s of CPU, {recorded_s / taken_s:.0f} times real time"
     )
 
 
 def measure_latency(running: RunningServer, seconds: float) -> None:
-    """From the arrival of the frames at the server to the picture, in headless Chromium."""
+    """Measure from the arrival of the frames at the server to the screen, in headless Chromium."""
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=["--no-sandbox"])
         page = browser.new_page()
         page.goto(f"{running.address}live?lang=en")
         page.click("#begin")
         page.wait_for_selector("#latency[data-ms]")
-        page.wait_for_timeout(5000)  # until the clocks are known
+        page.wait_for_timeout(5000)  # until the clocks are synchronised
         page.evaluate(WATCH)
         page.wait_for_timeout(1000 * seconds)
         taken_ms = page.evaluate("() => window.taken")
@@ -89,13 +89,13 @@ def measure_latency(running: RunningServer, seconds: float) -> None:
 
 
 def write_rows(first: int, stop: int) -> bytes:
-    """Rows of an arm that hangs."""
+    """Return rows of a hanging arm."""
     rows = (f"{10_000 * k},{k},0.00{k % 7},0.01,0.99{k % 5},0.1,0.2,0.{k % 9}\n" for k in range(first, stop))
     return "".join(rows).encode()
 
 
 async def feed(address: str, seconds: float) -> dict[str, Any]:
-    """One session at 100 Hz; gives its last status."""
+    """Run one session at 100 Hz; return its last status."""
     status: dict[str, Any] = {}
     async with connect(address, max_queue=None) as socket:
         await socket.send(json.dumps({"type": "start", "source": "lines", "name": "bench", "axis": "+z"}))
@@ -120,15 +120,15 @@ async def feed(address: str, seconds: float) -> dict[str, Any]:
 
 
 async def feed_all(address: str, sessions: int, seconds: float) -> list[dict[str, Any]]:
-    """Feed all sessions at once."""
+    """Run all sessions at once."""
     return await asyncio.gather(*(feed(address, seconds) for _ in range(sessions)))
 
 
 def measure_many(running: RunningServer, sessions: int, minutes: float) -> None:
-    """CPU and memory of the server, and what was lost."""
+    """Measure CPU and memory of the server, and the lost frames."""
     server = psutil.Process(running.process.pid)
     address = running.address.replace("http", "ws") + "api/v1/live"
-    asyncio.run(feed_all(address, 1, 5.0))  # the science is loaded
+    asyncio.run(feed_all(address, 1, 5.0))  # loads the analysis code
     before, began_s = server.cpu_times(), time.monotonic()
     own_s = resource.getrusage(resource.RUSAGE_SELF).ru_utime
     found = asyncio.run(feed_all(address, sessions, 60.0 * minutes))
@@ -138,12 +138,12 @@ def measure_many(running: RunningServer, sessions: int, minutes: float) -> None:
     print(
         f"{sessions} sessions at {RATE_HZ} Hz for {minutes:g} min: {100 * cpu_s / taken_s:.0f} % of a core, "
         f"{server.memory_info().rss / (1 << 20):.0f} MiB, lost {sum(one['lost'] for one in found)} of "
-        f"{sum(one['frames'] for one in found)} (the bench itself: {100 * own_s / taken_s:.0f} %)"
+        f"{sum(one['frames'] for one in found)} (the benchmark itself: {100 * own_s / taken_s:.0f} %)"
     )
 
 
 async def feed_until_killed(running: RunningServer, address: str, seconds: float) -> int:
-    """Feed one kept session, then kill the server; give the rows that were sent."""
+    """Run one recorded session, then kill the server; return the number of sent rows."""
     sent = 0
     async with connect(address, max_queue=None) as socket:
         asked = {"type": "start", "source": "lines", "name": "bench", "axis": "+z", "keeps": True}
@@ -159,7 +159,7 @@ async def feed_until_killed(running: RunningServer, address: str, seconds: float
 
 
 def measure_kill(folder: Path, after_s: float, *, is_busy: bool) -> float:
-    """Seconds that a kill of a fresh server loses: sent before it, less those of the recording afterwards."""
+    """Return the seconds lost when a fresh server is killed: sent before it, minus those in the recording."""
     log = folder.with_suffix(".log")
     busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2 * is_busy)]
     try:
@@ -183,7 +183,7 @@ def measure_kill(folder: Path, after_s: float, *, is_busy: bool) -> float:
 
 
 def measure_kills(folder: Path, rounds: int) -> None:
-    """So many kills, half of them in the first seconds of a server, every other one with busy cores."""
+    """Run several kills, half of them in the first seconds of a server, every other one with busy cores."""
     kills = [
         (0.5 + 0.7 * number if number < rounds / 2 else 12.0 + 0.37 * number, number % 2 == 0)
         for number in range(rounds)

@@ -1,10 +1,10 @@
-"""What one server bears: ``python -m benchmarks.load [--megabytes 300] [--uploads 16]``.
+"""Measure the capacity of one server: ``python -m benchmarks.load [--megabytes 300] [--uploads 16]``.
 
-Starts the real server with two workers on a free port of this machine, and measures: uploads at once,
-none failing; eight at once until the last is acknowledged; the 99th percentile of the API while two
-analyses and four uploads run all the while; the memory of the web process. Every analysis reads its file:
-the cache of decoded recordings is off. Clients run on the same machine, each upload in a process of its own:
-what is measured is the server, and not threads of one client that wait for each other. Goals: issue 8.
+Starts the real server with two workers on a free port of this machine, and measures: simultaneous uploads,
+none of which may fail; eight at once until the last is acknowledged; the 99th percentile of the API while two
+analyses and four uploads run continuously; the memory of the web process. The cache of decoded recordings is
+off, so every analysis reads its file. Clients run on the same machine, each upload in a separate process, so
+that threads of one client do not wait for each other.
 """
 
 import argparse
@@ -34,33 +34,33 @@ SPAWN = multiprocessing.get_context("spawn")
 
 
 def make_body(size_bytes: int, number: int) -> Iterator[bytes]:
-    """Give that many bytes, different for each upload, and no recording: refused in no time once stored."""
+    """Yield that many bytes, different for each upload; rejected right after storing (not a recording)."""
     piece = hashlib.sha256(str(number).encode()).digest() * (PIECE_BYTES // 32)
     for _ in range(size_bytes // PIECE_BYTES):
         yield piece
 
 
 def upload(address: str, size_bytes: int, number: int) -> int:
-    """Upload once; gives the status."""
+    """Upload once; return the status."""
     with closing(http.client.HTTPConnection(urlsplit(address).netloc, timeout=600)) as client:
-        told = {"Content-Length": str(size_bytes // PIECE_BYTES * PIECE_BYTES)}
-        client.request("POST", "/api/v1/analyze", make_body(size_bytes, number), told)
+        headers = {"Content-Length": str(size_bytes // PIECE_BYTES * PIECE_BYTES)}
+        client.request("POST", "/api/v1/analyze", make_body(size_bytes, number), headers)
         return client.getresponse().status
 
 
 def upload_at_once(address: str, size_bytes: int, numbers: range) -> tuple[float, int]:
-    """Upload several at once; gives the seconds until the last is acknowledged, and how many were not."""
+    """Upload several at once; return the seconds until the last is acknowledged, and how many failed."""
     with ProcessPoolExecutor(len(numbers), SPAWN) as pool:
         list(
             pool.map(time.sleep, [PROBE_PAUSE_S] * len(numbers))
-        )  # every client is there before the clock runs
+        )  # every client is ready before the clock starts
         started_s = time.monotonic()
         statuses = list(pool.map(partial(upload, address, size_bytes), numbers))
         return time.monotonic() - started_s, sum(status != 202 for status in statuses)
 
 
 def wait_for_quiet(address: str) -> None:
-    """Wait until no analysis is queued or runs, and what was written is on the disk."""
+    """Wait until no analysis is queued or running, and all data is on the disk."""
     with httpx2.Client(base_url=address, timeout=60) as client:
         while any(
             client.get("/api/v1/analyses", params={"state": state}).json()["items"]
@@ -71,7 +71,7 @@ def wait_for_quiet(address: str) -> None:
 
 
 def probe(address: str) -> float:
-    """Ask for the list of analyses many times; gives the 99th percentile in milliseconds."""
+    """Request the list of analyses many times; return the 99th percentile in milliseconds."""
     times_s = []
     with httpx2.Client(base_url=address, timeout=60) as client:
         for _ in range(PROBES):
@@ -101,10 +101,10 @@ def probe_under_load(address: str, shift: Path, size_bytes: int) -> float:
 
 
 def analyse_once(address: str, shift: Path, side: str) -> None:
-    """Have a shift analysed, once more, and wait for the end."""
-    told = {"side": side, "again": "true", "file_name": shift.name}
+    """Analyse a shift again, and wait for the end."""
+    params = {"side": side, "again": "true", "file_name": shift.name}
     with httpx2.Client(base_url=address, timeout=600) as client:
-        analysis = client.post("/api/v1/analyze", params=told, content=shift.read_bytes()).json()
+        analysis = client.post("/api/v1/analyze", params=params, content=shift.read_bytes()).json()
         while (state := analysis["state"]) in ("queued", "running"):
             analysis = client.get(analysis["links"]["self"], params={"wait": 10}).json()
     if state != "succeeded":
@@ -117,7 +117,7 @@ def _repeat(stopping: Event, load: Callable[[], object]) -> None:
 
 
 def read_peak_mb(pid: int) -> float:
-    """Return the largest resident memory a process ever had."""
+    """Return the peak resident memory of a process."""
     status = Path(f"/proc/{pid}/status").read_text()
     return int(status.partition("VmHWM:")[2].split()[0]) * 1024 / 1e6
 

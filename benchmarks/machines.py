@@ -1,8 +1,8 @@
-"""Do two workers do twice the work of one? ``python -m benchmarks.machines [--jobs 8] [--hours 1]``.
+"""Compare the throughput of two workers with one: ``python -m benchmarks.machines [--jobs 8] [--hours 1]``.
 
-A real PostgreSQL wakes the workers (Procrastinate); each is pinned to a core of its own, as a machine with
-one core would be, and each analysis reads its file: the cache of decoded recordings is off. Prints the
-throughput of one and of two, and their ratio (goal: 1.8).
+A real PostgreSQL wakes the workers (Procrastinate). Each is pinned to a separate core, as on a machine with
+one core. The cache of decoded recordings is off, so each analysis reads its file. Prints the throughput of
+one and of two, and their ratio (goal: 1.8).
 """
 
 import argparse
@@ -39,7 +39,7 @@ def queue(settings: Settings, shift: Path, number: int) -> list[str]:
 
 
 def start_worker(settings: Settings, core: int) -> subprocess.Popen[bytes]:
-    """Start a worker that may use one core, with one thread for the mathematics."""
+    """Start a worker on one core, with one thread for the mathematics."""
     command = [sys.executable, "-m", "app.queue.worker", "--data", str(settings.data_dir)]
     environment = os.environ | settings.as_environment() | {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
     worker = subprocess.Popen(command, env=environment, stderr=subprocess.DEVNULL)
@@ -55,12 +55,12 @@ def wait_for_all(store: JobStore, names: list[str]) -> None:
 
 
 def measure(settings: Settings, shift: Path, cores: list[int], jobs: int) -> float:
-    """Return the analyses per second, from the first that began to the last that ended."""
+    """Return the analyses per second, from the first start to the last end."""
     store = JobStore(settings)
     workers = [start_worker(settings, core) for core in cores]
     try:
         time.sleep(READY_S)
-        wait_for_all(store, queue(settings, shift, len(cores)))  # loads the science, compiles
+        wait_for_all(store, queue(settings, shift, len(cores)))  # loads the analysis code, compiles
         names = queue(settings, shift, jobs)
         wait_for_all(store, names)
         done = [store.get(name) for name in names]

@@ -1,9 +1,8 @@
-"""The pages in Chromium: a day of 14.4 million samples, 10,000 recordings, an upload of 300 MB, a
-day of 8 h from the drop to its report.
+"""Measure the pages in Chromium: a long curve, 10,000 recordings, a 300 MB upload, 8 h from drop to report.
 
     python -m benchmarks.pages
 
-Prints medians and 95th percentiles; the machine's load is told beside them, for they mean little without it.
+Prints medians and 95th percentiles, and the machine's load, because they depend on it.
 """
 
 import os
@@ -36,7 +35,7 @@ TIMINGS = """performance.getEntriesByType("resource")
 
 def fill_library(data: Path) -> None:
     store = JobStore(Settings(data_dir=data))
-    rows, jobs, told = [], [], []
+    rows, jobs, results = [], [], []
     for number in range(LIBRARY):
         recording, analysis = f"rec_{secrets.token_hex(8)}", f"an_{secrets.token_hex(8)}"
         moment = (
@@ -55,9 +54,9 @@ def fill_library(data: Path) -> None:
         job |= {"state": JobState.SUCCEEDED, "progress": 1.0, "attempts": 1, "beats": 1, "created_at": moment}
         jobs.append(job)
         verdict = ("good", "caution", "poor")[number % 3]
-        told.append({"analysis_id": analysis, "verdict": verdict, "start": moment[:19]})
+        results.append({"analysis_id": analysis, "verdict": verdict, "start": moment[:19]})
     with store.engine.begin() as connection:
-        for table, values in ((recordings, rows), (analyses, jobs), (answers, told)):
+        for table, values in ((recordings, rows), (analyses, jobs), (answers, results)):
             connection.execute(insert(table), values)
     store.close()
 
@@ -70,8 +69,8 @@ def measure_curve(page: Page, address: str) -> None:
     for key in (["+"] * 6 + ["ArrowRight"] * 8 + ["-"] * 6) * (STEPS // 20):
         page.locator("#curve").press(key)
         page.wait_for_timeout(120)
-    tell("a step of pan or zoom, key to drawn", page.evaluate("acromionDay.steps"))
-    tell("a piece of the curve, asked to answered", page.evaluate(TIMINGS))
+    print_times("a step of pan or zoom, key to drawn", page.evaluate("acromionDay.steps"))
+    print_times("a piece of the curve, request to response", page.evaluate(TIMINGS))
 
 
 def measure_library(browser: Browser, address: str) -> None:
@@ -83,11 +82,11 @@ def measure_library(browser: Browser, address: str) -> None:
         page.wait_for_selector("#drop[data-api]", state="visible")
         taken.append(1000 * (time.perf_counter() - began_s))
         page.close()
-    tell(f"first page with {LIBRARY} recordings, to interactive", taken)
+    print_times(f"first page with {LIBRARY} recordings, to interactive", taken)
 
 
 def measure_upload(browser: Browser, running: RunningServer, folder: Path) -> None:
-    """Set the page's upload beside one raw PUT of as many bytes to the same server."""
+    """Compare the page's upload with one raw PUT of the same size to the same server."""
     taken: dict[str, list[float]] = {"page": [], "put": []}
     for number in range(3):
         by_page, by_put = (folder / f"{way}_{number}.csv" for way in taken)
@@ -112,14 +111,14 @@ def measure_upload(browser: Browser, running: RunningServer, folder: Path) -> No
 
 
 def measure_drop(browser: Browser, running: RunningServer, folder: Path) -> None:
-    """Time an 8 h `.gt3x` from the drop to its report in the list, on a server that has done one before."""
+    """Time an 8 h `.gt3x` from the drop to its report in the list, on a warm server."""
     log = next(path for path in write_recordings(folder / "shift", "gt9x", 8.0, 1) if path.suffix == ".gt3x")
     taken_ms = []
     for number in range(DROPS + 1):
         other = folder / f"day_{number}.gt3x"
         shutil.copy(log, other)
         with zipfile.ZipFile(other, "a") as archive:
-            archive.comment = str(number).encode()  # else the server knows the bytes
+            archive.comment = str(number).encode()  # otherwise the server knows the bytes
         page = browser.new_page()
         page.goto(f"{running.address}?lang=en")
         began_s = time.perf_counter()
@@ -128,10 +127,10 @@ def measure_drop(browser: Browser, running: RunningServer, folder: Path) -> None
         done.first.wait_for(timeout=120_000)
         taken_ms.append(1000 * (time.perf_counter() - began_s))
         page.close()
-    tell("drop of 8 h to report", taken_ms[1:])
+    print_times("drop of 8 h to report", taken_ms[1:])
 
 
-def tell(name: str, taken_ms: list[float]) -> None:
+def print_times(name: str, taken_ms: list[float]) -> None:
     ordered = sorted(taken_ms)
     p95 = ordered[min(len(ordered) - 1, int(0.95 * len(ordered)))]
     print(f"{name}: median {statistics.median(ordered):.0f} ms, p95 {p95:.0f} ms, n {len(ordered)}")

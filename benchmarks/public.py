@@ -1,9 +1,10 @@
 """The public benchmark: ``python -m benchmarks.public [-o DIR] [--data DIR] [--hours 8] [--only PART...]``.
 
 Writes one page, ``benchmark.html``, and the same numbers as ``benchmark.json``: accuracy on BROAD, on
-recorded motion and on the ten tasks; speed and memory beside VQF, offlineVQF, ahrs, imufusion, pandas and
-polars; the machine and every version. What cannot be measured here is named with what it needs. The
-measuring is that of ``benchmarks.validation`` and ``benchmarks.readers``. Needs the extras `dev` and `bench`.
+recorded motion and on the ten tasks; speed and memory compared with VQF, offlineVQF, ahrs, imufusion, pandas
+and polars; the machine and every version. Parts that cannot be measured name their missing requirement. The
+measurements come from ``benchmarks.validation`` and ``benchmarks.readers``. Needs the extras `dev` and
+`bench`.
 """
 
 import argparse
@@ -50,7 +51,7 @@ class Bar:
 
 @dataclass(frozen=True, slots=True)
 class Chart:
-    """Figures that compare: less is better in all of them."""
+    """Figures to compare: less is better in all of them."""
 
     title: str
     unit: str
@@ -64,7 +65,7 @@ class Chart:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """A part of the page; ``missing`` names what it needed and did not find."""
+    """A part of the page; ``missing`` names its missing requirement."""
 
     key: str
     title: str
@@ -75,7 +76,7 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """All that the page shows."""
+    """The content of the page."""
 
     made_at: str
     software: str
@@ -89,7 +90,9 @@ def measure_broad(data: Path) -> Part:
     part = Part("broad", "Against optical motion capture (BROAD)", _BROAD)
     folder = data / "broad"
     if not list(folder.glob("*.npz")):
-        return _lack(part, "the BROAD recordings (Laidig et al. 2021) as *.npz in broad/ of the data folder")
+        return _missing(
+            part, "the BROAD recordings (Laidig et al. 2021) as *.npz in broad/ of the data folder"
+        )
     # needs the extra `bench`
     from benchmarks.validation.peers import run_madgwick, run_mahony  # noqa: PLC0415
     from benchmarks.validation.recorded import load_both, score_all, score_untouched  # noqa: PLC0415
@@ -99,21 +102,21 @@ def measure_broad(data: Path) -> Part:
     charts = []
     for rate in ("286 Hz", "100 Hz"):
         scores = {**score_untouched(folder, rate), **score_all(load_both(folder)[rate], filters)}
-        bars = (
-            Bar(name, score.aligned_deg, f"as it comes {score.raw_deg:.2f}") for name, score in scores.items()
-        )
+        bars = (Bar(name, score.aligned_deg, f"raw {score.raw_deg:.2f}") for name, score in scores.items())
         charts.append(Chart(f"Error of the vertical at {rate}", "deg", _sort(bars)))
     return _fill(part, charts)
 
 
 def measure_recorded(data: Path, seeds: int) -> Part:
-    """Score the angle on days put together from recorded human motion."""
+    """Score the angle on days assembled from recorded human motion."""
     part = Part("recorded", "On recorded human motion", _RECORDED.format(n=seeds))
     from benchmarks.validation.stated import KINDS, find_missing, run  # noqa: PLC0415
     from benchmarks.validation.worn import NAMES  # noqa: PLC0415
 
     if find_missing(data):
-        return _lack(part, "the motion capture of people in real_motion/ and skin_motion/ of the data folder")
+        return _missing(
+            part, "the motion capture of people in real_motion/ and skin_motion/ of the data folder"
+        )
     scores = [one for one in run(("pose",), range(seeds), data=data) if not one.refused]
     charts = []
     for kind, title in KINDS.items():
@@ -160,7 +163,7 @@ def measure_fusion() -> Part:
 
 
 def measure_reading(hours: float) -> Part:
-    """Time the readers of a device's CSV, and the memory that they take."""
+    """Time the readers of a device's CSV, and measure their memory."""
     from benchmarks.readers import measure  # noqa: PLC0415
 
     with tempfile.TemporaryDirectory() as folder:
@@ -187,34 +190,34 @@ def _fill(part: Part, charts: Iterable[Chart]) -> Part:
     return Part(part.key, part.title, part.text, tuple(charts))
 
 
-def _lack(part: Part, what: str) -> Part:
+def _missing(part: Part, what: str) -> Part:
     return Part(part.key, part.title, part.text, missing=what)
 
 
 _BROAD = """\
-Seventeen trials of a hand-held sensor beside optical motion capture. The figure is the root
-mean square angle between the estimated and the optical vertical in motion, at the one lag
-that is best for each estimator. None uses a magnetometer."""
+Seventeen trials of a hand-held sensor with optical motion capture. The figure is the root mean
+square angle between the estimated and the optical vertical in motion, at the best single lag
+for each estimator. None uses a magnetometer."""
 _RECORDED = """\
-{n} days of eight hours of each kind for each device, put together from people's recorded arm
-motion, with a simulated sensor and its faults. The figure is the root mean square error,
-median of the days; the pose is held in the first 10 s, and nobody says so. No sensor worn
-by a person with a reference for the upper arm is among the data."""
+{n} days of eight hours of each kind for each device, assembled from people's recorded arm
+motion, with a simulated sensor and its errors. The figure is the root mean square error,
+median of the days. The pose is held in the first 10 s but not stated. The data includes no
+sensor worn by a person with a reference for the upper arm."""
 _TASKS = """\
 Five virtual people do the ten tasks of a published study, each five times; rigid arm, exact
-truth, simulated faults of the sensors. published is the algorithm of that study."""
+truth, simulated sensor errors. published is the algorithm of that study."""
 _FUSION = """\
-A simulated recording in memory. smoothed, published and live do the whole way to the
-angle: still moments, calibration, fusion. The peers get arrays in their units and give
-quaternions. imufusion runs in its Python loop; it and ahrs (Madgwick, Mahony) run over 30
-s, scaled."""
+A simulated recording in memory. smoothed, published and live compute everything up to the
+angle: still moments, calibration, fusion. The peers get arrays in their units and return
+quaternions. imufusion runs in its Python loop; it and ahrs (Madgwick, Mahony) run over 30 s,
+scaled."""
 _READING = """\
-Each reader in a process of its own, one thread, after a warm-up: the columns of
-acceleration and angular rate as numbers. acromion also finds the columns and the time."""
+Each reader in a separate process, one thread, after a warm-up: the columns of acceleration and
+angular rate as numbers. acromion also detects the columns and the time."""
 
 
 def describe_machine() -> dict[str, str]:
-    """Name what bears on speed."""
+    """Return the properties of the machine that affect speed."""
     cpu = next(
         (
             line.partition(":")[2].strip()
@@ -233,7 +236,7 @@ def describe_machine() -> dict[str, str]:
 
 
 def find_versions() -> dict[str, str]:
-    """Name every program that is compared; one that is not installed is said to be absent."""
+    """Return the version of every compared program, "absent" if it is not installed."""
     return {"Python": platform.python_version()} | {name: _find_version(name) for name in PACKAGES}
 
 
@@ -245,7 +248,7 @@ def _find_version(name: str) -> str:
 
 
 def measure(name: str, title: str, run: Callable[[], Part]) -> Part:
-    """Measure one part; a package that is absent is named, and the other parts go on."""
+    """Measure one part; if a package is missing, name it, and continue with the other parts."""
     print(f"{name} ...", flush=True)
     try:
         return run()
@@ -254,7 +257,7 @@ def measure(name: str, title: str, run: Callable[[], Part]) -> Part:
 
 
 def render(page: Page) -> str:
-    """Return the page as one HTML file that needs nothing else."""
+    """Return the page as one self-contained HTML file."""
     folder = FileSystemLoader(Path(__file__).parent)
     environment = Environment(loader=folder, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
     return environment.get_template("public.html.j2").render(page=page)
@@ -285,7 +288,7 @@ def main() -> None:
     (asked.output / "benchmark.json").write_text(json.dumps(asdict(page), indent=1) + "\n", "utf-8")
     for part in parts:
         if part.missing:
-            print(f"{part.title}: not measured, for it needs {part.missing}")
+            print(f"{part.title}: not measured; it needs {part.missing}")
     print(f"written: {asked.output / 'benchmark.html'}, {asked.output / 'benchmark.json'}")
 
 

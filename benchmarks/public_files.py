@@ -41,7 +41,7 @@ class Outcome:
 
 
 def find_files(folder: Path) -> Iterator[Path]:
-    """Return the recordings of a source, in order."""
+    """Yield the recordings of a source, in order."""
     for path in sorted(folder.iterdir()):
         is_licence = path.name in LEFT_ASIDE or path.name.upper().startswith("LICENSE")
         if path.is_file() and not is_licence and path.suffix.lower() not in OTHER_SUFFIXES:
@@ -49,7 +49,7 @@ def find_files(folder: Path) -> Iterator[Path]:
 
 
 def inspect(path: Path, answers: dict[str, Any]) -> Outcome:
-    """Read a file; where it asks what ``answers`` holds, read it once more with the answer."""
+    """Read a file; if ``answers`` has an answer for it, read it again with the answer."""
     try:
         return describe(read_recording(path))
     except FusionError as refusal:
@@ -86,7 +86,7 @@ def describe_refusal(refusal: FusionError) -> Outcome:
 
 
 def describe(recording: Recording) -> Outcome:
-    """Return the device, where each unit came from, and what was changed in the samples."""
+    """Return the device, the source of each unit, and the changes to the samples."""
     device = find_device_name(recording.device) or recording.device
     sources = [find_source(recording, name) for name in ("acceleration", "angular rate")]
     units = ", ".join(dict.fromkeys(sources))
@@ -99,13 +99,13 @@ def describe(recording: Recording) -> Outcome:
 
 
 def find_unstated(recording: Recording) -> set[str]:
-    """The sensors whose unit no header states: finding it changes no value that was good."""
+    """Return the sensors whose unit no header states: determining it changes no correct value."""
     names = {"acceleration": "acceleration_unit", "angular rate": "angular_rate_unit"}
     return {name for name, key in names.items() if not recording.understood.get(key, "-")}
 
 
 def find_source(recording: Recording, sensor: str) -> str:
-    """Where the unit of a sensor came from: header, device, motion (rest and turns) or nowhere."""
+    """Return the source of a sensor's unit: header, device, or motion (rest and turns)."""
     if sensor not in find_unstated(recording):
         channel = "acc" if sensor == "acceleration" else "gyr"
         columns = map(parse_column_name, recording.understood.get("columns", "").split(", "))

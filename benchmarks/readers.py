@@ -1,20 +1,20 @@
-"""How fast and how lean recordings are read, beside the general-purpose table readers, on one core.
+"""Measure speed and memory of reading recordings on one core, compared with table readers.
 
     python -m benchmarks.readers shift_seed1.gt3x shift_seed1-IMU.csv shift_seed1.csv
 
-Every reading is a process of its own, held to one core (affinity, and one thread for the readers that have
-threads), warmed up on the first megabyte (imports and compiled code are not timed), and the readers take
-turns, so that what else the machine does falls on all alike. medians of three rounds.
+Every reading is a separate process, limited to one core (affinity, and one thread for readers with threads),
+and warmed up on the first megabyte (imports and compilation are not timed). The readers alternate, so that
+other load on the machine affects all alike. Prints medians of three rounds.
 
-The peers are given only the columns that are needed, and leave calendar stamps as text. Ours does more: it
-finds the holes, checks the physics and the sensors' faults. "with SHA-256" also takes the file's digest,
-which the peers do not. For `.gt3x`, pygt3x reads the primary accelerometer of the same file, if
-PYGT3X_PYTHON names an interpreter that has it.
+The peers only get the needed columns, and leave timestamps as text. Our reader also finds the gaps and checks
+the physics and the sensors' faults. "with SHA-256" also computes the file's digest, which the peers do not.
+For `.gt3x`, pygt3x reads the primary accelerometer of the same file, if PYGT3X_PYTHON names an interpreter
+that has it.
 
-Time in the operating system's kernel (copying the file from its cache, clearing fresh memory) is counted and
-also printed apart: on a virtual machine it depends on what the host does, and not on the reader.
+Time in the kernel (copying the file from its cache, clearing new memory) is included and also printed
+separately: on a virtual machine it depends on the host, not on the reader.
 
-Peak: VmHWM of /proc, less the resident memory before the reading; then less the decoded samples (float32).
+Peak: VmHWM of /proc, minus the resident memory before the reading; then minus the decoded samples (float32).
 """
 
 import io
@@ -30,7 +30,7 @@ from pathlib import Path
 ROUNDS = 3
 WARM_BYTES = 1 << 20
 TIME_AND_MOTION = {True: (0, 1, 2, 3, 5, 6, 7), False: (0, 1, 2, 3, 4, 5, 6)}
-"""Columns needed of an ActiLife export, and of our own layout for the LSM9DS1."""
+"""Columns needed of an ActiLife export, and of our layout for the LSM9DS1."""
 PYGT3X = """
 import sys, time
 from pygt3x.reader import FileReader
@@ -141,7 +141,7 @@ def run_one(name: str, path: Path) -> None:
     warm_up(name, path)
     first = time.perf_counter() - first
     before_mib = memory_mib("VmRSS")
-    Path("/proc/self/clear_refs").write_text("5")  # the high-water mark begins anew
+    Path("/proc/self/clear_refs").write_text("5")  # reset the high-water mark
     started = os.times()
     rows = READERS[name](path, path)
     ended = os.times()

@@ -1,12 +1,11 @@
-"""A lost database: ``python -m benchmarks.recover`` (1,000 recordings, some minutes).
+"""Test the recovery of a lost database: ``python -m benchmarks.recover`` (1,000 recordings, some minutes).
 
-- ``folder``: recordings are stored and analysed (by a stand-in for the science), some get periods, some are
-  put in the trash; the SQLite file is thrown away; ``acromion recover`` has to bring back what the API said
-  before.
+- ``folder``: recordings are stored and analysed (by a fake analysis), some get periods, some are moved to the
+  trash; the SQLite file is deleted; ``acromion recover`` must restore what the API returned before.
 - ``bucket``: the same with the recordings in a bucket of a real S3 server and the rows in PostgreSQL, whose
   tables are dropped; recovered from another folder than before.
 
-Prints a table; exits 1 when anything differs.
+Prints a table; exits 1 if anything differs.
 """
 
 import argparse
@@ -36,8 +35,8 @@ Environment = Mapping[str, str]
 
 
 @dataclass
-class Tried:
-    """What one recovery came to."""
+class RecoveryResult:
+    """The result of one recovery."""
 
     what: str
     recordings: int = 0
@@ -54,16 +53,16 @@ class Tried:
 
 
 def fill(client: httpx2.Client, number: int, seed: int) -> None:
-    """Store recordings that differ in all that people say about them, and analyse them all."""
+    """Store recordings with different metadata, and analyse them all."""
     dice, ids = random.Random(seed), list[str]()
     for k in range(number):
-        told = {
+        metadata = {
             "file_name": f"shift {k}.gt3x",
             "subject": f"S-{k % 97}",
             "side": dice.choice(("left", "right")),
         }
-        told |= {"external_id": f"EXT-{k}", "note": f"note {k}, côté {dice.random():.3f}"}
-        stored = client.post("/recordings", content=dice.randbytes(dice.randint(100, 3000)), params=told)
+        metadata |= {"external_id": f"EXT-{k}", "note": f"note {k}, côté {dice.random():.3f}"}
+        stored = client.post("/recordings", content=dice.randbytes(dice.randint(100, 3000)), params=metadata)
         ids.append(stored.raise_for_status().json()["id"])
         if k % PERIODS_OF == 0:
             period = {"start_s": 0, "end_s": 60 + k, "kind": "task", "label": f"task {k}"}
@@ -78,7 +77,7 @@ def fill(client: httpx2.Client, number: int, seed: int) -> None:
 
 
 def read_all(client: httpx2.Client) -> Views:
-    """Return all that the API says of recordings, periods, trash and analyses."""
+    """Return everything that the API reports about recordings, periods, trash and analyses."""
     found: Views = {}
     for view in _list_all(client, "/recordings"):
         periods = client.get(f"/recordings/{view['id']}/periods").raise_for_status().json()
@@ -112,7 +111,7 @@ def running(
 
 
 def compare(before: Views, after: Views) -> list[str]:
-    """Name what is not as it was."""
+    """Return the differences."""
     broken = [f"{name} is lost" for name in before if name not in after]
     broken += [f"{name} is new" for name in after if name not in before]
     for name in before.keys() & after.keys():
@@ -123,8 +122,8 @@ def compare(before: Views, after: Views) -> list[str]:
     return broken
 
 
-def recover_all(tried: Tried, folder: Path, environment: Environment, before: Views) -> None:
-    """Recover, start, and compare with what was there before."""
+def recover_all(tried: RecoveryResult, folder: Path, environment: Environment, before: Views) -> None:
+    """Recover, start, and compare with the state before."""
     os.environ.update(environment)
     started_s = time.monotonic()
     ended = run_command("recover", "--data", folder / "data")
@@ -135,8 +134,8 @@ def recover_all(tried: Tried, folder: Path, environment: Environment, before: Vi
     with running(folder, environment) as client:
         after = read_all(client)
     tried.broken += compare(before, after)
-    tried.recordings = len(_of_recordings(before))
-    tried.trashed = sum(view["state"] == "trashed" for view in _of_recordings(before))
+    tried.recordings = len(_list_recordings(before))
+    tried.trashed = sum(view["state"] == "trashed" for view in _list_recordings(before))
     tried.reports = sum(view["result"][0] == 200 for view in before.values() if "result" in view)
     tried.back = sum(before[name] == after.get(name) for name in before if name.startswith("rec_"))
     verified = run_command("verify", "--data", folder / "data")
@@ -144,23 +143,23 @@ def recover_all(tried: Tried, folder: Path, environment: Environment, before: Vi
         tried.broken.append(f"verify: {verified.output[-200:]}")
 
 
-def _of_recordings(views: Views) -> list[dict[str, Any]]:
+def _list_recordings(views: Views) -> list[dict[str, Any]]:
     return [view for name, view in views.items() if name.startswith("rec_")]
 
 
-def try_folder(folder: Path, number: int) -> list[Tried]:
-    tried = Tried("folder and SQLite")
+def try_folder(folder: Path, number: int) -> list[RecoveryResult]:
+    tried = RecoveryResult("folder and SQLite")
     with running(folder, {}, workers=2) as client:
         fill(client, number, seed=1)
         before = read_all(client)
-    _throw_away_sqlite(folder / "data")
+    _delete_sqlite(folder / "data")
     recover_all(tried, folder, {}, before)
     return [tried]
 
 
-def try_bucket(folder: Path, number: int) -> list[Tried]:
+def try_bucket(folder: Path, number: int) -> list[RecoveryResult]:
     tried, swift, postgres = (
-        Tried("bucket and PostgreSQL, from another folder"),
+        RecoveryResult("bucket and PostgreSQL, from another folder"),
         SwiftServer(),
         PostgresServer(),
     )
@@ -183,17 +182,17 @@ def try_bucket(folder: Path, number: int) -> list[Tried]:
     return [tried]
 
 
-def _throw_away_sqlite(data: Path) -> None:
+def _delete_sqlite(data: Path) -> None:
     for path in data.glob("acromion.sqlite3*"):
         path.unlink()
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Throw the database away, recover, compare.")
+    parser = argparse.ArgumentParser(description="Delete the database, recover, compare.")
     parser.add_argument("--recordings", type=int, default=1000)
     parser.add_argument("--only", choices=("folder", "bucket"))
     wished = parser.parse_args()
-    tried: list[Tried] = []
+    tried: list[RecoveryResult] = []
     for what in ("folder", "bucket"):
         if wished.only not in (None, what):
             continue

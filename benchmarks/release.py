@@ -1,11 +1,11 @@
-"""Make a release: refuse what is not ready, build, and try the wheel where nothing else is installed.
+"""Create a release: check that it is ready, build, and test the wheel in an empty environment.
 
     python -m benchmarks.release -o dist [--python python3.12 ...]
 
-Refused: a changelog without an entry for the version, or with unreleased entries left; another version in
-``CITATION.cff`` or ``docs/cite.md``; files that are not committed; two builds that differ. Then each
-``--python`` gets an empty environment with the wheel and what it asks for, and simulates, analyses and reads
-a shift in an empty folder.
+The release is rejected if: the changelog has no entry for the version, or has unreleased entries;
+``CITATION.cff`` or ``docs/cite.md`` name another version; files are not committed; two builds differ. Then
+each ``--python`` gets an empty environment with the wheel and its dependencies, and simulates, analyses and
+reads a shift in an empty folder.
 """
 
 import argparse
@@ -36,7 +36,7 @@ print(analysis)
 
 
 class NotReady(Exception):
-    """What stands in the way of a release."""
+    """The reason why the release is not ready."""
 
 
 def read_version(root: Path) -> str:
@@ -46,7 +46,7 @@ def read_version(root: Path) -> str:
 
 
 def check_changelog(text: str, version: str) -> None:
-    """Refuse a changelog that does not tell what is in this version.
+    """Check that the changelog describes this version.
 
     Raises
     ------
@@ -55,7 +55,7 @@ def check_changelog(text: str, version: str) -> None:
     """
     parts = dict(re.findall(r"^## ([^\n]+)\n(.*?)(?=^## |\Z)", text, re.DOTALL | re.MULTILINE))
     if re.search(r"^- ", parts.get("Unreleased", ""), re.MULTILINE):
-        raise NotReady("CHANGELOG.md: entries stand under Unreleased; give them a heading of their version")
+        raise NotReady("CHANGELOG.md: move the entries under Unreleased to a heading of the version")
     for heading, body in parts.items():
         if re.fullmatch(rf"{re.escape(version)} - \d{{4}}-\d\d-\d\d", heading):
             if re.search(r"^- ", body, re.MULTILINE):
@@ -65,7 +65,7 @@ def check_changelog(text: str, version: str) -> None:
 
 
 def check_citation(root: Path, version: str) -> None:
-    """Refuse a citation of another version."""
+    """Check that the citation names this version."""
     cited = yaml.safe_load((root / "CITATION.cff").read_text("utf-8"))["version"]
     if str(cited) != version:
         raise NotReady(f"CITATION.cff names version {cited}, not {version}")
@@ -74,23 +74,23 @@ def check_citation(root: Path, version: str) -> None:
 
 
 def check_committed(root: Path) -> None:
-    """Refuse changes that no commit holds."""
+    """Check that all changes are committed."""
     changed = _ask(["git", "status", "--porcelain"], root)
     if changed:
         raise NotReady(f"not committed:\n{changed}")
 
 
 def build(root: Path, out: Path, seconds: int) -> Mapping[str, str]:
-    """Build the source archive and the wheel; gives the SHA-256 of each by its name.
+    """Build the source archive and the wheel; return the SHA-256 of each by its name.
 
     Parameters
     ----------
     root
         A work tree, or an unpacked source archive.
     out
-        Where they go.
+        The output folder.
     seconds
-        Since 1970: the time that every file in them is given (``SOURCE_DATE_EPOCH``).
+        Since 1970: the time of every file in them (``SOURCE_DATE_EPOCH``).
     """
     environment = os.environ | {"SOURCE_DATE_EPOCH": str(seconds)}
     command = [sys.executable, "-m", "hatchling", "build", "-d", str(out)]
@@ -99,7 +99,7 @@ def build(root: Path, out: Path, seconds: int) -> Mapping[str, str]:
 
 
 def build_twice(root: Path, out: Path, seconds: int) -> Mapping[str, str]:
-    """Build twice, and the wheel from the source archive, too; refuse a difference."""
+    """Build twice, and the wheel also from the source archive; raise NotReady if the builds differ."""
     made = build(root, out, seconds)
     (archive,) = (out / name for name in made if name.endswith(".tar.gz"))
     with tempfile.TemporaryDirectory() as folder:
@@ -115,7 +115,7 @@ def build_twice(root: Path, out: Path, seconds: int) -> Mapping[str, str]:
 
 
 def try_wheel(wheel: Path, python: str) -> str:
-    """Install the wheel into an empty environment and use it in an empty folder; gives what it printed."""
+    """Install the wheel into an empty environment and use it in an empty folder; return its output."""
     with tempfile.TemporaryDirectory() as folder:
         home = Path(folder)
         bin_folder = home / "env" / "bin"
@@ -136,7 +136,7 @@ def try_wheel(wheel: Path, python: str) -> str:
 
 
 def release(out: Path, pythons: Sequence[str]) -> None:
-    """Do all of it."""
+    """Run all steps."""
     version = read_version(ROOT)
     check_changelog((ROOT / "CHANGELOG.md").read_text("utf-8"), version)
     check_citation(ROOT, version)
@@ -159,9 +159,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("-o", "--out", type=Path, default=ROOT / "dist", help="an absent folder")
+    parser.add_argument("-o", "--out", type=Path, default=ROOT / "dist", help="a new folder")
     parser.add_argument(
-        "--python", action="append", help="an interpreter to try the wheel with; again for each"
+        "--python", action="append", help="an interpreter to test the wheel with; may be repeated"
     )
     asked = parser.parse_args()
     try:

@@ -1,9 +1,9 @@
-"""How long a report takes: HTML and PDF in one language from a finished analysis, warm and in a new process.
+"""Measure the time of a report (HTML and PDF, one language), warm and in a new process.
 
     python -m benchmarks.report [--hours 8] [--runs 20]
 
 The analysis is that of a simulated shift. Warm: the median of many reports in one process. Cold: the wall
-time of a new process that reads what the analysis left in its folder and writes both files.
+time of a new process that reads the stored analysis from its folder and writes both files.
 """
 
 import argparse
@@ -39,8 +39,8 @@ rewrite_reports(folder, ReportRequest("", languages=("en",)), folder / "again")
 """
 
 
-def keep_shift(folder: Path, hours: float) -> tuple[Findings, ReportSubject]:
-    """Simulate a shift, analyse it and keep its results."""
+def store_shift(folder: Path, hours: float) -> tuple[Findings, ReportSubject]:
+    """Simulate a shift, analyse it and store its results."""
     log = write_shift(folder, simulate_shift("gt9x", hours, seed=1), actilife_csv=False)[0]
     findings = build_findings(analyse(read_recording(io.BytesIO(log.read_bytes()), file_name=log.name)))
     subject = describe_subject(ReportRequest(log.name, "S012", "right"))
@@ -68,7 +68,7 @@ def time_warm(findings: Findings, subject: ReportSubject, runs: int) -> dict[str
 
 
 def time_cold(folder: Path, runs: int) -> float:
-    """Return the median seconds of a new process that makes HTML and PDF of a finished analysis."""
+    """Return the median seconds of a new process that creates HTML and PDF of a finished analysis."""
     took = []
     for _ in range(runs + 1):
         began = time.perf_counter()
@@ -83,12 +83,12 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=20)
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
-        findings, subject = keep_shift(Path(temporary), arguments.hours)
+        findings, subject = store_shift(Path(temporary), arguments.hours)
         warm = time_warm(findings, subject, arguments.runs)
         cold_s = time_cold(Path(temporary), 5)
     total = warm["values"] + warm["HTML"] + warm["PDF"]
-    told = ", ".join(f"{name} {ms:.0f} ms" for name, ms in warm.items())
-    print(f"warm, one language: HTML + PDF {total:.0f} ms ({told})")
+    parts = ", ".join(f"{name} {ms:.0f} ms" for name, ms in warm.items())
+    print(f"warm, one language: HTML + PDF {total:.0f} ms ({parts})")
     print(f"new process, from the folder of a finished analysis: {cold_s:.2f} s")
 
 

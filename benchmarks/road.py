@@ -1,20 +1,19 @@
-"""The whole road on simulated shifts: how right, how fast, how much memory.
+"""Measure the whole analysis on simulated shifts: accuracy, speed, memory.
 
     python -m benchmarks.road [NAME ...] [--seed 1] [--keep DIR] [--runs 5]
     python -m benchmarks.road --lines [--keep DIR] [--runs 3]
 
-Names: gt9x-gt3x, gt9x-csv, lsm9ds1-4h, lsm9ds1-8h, lsm9ds1-24h; all but the last where none is given. Each
-run is a new process of the command line into a new folder (start-up, reading, fusion, exposure, HTML and
-PDF included). The first finds no compiled kernels, as after an installation; one run's memory is watched.
-Beside the others, turn by turn, runs the time of ``pandas.read_csv`` (C engine, every column) on the same
-file, itself in a new process, whose start-up and import of pandas are left out. Last comes a run over three
-recordings, one at a time: what each further one costs. ``--lines`` gives instead a row for 1, 2, 4, 8 and
-24 h of each format, and how many recordings of 8 h two cores analyse in an hour.
+Names: gt9x-gt3x, gt9x-csv, lsm9ds1-4h, lsm9ds1-8h, lsm9ds1-24h; by default all but the last. Each run is a
+new process of the command line with a new folder (start-up, reading, fusion, exposure, HTML and PDF
+included). The first run has no compiled kernels, as after an installation; the memory of one run is measured.
+In alternation, ``pandas.read_csv`` (C engine, every column) reads the same file in a new process; start-up
+and import of pandas are not timed. The last run has three recordings, one at a time, to measure the cost of
+each further one. ``--lines`` instead prints a row for 1, 2, 4, 8 and 24 h of each format, and how many
+recordings of 8 h two cores analyse in an hour.
 
-Processor time is of the process and all its children. Memory is their anonymous part of the proportional
-set size, so that what they share by forking counts once and files that are mapped do not. Truth and result
-are compared sample by sample where the result says it is valid; the bins against the truth's own share of
-the same samples.
+Processor time is of the process and all its children. Memory is the anonymous part of their proportional set
+size: memory shared by forking counts once, mapped files do not count. Truth and result are compared for each
+sample that the result marks as valid; the bins are compared with the truth's share of the same samples.
 """
 
 import argparse
@@ -48,8 +47,8 @@ print(time.perf_counter() - began, time.process_time() - cpu)
 
 
 @dataclass(frozen=True, slots=True)
-class Road:
-    """A recording to analyse, and what it may cost: seconds, times ``pandas.read_csv``, or memory."""
+class Case:
+    """A recording to analyse, and its limits: seconds, multiples of ``pandas.read_csv``, or memory."""
 
     device: Device
     hours: float
@@ -63,16 +62,16 @@ class Road:
     most_further_cpu_s: float | None = None
 
 
-ROADS = {
-    "gt9x-gt3x": Road(
+CASES = {
+    "gt9x-gt3x": Case(
         "gt9x", 8.0, ".gt3x", most_first_s=12.0, most_s=1.8, most_cpu_s=2.5, most_further_cpu_s=1.5
     ),
-    "gt9x-csv": Road("gt9x", 8.0, ".csv", most_times=3.0, most_cpu_times=1.8, most_mib=350.0),
-    "lsm9ds1-4h": Road("lsm9ds1", 4.0, ".csv", most_times=2.4, most_cpu_times=1.8, most_mib=400.0),
-    "lsm9ds1-8h": Road("lsm9ds1", 8.0, ".csv", most_times=1.8, most_cpu_times=1.4, most_mib=500.0),
-    "lsm9ds1-24h": Road("lsm9ds1", 24.0, ".csv", most_mib=600.0),
+    "gt9x-csv": Case("gt9x", 8.0, ".csv", most_times=3.0, most_cpu_times=1.8, most_mib=350.0),
+    "lsm9ds1-4h": Case("lsm9ds1", 4.0, ".csv", most_times=2.4, most_cpu_times=1.8, most_mib=400.0),
+    "lsm9ds1-8h": Case("lsm9ds1", 8.0, ".csv", most_times=1.8, most_cpu_times=1.4, most_mib=500.0),
+    "lsm9ds1-24h": Case("lsm9ds1", 24.0, ".csv", most_mib=600.0),
 }
-USUAL = tuple(name for name in ROADS if name != "lsm9ds1-24h")
+USUAL = tuple(name for name in CASES if name != "lsm9ds1-24h")
 FURTHER = 2
 FORMATS: tuple[tuple[Device, str], ...] = (("gt9x", ".gt3x"), ("gt9x", ".csv"), ("lsm9ds1", ".csv"))
 HOURS = (1.0, 2.0, 4.0, 8.0, 24.0)
@@ -81,7 +80,7 @@ BATCH = 16
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """Wall time, processor time and peak memory of a run, its children included."""
+    """Wall time, processor time and peak memory of a run, including its children."""
 
     wall_s: float
     cpu_s: float
@@ -97,14 +96,14 @@ def run_once(
     kernels: Path | None = None,
     at_once: int = 1,
 ) -> Cost:
-    """Run the command line on one recording or a folder, and watch it and all its children (Linux).
+    """Run the command line on one recording or a folder, and monitor it and all its children (Linux).
 
-    Looking at memory holds up the process that is looked at: it has a run of its own. ``kernels`` is the
-    folder of compiled code, empty after an installation; by default that of the user.
+    Measuring memory slows the process, so it has a separate run. ``kernels``: the folder of compiled code,
+    empty after an installation; by default that of the user.
     """
     asked = ["-o", str(out), "--method", method, "-j", str(at_once)]
     command = [sys.executable, "-m", "app", "run", str(log), *asked]
-    environment = keep_bytecode()
+    environment = build_environment()
     if kernels is not None:
         environment["NUMBA_CACHE_DIR"] = str(kernels)
     began = time.perf_counter()
@@ -130,13 +129,13 @@ def run_once(
     return Cost(wall_s, cpu_s, peak_kib / 1024)
 
 
-def keep_bytecode() -> dict[str, str]:
-    """Let Python keep what it compiles, as after an installation, whatever the environment says."""
+def build_environment() -> dict[str, str]:
+    """Return the environment without the variable that stops Python from storing bytecode."""
     return {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
 
 
 def list_processes(session: int) -> Iterator[tuple[str, int]]:
-    """Return process number and processor ticks of each process of a session."""
+    """Yield process number and processor ticks of each process of a session."""
     for folder in Path("/proc").glob("[0-9]*"):
         try:
             fields = (folder / "stat").read_text().rpartition(")")[2].split()
@@ -147,7 +146,7 @@ def list_processes(session: int) -> Iterator[tuple[str, int]]:
 
 
 def measure_memory_kib(pid: str) -> int:
-    """Return the anonymous part of a process's proportional set size; 0 for one that has gone."""
+    """Return the anonymous part of a process's proportional set size; 0 if it has ended."""
     try:
         lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
     except OSError:
@@ -156,14 +155,14 @@ def measure_memory_kib(pid: str) -> int:
 
 
 def run_pandas(log: Path) -> Cost:
-    """Read the table with pandas in a new process; the time of the call alone."""
+    """Read the table with pandas in a new process; return the time of the call alone."""
     command = [sys.executable, "-c", PANDAS, str(log), str(header_lines(log))]
     answer = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
     return Cost(float(answer[0]), float(answer[1]))
 
 
 def compare_with_truth(folder: Path, truth: Path) -> tuple[float, float, list[float]]:
-    """Give RMSE and bias of elevation in degrees, and the error of each bin in percentage points."""
+    """Return RMSE and bias of elevation in degrees, and the error of each bin in percentage points."""
     got, true = read_rows(folder / "elevation.parquet"), read_rows(truth)
     angle = got.elevation_deg[got.valid].astype(float)
     true_angle = np.interp(got.time_s[got.valid], true.time_s, true.elevation_deg)
@@ -176,7 +175,7 @@ def compare_with_truth(folder: Path, truth: Path) -> tuple[float, float, list[fl
 
 def main() -> None:
     parser = argparse.ArgumentParser()
-    parser.add_argument("names", nargs="*", choices=[*ROADS, []], metavar="NAME")
+    parser.add_argument("names", nargs="*", choices=[*CASES, []], metavar="NAME")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--method", default="smoothed")
     parser.add_argument("--runs", type=int, default=5)
@@ -188,37 +187,38 @@ def main() -> None:
             report_lines(Path(temporary), arguments)
             return
         for name in arguments.names or USUAL:
-            road = ROADS[name]
-            made = simulate(road, arguments.keep or Path(temporary), arguments.seed)
-            report(road, made, Path(temporary) / name, arguments)
+            case = CASES[name]
+            made = simulate(case, arguments.keep or Path(temporary), arguments.seed)
+            report(case, made, Path(temporary) / name, arguments)
 
 
 def report_lines(out: Path, arguments: argparse.Namespace) -> None:
-    """Print what each length of each format costs, then recordings of 8 h an hour."""
+    """Print the cost of each length of each format, then the recordings of 8 h per hour."""
     folder, method = arguments.keep or out, arguments.method
     for device, ending in FORMATS:
         for hours in HOURS:
-            road = Road(device, hours, ending)
-            log = find_log(road, simulate(road, folder, arguments.seed))
+            case = Case(device, hours, ending)
+            log = find_log(case, simulate(case, folder, arguments.seed))
             place = out / f"{device}{ending}{hours:g}"
             watched = run_once(log, place / "watched", method, watch_memory=True)
             costs = [run_once(log, place / str(turn), method) for turn in range(arguments.runs)]
             print(
-                f"{device} {ending} {hours:g} h: {tell(costs)}, peak {watched.peak_mib:.0f} MiB", flush=True
+                f"{device} {ending} {hours:g} h: {format_costs(costs)}, peak {watched.peak_mib:.0f} MiB",
+                flush=True,
             )
-        eight = Road(device, 8.0, ending)
+        eight = Case(device, 8.0, ending)
         log = find_log(eight, simulate(eight, folder, arguments.seed))
         wall_s = run_batch(log, out / f"batch{device}{ending}", method, BATCH, at_once=2).wall_s
         print(f"{device} {ending}: {BATCH / wall_s * 3600:.0f} recordings of 8 h an hour", flush=True)
 
 
-def find_log(road: Road, made: Path) -> Path:
-    """Return the recording of the wanted format among those simulated."""
-    return next(path for path in sorted(made.iterdir()) if path.suffix == road.ending)
+def find_log(case: Case, made: Path) -> Path:
+    """Return the recording of the wanted format among the simulated files."""
+    return next(path for path in sorted(made.iterdir()) if path.suffix == case.ending)
 
 
 def run_batch(log: Path, out: Path, method: str, count: int, *, at_once: int = 1) -> Cost:
-    """Analyse a folder that holds one recording ``count`` times."""
+    """Analyse a folder that contains one recording ``count`` times."""
     folder = out / "batch"
     folder.mkdir(parents=True, exist_ok=True)
     for number in range(count):
@@ -226,19 +226,19 @@ def run_batch(log: Path, out: Path, method: str, count: int, *, at_once: int = 1
     return run_once(folder, out / "results", method, at_once=at_once)
 
 
-def simulate(road: Road, folder: Path, seed: int) -> Path:
-    """Return the folder of the simulated recordings, made if it is not there."""
-    made = folder / f"{road.device}_{road.hours:g}h_{seed}"
+def simulate(case: Case, folder: Path, seed: int) -> Path:
+    """Return the folder of the simulated recordings; create it if needed."""
+    made = folder / f"{case.device}_{case.hours:g}h_{seed}"
     if not made.exists():
         began = time.perf_counter()
-        write_recordings(made, road.device, road.hours, seed)
-        print(f"{road.device}: simulated {road.hours:g} h in {time.perf_counter() - began:.1f} s")
+        write_recordings(made, case.device, case.hours, seed)
+        print(f"{case.device}: simulated {case.hours:g} h in {time.perf_counter() - began:.1f} s")
     return made
 
 
-def report(road: Road, made: Path, out: Path, arguments: argparse.Namespace) -> None:
-    """Run ours and theirs in turn, compare, print."""
-    log, method = find_log(road, made), arguments.method
+def report(case: Case, made: Path, out: Path, arguments: argparse.Namespace) -> None:
+    """Run ours and pandas in alternation, compare, print."""
+    log, method = find_log(case, made), arguments.method
     first = run_once(log, out / "first", method, kernels=out / "kernels")
     run_once(log, out / "warm", method)
     watched = run_once(log, out / "watched", method, watch_memory=True)
@@ -246,21 +246,21 @@ def report(road: Road, made: Path, out: Path, arguments: argparse.Namespace) -> 
     theirs: list[Cost] = []
     for turn in range(arguments.runs):
         ours.append(run_once(log, out / str(turn), method))
-        if road.ending == ".csv":
+        if case.ending == ".csv":
             theirs.append(run_pandas(log))
-    print(f"{log.name}, {log.stat().st_size / 1e6:.0f} MB, {road.hours:g} h, {method}")
+    print(f"{log.name}, {log.stat().st_size / 1e6:.0f} MB, {case.hours:g} h, {method}")
     print(f"  first run after installation: wall {first.wall_s:.1f} s, cpu {first.cpu_s:.1f} s")
-    print(f"  run: {tell(ours)}, peak {watched.peak_mib:.0f} MiB")
+    print(f"  run: {format_costs(ours)}, peak {watched.peak_mib:.0f} MiB")
     if theirs:
         wall, cpu = (
             median(getattr(cost, of) for cost in ours) / median(getattr(cost, of) for cost in theirs)
             for of in ("wall_s", "cpu_s")
         )
-        print(f"  pandas.read_csv: {tell(theirs)}: run takes {wall:.2f} x (cpu {cpu:.2f} x)")
-    if road.most_further_cpu_s is not None:
+        print(f"  pandas.read_csv: {format_costs(theirs)}: run takes {wall:.2f} x (cpu {cpu:.2f} x)")
+    if case.most_further_cpu_s is not None:
         further_s = measure_further(log, out, method, median(cost.cpu_s for cost in ours), arguments.runs)
         print(f"  each further recording of a batch: cpu {further_s:.2f} s")
-    print(f"  goal: {tell_goal(road)}")
+    print(f"  goal: {format_goal(case)}")
     results = next((out / "warm").glob("*/"))
     print(f"  elevation.parquet: {(results / 'elevation.parquet').stat().st_size / 1e6:.2f} MB")
     rmse_deg, bias_deg, errors = compare_with_truth(results, made / "truth.parquet")
@@ -269,28 +269,28 @@ def report(road: Road, made: Path, out: Path, arguments: argparse.Namespace) -> 
 
 
 def measure_further(log: Path, out: Path, method: str, one_cpu_s: float, runs: int) -> float:
-    """Return the processor time that each further recording of a run takes beyond the first."""
+    """Return the processor time of each further recording of a run."""
     costs = [run_batch(log, out / f"batch-{turn}", method, FURTHER + 1).cpu_s for turn in range(runs)]
     return (median(costs) - one_cpu_s) / FURTHER
 
 
-def tell(costs: Sequence[Cost]) -> str:
+def format_costs(costs: Sequence[Cost]) -> str:
     """Return the median wall time with its range, and the median processor time."""
     walls_s = sorted(cost.wall_s for cost in costs)
     cpu_s = median(cost.cpu_s for cost in costs)
     return f"wall {median(walls_s):.2f} s ({walls_s[0]:.2f} to {walls_s[-1]:.2f}), cpu {cpu_s:.2f} s"
 
 
-def tell_goal(road: Road) -> str:
-    """Say what is asked of a recording."""
+def format_goal(case: Case) -> str:
+    """Return the limits of a recording as text."""
     asked = (
-        (road.most_first_s, "first run <= {} s"),
-        (road.most_s, "wall <= {} s"),
-        (road.most_cpu_s, "cpu <= {} s"),
-        (road.most_times, "<= {} x pandas.read_csv"),
-        (road.most_cpu_times, "cpu <= {} x"),
-        (road.most_mib, "peak <= {} MiB"),
-        (road.most_further_cpu_s, "each further cpu <= {} s"),
+        (case.most_first_s, "first run <= {} s"),
+        (case.most_s, "wall <= {} s"),
+        (case.most_cpu_s, "cpu <= {} s"),
+        (case.most_times, "<= {} x pandas.read_csv"),
+        (case.most_cpu_times, "cpu <= {} x"),
+        (case.most_mib, "peak <= {} MiB"),
+        (case.most_further_cpu_s, "each further cpu <= {} s"),
     )
     return ", ".join(words.format(value) for value, words in asked if value is not None)
 

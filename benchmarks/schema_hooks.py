@@ -1,4 +1,4 @@
-"""What schemathesis must be told: how the bytes of an upload are sent."""
+"""Hooks for schemathesis: how to send the bytes of an upload."""
 
 from typing import Any
 
@@ -7,5 +7,5 @@ import schemathesis
 
 @schemathesis.serializer("application/offset+octet-stream")
 def serialize_bytes(_context: Any, value: Any) -> bytes:
-    """Send the value as bytes."""
+    """Return the value as bytes."""
     return value if isinstance(value, bytes) else str(value).encode()

@@ -1,6 +1,6 @@
-"""Try every operation of the API with right and wrong values: ``python -m benchmarks.schemas [examples]``.
+"""Test every operation of the API with valid and invalid values: ``python -m benchmarks.schemas [examples]``.
 
-Starts a server of its own on a new data folder and runs schemathesis against it; its exit code is ours.
+Starts a separate server on a new data folder and runs schemathesis against it; exits with its exit code.
 """
 
 import os
@@ -16,7 +16,7 @@ TOOL = Path(sys.executable).with_name("schemathesis")
 
 
 def try_operations(folder: Path, examples: int) -> int:
-    """Run schemathesis; gives its exit code."""
+    """Run schemathesis; return its exit code."""
     server = RunningServer(folder / "data", folder / "server.log")
     document = f"{server.address}api/v1/openapi.json"
     config = str(ROOT / "benchmarks/schemathesis.toml")

@@ -1,7 +1,7 @@
-"""The licences of what the image installs: ``python -m benchmarks.third_party LIST.cdx.json``.
+"""Add the licences of packages in the image: ``python -m benchmarks.third_party LIST.cdx.json``.
 
-Adds to a CycloneDX list, made from the lock of the image, the licence that each installed package states, and
-exits 1 with the names of those that may not be shipped. ``.ci/run`` makes the list.
+Adds the licence that each installed package states to a CycloneDX list made from the lock of the image, and
+exits 1 with the names of packages that may not be shipped. ``.ci/run`` creates the list.
 """
 
 import json
@@ -33,7 +33,9 @@ ACCEPTED = frozenset(
         "Zlib",
     }
 )
-"""What goes with Apache-2.0: those that ask for a notice, and LGPL and MPL for libraries used unaltered."""
+"""Licences compatible with Apache-2.0: licences that require a notice, and LGPL and MPL for unmodified
+libraries.
+"""
 
 _SPDX = {
     "Apache Software License": "Apache-2.0",
@@ -47,7 +49,7 @@ _SPDX = {
     "Python Software Foundation License": "PSF-2.0",
 }
 _READ_BY_HAND = {"colorama": "BSD-3-Clause", "pyrage": "MIT"}
-"""Of a package that only other systems install, and of one that states its licence in a file alone."""
+"""A package that only other systems install, and another whose licence is only in a file."""
 
 
 class Package(NamedTuple):
@@ -59,19 +61,19 @@ class Package(NamedTuple):
 
     @property
     def may_be_shipped(self) -> bool:
-        """Return whether each part of the licence, or one of those to choose from, is accepted."""
+        """Return whether each part of the licence, or one of its alternatives, is accepted."""
         parts = (part.strip("() ").split(" OR ") for part in self.licence.split(" AND "))
         return all(not ACCEPTED.isdisjoint(choices) for choices in parts)
 
 
 def read_lock(lock: Path = LOCK) -> Iterator[Package]:
-    """Read the packages of a lock file, with their licences."""
+    """Yield the packages of a lock file, with their licences."""
     for name, version in re.findall(r"^([\w.-]+)==([\w.]+)", lock.read_text(), re.MULTILINE):
         yield Package(name, version, find_licence(name))
 
 
 def find_licence(name: str) -> str:
-    """Find the licence that an installed package states: as SPDX, in the earlier field, or by its classes."""
+    """Return the licence that a package states: as SPDX, in the older field, or by its classifiers."""
     try:
         stated = metadata(name)
     except PackageNotFoundError:
@@ -95,7 +97,7 @@ def add_licences(document: dict[str, object], packages: dict[str, Package]) -> N
 
 
 def main(path: Path) -> int:
-    """Complete a list; gives the exit code."""
+    """Complete a list; return the exit code."""
     packages = {package.name: package for package in read_lock()}
     document = json.loads(path.read_text())
     add_licences(document, packages)

@@ -1,4 +1,4 @@
-"""The paper's study, simulated: five people, ten tasks, both devices, through ``acromion validate``.
+"""Simulate the paper's study: five people, ten tasks, both devices, through ``acromion validate``.
 
     python -m benchmarks.validation_study DIR [people]
 
@@ -37,7 +37,7 @@ exact angle that starts 5 to 25 s earlier, with a clock off by 10 to 50 ppm. Eac
 therefore leave out skin and muscle, the error of the pose, and the reference's own error.
 """
 HELD_TASKS, RAISING_S = (2, 5), 1.5
-"""Tasks whose arm is held level: the way up and down is left out, as the paper's NA asks for."""
+"""Tasks with the arm held level: raising and lowering are excluded; the paper's table has NA for r."""
 
 
 def write_study(folder: Path, people: int) -> None:
@@ -57,7 +57,7 @@ def write_study(folder: Path, people: int) -> None:
 
 
 def write_tasks(path: Path, shift: SimulatedShift) -> None:
-    """List every repetition; one of a held task from when the arm is up until it is let down."""
+    """Write every repetition; one of a held task from when the arm is up until it is lowered."""
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(("name", "start_s", "end_s", "paper_task"))
@@ -71,7 +71,7 @@ def write_tasks(path: Path, shift: SimulatedShift) -> None:
 
 
 def write_reference(path: Path, shift: SimulatedShift, person: int) -> None:
-    """Write the truth as MVN: begun 5 to 25 s earlier, its clock off by 10 to 50 ppm."""
+    """Write the truth as MVN: started 5 to 25 s earlier, with a clock error of 10 to 50 ppm."""
     arrays = play_shift(shift)
     offset_s, drift_ppm = 5.0 * person, 10.0 * person * (-1) ** person
     last_s = len(arrays.elevation_deg) / arrays.rate_hz - 0.5

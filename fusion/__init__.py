@@ -1,7 +1,7 @@
-"""What the arm did: from the bytes of a recording to elevation and exposure.
+"""Compute arm elevation and exposure from the bytes of a recording.
 
-The public names are loaded when first asked for, so that a program which only needs the errors or the value
-types does not wait for the compiler. An installed package offers the same names as :mod:`acromion`.
+The public names are loaded on first use. A program that only needs the errors or the value types does not
+wait for the compiler. The installed package offers the same names as :mod:`acromion`.
 """
 
 import importlib

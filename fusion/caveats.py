@@ -1,8 +1,8 @@
-"""Every caveat once: its code, its grade, the facts that come with it. The order is that of the listing.
+"""All caveat codes, each with its grade and its facts, in the order of the list in the docs.
 
-A caveat is a number with something to know about it (an error, :mod:`fusion.errors`, means no number).
-:class:`fusion.recording.QualityFlag` is one caveat of one recording. The words stand under the same code in
-``app/report/words``; the table in ``docs/codes.md`` is generated from here.
+A caveat qualifies a result; an error (:mod:`fusion.errors`) means that there is no result.
+:class:`fusion.recording.QualityFlag` is one caveat of one recording. ``app/report/words`` has the texts under
+the same code. The table in ``docs/codes.md`` is generated from this module.
 """
 
 from collections.abc import Mapping
@@ -13,16 +13,16 @@ from types import MappingProxyType
 from typing import Self
 
 TERM = "a fixed term"
-"""The meaning of a fact that the words of both languages translate."""
+"""The meaning of a fact that the words files translate into both languages."""
 
 
 def name_facts(**meanings: str) -> Mapping[str, str]:
-    """Declare the facts that come with a code: each name with its unit or meaning."""
+    """Declare the facts of a code: each name with its unit or meaning."""
     return MappingProxyType(meanings)
 
 
 class Grade(IntEnum):
-    """What a caveat does to the verdict: nothing, "caution", "poor"."""
+    """The effect of a caveat on the verdict: none, "caution" or "poor"."""
 
     NOTE = 0
     CAUTION = 1
@@ -34,10 +34,10 @@ NOTE, CAUTION, POOR = Grade
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """Where a caveat counts one grade more than it usually does.
+    """When a caveat counts one grade higher than usual.
 
-    ``from_share``: share of the recorded time that the caveat concerns, from which on it does.
-    ``below_s``: seconds that the caveat concerns, below which it does.
+    ``from_share``: if it concerns at least this share of the recorded time.
+    ``below_s``: if it concerns fewer seconds than this.
     """
 
     from_share: float = inf
@@ -47,15 +47,15 @@ class Limit:
 NO_LIMIT = Limit()
 NO_FACTS = name_facts()
 FEW_H, POOR_H = 4, 2
-"""Below so many hours analysed a recording is to be read with care, or poor."""
+"""Hours analysed: with fewer than these the recording gets "caution" or "poor"."""
 
 
 class Caveat(StrEnum):
-    """A code (``str(Caveat.GAP)`` is "W-GAP") with what is declared of it.
+    """A code (``str(Caveat.GAP)`` is "W-GAP") with its grade and facts.
 
-    ``grade``: what it does to the verdict as a rule.
-    ``fact_meanings``: the names that :attr:`QualityFlag.facts` may hold, each with its unit or meaning.
-    ``limit``: where it counts one grade more.
+    ``grade``: the usual effect on the verdict.
+    ``fact_meanings``: the allowed names in :attr:`QualityFlag.facts`, each with its unit or meaning.
+    ``limit``: when it counts one grade higher.
     """
 
     grade: Grade
@@ -69,22 +69,22 @@ class Caveat(StrEnum):
         fact_meanings: Mapping[str, str] = NO_FACTS,
         limit: Limit = NO_LIMIT,
     ) -> Self:
-        """Make a member whose value is its code; ``Caveat(code)`` finds it again."""
+        """Create a member whose value is its code, so that ``Caveat(code)`` finds it."""
         caveat = str.__new__(cls, code)
         caveat._value_ = code
         caveat.grade, caveat.fact_meanings, caveat.limit = grade, fact_meanings, limit
         return caveat
 
     # The file and its bytes.
-    TRUNC_TAIL = "W-TRUNC-TAIL", CAUTION, name_facts(n="bytes left out")
+    TRUNC_TAIL = "W-TRUNC-TAIL", CAUTION, name_facts(n="bytes skipped")
     CHECKSUM = "W-CHECKSUM", CAUTION
     RESYNC = "W-RESYNC", CAUTION
-    SESSION = "W-SESSION", CAUTION, name_facts(n="samples left out")
+    SESSION = "W-SESSION", CAUTION, name_facts(n="samples skipped")
     DUP_UPLOAD = "W-DUP-UPLOAD", NOTE
     DUP_FILE = "W-DUP-FILE", NOTE
     ENCODING = "W-ENCODING", NOTE
     LOCALE = "W-LOCALE", NOTE
-    HEADER = "W-HEADER", CAUTION, name_facts(text="lines, as they stand in the file")
+    HEADER = "W-HEADER", CAUTION, name_facts(text="lines, as in the file")
     HEADER_REPEAT = "W-HEADER-REPEAT", NOTE
     PRECISION = "W-PRECISION", NOTE
     READER = "W-READER", NOTE, name_facts(reader="name", version="of its package", cause="in English")
@@ -98,11 +98,11 @@ class Caveat(StrEnum):
     SLEEP = "W-SLEEP", CAUTION
     EARLY_END = "W-EARLY-END", CAUTION
 
-    # Rows: absent, repeated, out of order.
+    # Rows: missing, repeated or out of order.
     GAP = "W-GAP", NOTE, NO_FACTS, Limit(from_share=0.01)
     PAUSE = "W-PAUSE", CAUTION
     NAN = "W-NAN", CAUTION
-    ROWS_DROPPED = "W-ROWS-DROPPED", CAUTION, name_facts(line="first line left out")
+    ROWS_DROPPED = "W-ROWS-DROPPED", CAUTION, name_facts(line="first line skipped")
     DUP = "W-DUP", NOTE
     DUP_CONFLICT = "W-DUP-CONFLICT", CAUTION
     ORDER = "W-ORDER", NOTE
@@ -131,7 +131,7 @@ class Caveat(StrEnum):
     START = "W-START", NOTE, name_facts(header="start by the header", first="time of the first row")
     MULTIDAY = "W-MULTIDAY", CAUTION
     FEW_DAYS = "W-FEW-DAYS", CAUTION
-    """Nothing raises it; its words are on the page of help."""
+    """No code raises it; the help page still lists it."""
 
     # The signal.
     UNITS = (
@@ -142,7 +142,7 @@ class Caveat(StrEnum):
             "evidence": TERM,
             "factor": "times",
             "g": "g at rest, as read",
-            "turned": "axes turned over",
+            "turned": "axes reversed",
             "unit": "unit named",
             "read_as": "unit read",
             "rate_hz": "Hz, as read",
@@ -169,10 +169,10 @@ class Caveat(StrEnum):
     )
     BIAS = "W-BIAS", CAUTION, name_facts(g="g between the two accelerometers")
     GYRO_DRIFT = "W-GYRO-DRIFT", CAUTION, name_facts(dps="deg/s")
-    ACC_DRIFT = "W-ACC-DRIFT", CAUTION, name_facts(mg="mg at rest, between beginning and end")
+    ACC_DRIFT = "W-ACC-DRIFT", CAUTION, name_facts(mg="mg at rest, between start and end")
     UNTRUSTED = "W-UNTRUSTED", NOTE, NO_FACTS, Limit(from_share=0.01)
 
-    # The sensor on the arm, and the pose.
+    # The sensor on the arm, and the calibration pose.
     NO_STILL = "W-NO-STILL", POOR, name_facts(deg="deg (sigma)")
     POSE_SHORT = "W-POSE-SHORT", CAUTION
     POSE_ASSUMED = "W-POSE-ASSUMED", CAUTION
@@ -195,7 +195,7 @@ class Caveat(StrEnum):
     REMOUNT = "W-REMOUNT", CAUTION, NO_FACTS, Limit(from_share=0.5)
     UPSIDE = "W-UPSIDE", POOR, name_facts(deg="deg (median)")
 
-    # How much was analysed, and how.
+    # The amount of analysed time, and the method.
     LOWCOVER = "W-LOWCOVER", POOR, name_facts(percent="% analysed")
     SHORT = "W-SHORT", POOR
     FEW_HOURS = (
@@ -220,4 +220,4 @@ TIME_LOST = frozenset(
         Caveat.UNTRUSTED,
     }
 )
-"""Those whose seconds are time that was not analysed for that reason; others tell where, or for how long."""
+"""Caveats whose seconds were not analysed. The seconds of others only give place or length."""

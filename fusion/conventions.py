@@ -1,4 +1,4 @@
-"""What a person may choose, as words; and how standards and methods cut elevation into classes."""
+"""Names of the user's options, and the elevation classes of standards and methods."""
 
 import re
 from collections.abc import Sequence
@@ -7,52 +7,54 @@ from typing import Literal, get_args
 
 MethodName = Literal["smoothed", "published", "live"]
 METHOD_VERSION = "6"
-"""Of every method; it goes up with each change that moves a figure."""
+"""The version of every method; it increases with each change that alters a result."""
 Pose = Literal["n-pose", "side-lean", "two-point"]
 NPOSE_ERROR_DEG = 15
-"""With the arm along the body as the reference, a raised arm may read too low by so much."""
+"""The n-pose takes the arm along the body as 0 deg, so a raised arm may read too low by up to this."""
 Side = Literal["left", "right"]
 ArmAxis = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
-"""The sensor's axis that was strapped along the upper arm, towards the shoulder."""
+"""The sensor axis that was strapped along the upper arm, towards the shoulder."""
 MAIN_THRESHOLD_DEG = 60
-"""Above it the arm counts as raised, wherever one threshold stands for all."""
+"""The arm counts as raised above this angle, if a figure uses a single threshold."""
 ARM_AXES: tuple[ArmAxis, ...] = get_args(ArmAxis)
 
 CalibrationState = Literal["given", "held_at_start", "repeated", "assumed", "axis", "none"]
-"""How the arm's axis is known.
+"""How the arm axis was determined.
 
-- "given": a person gave the time of the pose; "repeated": of several poses that agree.
-- "held_at_start": a person stated that the pose was held at the start of wear, and a stillness begins there.
-- "assumed": the first stillness of wear, which nobody confirmed.
-- "axis": the sensor's axis that was strapped along the arm.
-- "none": no stillness to assume: how the arm hung in walking, or the stillest moment.
+- "given": a person entered the time of the pose.
+- "repeated": several poses that agree.
+- "held_at_start": a person stated that the pose was held at the start of wear, and a still period starts
+  there.
+- "assumed": the first still period of wear, not confirmed by a person.
+- "axis": the sensor axis that was strapped along the arm.
+- "none": no still period was found; the axis comes from walking or from the stillest moment.
 """
 CONFIRMED: frozenset[CalibrationState] = frozenset({"given", "held_at_start", "repeated"})
 UNHELD: frozenset[CalibrationState] = frozenset({"axis", "none"})
-"""Without a pose."""
+"""States without a calibration pose."""
 PoseHeld = Literal["start", "no"]
-"""When the pose was held, as a person states for all recordings alike: at the start of wear.
+"""A statement for all recordings about when the pose was held: at the start of wear.
 
-"no": not stated, though a file's header, a column profile or the settings of a run state it.
+"no": not stated, even if a file header, a column profile or the settings of a run state it.
 """
 
 
 def is_npose(pose: Pose, state: CalibrationState) -> bool:
-    """Return whether the arm was held along the body, so that a raised arm may read too low.
+    """Return whether the reference was the arm along the body, so that a raised arm may read too low.
 
-    A strapped axis has no pose; the error of an axis from walking or a stillest moment is not known.
+    Without a pose the answer is no: for an axis from walking or from a still moment this error is unknown.
     """
     return pose == "n-pose" and state not in UNHELD
 
 
 FEWEST_PEOPLE = 5
-"""Fewer people make no group: its figures would be those of single people."""
+"""The smallest group that may be reported; figures of fewer people could identify one of them."""
 SAID_S = 60.0
-"""How exactly a person knows when the sensor slipped: so much on both sides is left out."""
+"""Uncertainty of a slip time that a person states: this much on both sides is left out."""
 
 
 def awaits_pose(start_s: float, end_s: float) -> bool:
-    """Return whether a stretch that no pose reads is more than what is left out around a slip itself."""
+    """Return whether a stretch without a pose is longer than the margin around the slip itself."""
     return start_s > 0.0 and end_s - start_s > 2.0 * SAID_S + 1.0
 
 
@@ -60,7 +62,7 @@ AXIS_HINT = "x, y, z, -x, -y, -z"
 
 
 def parse_arm_axis(text: str) -> ArmAxis:
-    """Read ``y``, ``+y`` or ``-y``; a URL's blank before the letter is the plus sign it stood for.
+    """Parse ``y``, ``+y`` or ``-y``; a space before the letter is a plus sign decoded from a URL.
 
     Raises ValueError.
     """
@@ -79,17 +81,17 @@ def check_choice(name: str, value: object, allowed: Sequence[object]) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Convention:
-    """The classes of one standard or method; its edges are edges of the stored bins.
+    """The elevation classes of one standard or method; its edges are also edges of the stored bins.
 
-    The classes are posture alone: whether a standard accepts them also depends on frequency, support, load
-    and duration, which its own text rules.
+    The classes describe posture only. Whether a standard accepts a posture also depends on frequency,
+    support, load and duration.
     """
 
     key: str
     edges_deg: tuple[int, ...]
     source: str
     evidence: Literal["read", "second-hand"]
-    """Whether the cut-offs were read in the source itself or in a text that quotes it."""
+    """Whether the limits were read in the source itself or in a text that quotes it."""
 
 
 CONVENTIONS = (

@@ -1,8 +1,8 @@
-"""The known devices, as data: how each is recognised, and what its files leave unsaid.
+"""The known devices as data: how each is recognised, and what its files do not state.
 
-A table of a known device is recognised by its header line or by the lines above it. What the header itself
-states goes before the entry; what the entry states counts as stated by the header, and motion does not
-overrule it.
+A table of a known device is recognised by its header line or by the lines above it. A statement in the file
+takes precedence over the entry here. The entry counts as stated by the header, and the checks of motion do
+not override it.
 """
 
 import re
@@ -17,16 +17,17 @@ Form = Literal["binary", "table", "zip", "capture"]
 class KnownDevice:
     """A device, or a program that exports its recordings.
 
-    ``device``: what :attr:`fusion.recording.Recording.device` holds.
-    ``name``: as its maker calls it; the same in every language.
-    ``form``: "binary", "table", "zip" of two tables or "capture" of ready angles.
-    ``header``, ``above``: patterns of the header line and of the lines above it, ignoring case; either is
+    ``device``: the value of :attr:`fusion.recording.Recording.device`.
+    ``name``: the maker's name for it; the same in every language.
+    ``form``: "binary", "table", "zip" of two tables, or "capture" of ready angles.
+    ``header``, ``above``: patterns of the header line and of the lines above it, ignoring case; one match is
     enough.
-    ``acc_unit``, ``gyr_unit``, ``time_unit``: of columns whose names state none; "" where nothing is known.
-    ``frame``: "right": right-handed, and what the header states is never overruled; "either": motion decides.
-    ``left_gyr_factor``: what to multiply the rates by where the frame proves left-handed: an error of the
+    ``acc_unit``, ``gyr_unit``, ``time_unit``: units of columns whose names have none; "" if unknown.
+    ``frame``: "right": right-handed, and statements of the header are never overruled; "either": motion
+    decides.
+    ``left_gyr_factor``: factor for the rates if the frame proves left-handed; corrects an error of the
     device's library.
-    ``rate``, ``axes``, ``clock``: what there is to know of them, for the page of formats.
+    ``rate``, ``axes``, ``clock``: text for the formats page.
     ``source``: the real file that was read, or "from documentation".
     """
 
@@ -46,7 +47,7 @@ class KnownDevice:
     source: str = "from documentation"
 
     def matches(self, header: str, above: Sequence[str]) -> bool:
-        """Whether a header line, or a line above it, is this device's."""
+        """Return whether a header line, or a line above it, matches this device."""
         if self.header and re.search(self.header, header.strip(), re.IGNORECASE):
             return True
         return bool(self.above) and any(re.search(self.above, line, re.IGNORECASE) for line in above)
@@ -98,7 +99,7 @@ KNOWN_DEVICES = (
         acc_unit="m/s2",
         gyr_unit="rad/s",
         time_unit="100us",
-        rate="in the lines above, or asked for",
+        rate="in the lines above, or entered",
         source="opensim-core (Apache-2.0)",
     ),
     KnownDevice(
@@ -152,7 +153,7 @@ KNOWN_DEVICES = (
         "x-io x-IMU",
         "table",
         header=r"^packet number,gyroscope x \(deg/s\)",
-        rate="asked for: 256 Hz by default",
+        rate="entered: 256 Hz by default",
         source="Gait-Tracking-With-x-IMU",
     ),
     KnownDevice(
@@ -227,7 +228,7 @@ KNOWN_DEVICES = (
         header=r"^time_us,acc_x_g,acc_y_g,acc_z_g,gyr_x_dps,gyr_y_dps,gyr_z_dps$",
         above=r"device:\s*\S*lsm9ds1",
         frame="either",
-        axes="either hand: turned where it is the left",
+        axes="either; left-handed is converted",
         clock="of the lines above",
         source="simulated",
     ),
@@ -235,8 +236,8 @@ KNOWN_DEVICES = (
         "lsm9ds1",
         "ST LSM9DS1, registers",
         "binary",
-        rate="of the stamps",
-        axes="left-handed: x is turned",
+        rate="of the timestamps",
+        axes="left-handed: x is reversed",
         clock="time since 1970",
         source="rpi_lsm9ds1 (Apache-2.0)",
     ),
@@ -249,13 +250,14 @@ KNOWN_DEVICES = (
         gyr_unit="deg/s",
         frame="either",
         left_gyr_factor=0.07 * 32768.0 / 2000.0,
-        rate="119 Hz, by bursts of 119 rows; else asked for",
+        rate="119 Hz, by bursts of 119 rows; otherwise entered",
         axes="left-handed: an LSM9DS1, whose library prints 61.04 mdps for 70",
         source="Arduino-Nano-33-BLE",
     ),
 )
-"""In the order in which a header is compared with them. Loggers of an LSM6, MPU-6050 or BNO055 have no header
-of their own: there the names of the columns state the units, or the motion does."""
+"""In the order of comparison. Loggers with an LSM6, MPU-6050 or BNO055 have no typical header; their units
+come from the column names or from motion.
+"""
 
 
 UNREAD_FORMATS = {
@@ -272,11 +274,11 @@ UNREAD_FORMATS = {
 
 
 def find_known_device(header: str, above: Sequence[str] = ()) -> KnownDevice | None:
-    """Find the device of a table by its header line and the lines above it; None for an unknown one."""
+    """Return the device of a table by its header line and the lines above it; None if unknown."""
     return next((one for one in KNOWN_DEVICES if one.matches(header, above)), None)
 
 
 def find_device_name(device: str) -> str | None:
-    """Return the name of a kind of device; None for one that is not in the table."""
+    """Return the name of a kind of device; None if it is not in the table."""
     names = (one.name.partition(",")[0] for one in KNOWN_DEVICES if one.device == device)
     return next(names, None)

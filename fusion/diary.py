@@ -1,14 +1,15 @@
-"""The diary as a CSV: our own form (start, end, kind, label) and the sequential form (time, event).
+"""Read a diary in CSV: Acromion's form (start, end, kind, label) or the sequential form (time, event).
 
-In the sequential form, as in the diaries of Acti4 and ActiPASS, an event lasts until the next one. Both may
-be mixed: an empty end lasts until the next row. Comma, semicolon or tab; a header line; English or French
-names. ``start``, ``end`` and ``time`` hold clock times in any spelling that :func:`parse_clock` reads;
-``start_s``, ``end_s`` and ``time_s`` hold seconds from the first sample. Optional columns: ``left_out`` (yes
-or no: overrides what the kind says) and ``file`` (the row is for that recording only).
+In the sequential form, used by the diaries of Acti4 and ActiPASS, an event lasts until the next one. Both
+forms may be mixed: an empty end lasts until the next row. The file has a header line with English or French
+names, and is separated by commas, semicolons or tabs. ``start``, ``end`` and ``time`` contain clock times in
+any form that :func:`parse_clock` reads; ``start_s``, ``end_s`` and ``time_s`` contain seconds from the first
+sample. Optional columns: ``left_out`` (yes or no; overrides the default of the kind) and ``file`` (the row
+applies to that recording only).
 
-The activity log of GGIR is read too: one row for each recording, its ID, then a column with the date (day
-first, or ISO 8601) followed by columns named after activities that hold when each began; further dates follow
-in the same way. An activity lasts until the next of its day, the last until midnight.
+The activity log of GGIR is also supported. It has one row per recording: its ID, a column with the date (day
+first, or ISO 8601), then columns named after activities with the start time of each. More dates follow in the
+same way. An activity lasts until the next one of its day; the last one lasts until midnight.
 """
 
 import csv
@@ -26,11 +27,11 @@ from typing import Literal, get_args
 from fusion.conventions import PoseHeld, check_choice
 from fusion.errors import UnusableDiary, UnusableTasks, join_facts
 
-# Small tables that people type: diaries, lists of participants. Any delimiter, any of two encodings.
+# Small tables that people type, such as diaries and participant lists: any delimiter, two encodings.
 
 
 def decode_text(content: bytes) -> str:
-    """Read UTF-8, or else what older spreadsheets write."""
+    """Decode UTF-8, or Windows-1252 as older spreadsheets write it."""
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -38,22 +39,22 @@ def decode_text(content: bytes) -> str:
 
 
 def read_rows(text: str) -> Iterator[tuple[int, list[str]]]:
-    """Read the rows that are not empty, with their line from 1; lines that begin with # are remarks.
+    """Yield the non-empty rows with their line number from 1; skip comment lines that start with #.
 
-    A line may end as on any system, also as on old Macs, and a cell may be as long as the table.
+    Lines may end as on any system, including old Macs. A cell may be as long as the file.
     """
     first = next((line for line in text.splitlines() if line.strip() and not line.startswith("#")), "")
     delimiter = max((";", "\t", ","), key=first.count)
     csv.field_size_limit(max(csv.field_size_limit(), len(text)))
     reader = csv.reader(io.StringIO(text, newline=None), delimiter=delimiter)
     for cells in reader:
-        told = [cell.strip() for cell in cells]
-        if any(told) and not told[0].startswith("#"):
-            yield reader.line_num, told
+        stripped = [cell.strip() for cell in cells]
+        if any(stripped) and not stripped[0].startswith("#"):
+            yield reader.line_num, stripped
 
 
 def plain_word(word: str) -> str:
-    """Return a word without case, accents, underscores and hyphens."""
+    """Return a word in lower case without accents, underscores and hyphens."""
     letters = unicodedata.normalize("NFKD", word.casefold())
     return re.sub(r"[\s_-]+", " ", "".join(c for c in letters if not unicodedata.combining(c))).strip()
 
@@ -62,7 +63,7 @@ HELD: Mapping[str, PoseHeld] = {"start": "start", "debut": "start", "no": "no", 
 
 
 def parse_pose_held(text: str) -> PoseHeld:
-    """Read ``start`` or ``no``, or the French ``début`` or ``non``; raises ValueError."""
+    """Parse ``start`` or ``no``, or the French ``début`` or ``non``; raises ValueError."""
     held = HELD.get(plain_word(text))
     if held is None:
         raise ValueError(", ".join(HELD))
@@ -71,9 +72,9 @@ def parse_pose_held(text: str) -> PoseHeld:
 
 Kind = Literal["shift", "work", "pose", "task", "seated", "supported", "break", "outside", "not_worn"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
-"""In the order in which they are laid over one another: a break within a task cuts the task.
+"""In order of precedence, lowest first: a break within a task interrupts the task.
 
-A "pose" is no part of the day: the calibration pose was held then.
+A "pose" is the time of the calibration pose; it does not divide the day.
 """
 
 COLUMNS = {
@@ -117,23 +118,23 @@ SPELLINGS = tuple(
         rf"(?P<hour>[0-9]{{2}}){MINUTE}(?:{SECOND})?",
     )
 )
-"""``10:20``, ``10h20``, ``10.20``, ``1020``; ``app/http/pages/static/day/clock.js`` reads the same."""
+"""``10:20``, ``10h20``, ``10.20``, ``1020``; ``app/http/pages/static/day/clock.js`` reads the same forms."""
 DAY_FRACTION = re.compile(r"(?:0?|[0-9]{5})[.,][0-9]+")
-"""A spreadsheet's number for a time: 0.4306 is 10:20, 46083.4306 has a date. ``0.43`` may be either."""
+"""A spreadsheet's number for a time: 0.4306 is 10:20, 46083.4306 includes a date. ``0.43`` may be either."""
 DAY = re.compile(r"(\d{4}-\d{2}-\d{2})[ T](.+)")
 
 
 @dataclass(frozen=True, slots=True)
 class DiaryEntry:
-    """A row of a diary before the recording is known.
+    """One row of a diary, not yet matched to a recording.
 
-    ``start``, ``end``: a number: seconds from the first sample. Text: the clock, ``"07:58:00"`` or
+    ``start``, ``end``: a number is seconds from the first sample; text is a clock time, ``"07:58:00"`` or
     ``"2026-03-02T07:58:00"``. An ``end`` of None lasts until the next row begins.
     ``kind``: "work", "break" and so on: one of :data:`fusion.diary.Kind`.
-    ``label``: the person's own word for it.
-    ``left_out``: whether its time leaves the denominator; None: as its kind says.
-    ``line``: in the file, from 1; 0 where there is none.
-    ``file``: only for the recording of this name; empty: for any.
+    ``label``: the person's own name for it.
+    ``left_out``: whether its time is excluded from the denominator; None: the default of its kind.
+    ``line``: line number in the file, from 1; 0 if the row is not from a file.
+    ``file``: name of the only recording it applies to; empty: any recording.
     """
 
     start: float | str
@@ -145,59 +146,59 @@ class DiaryEntry:
     file: str = ""
 
     def __post_init__(self) -> None:
-        """Raise ValueError with the allowed values for an unknown kind."""
+        """Raise ValueError with the allowed values if the kind is unknown."""
         check_choice("kind", self.kind, KINDS)
 
 
 Row = DiaryEntry | tuple[int, float | str]
-"""An entry, or the line and the moment of a row that only ends the one before."""
+"""An entry, or the line and time of a row that only ends the previous one."""
 
 
 def read_diary(content: bytes) -> tuple[DiaryEntry, ...]:
-    """Read a diary.
+    """Parse a diary.
 
-    Raises UnusableDiary: with the line, the reason and the cure.
+    Raises UnusableDiary: with the line, the reason and the remedy.
     """
     rows = list(islice(read_rows(decode_text(content)), MOST_ROWS + 1))
-    if len(rows) > MOST_ROWS:  # each is compared with the whole recording
+    if len(rows) > MOST_ROWS:  # each row is compared with the whole recording
         raise UnusableDiary(line=rows[-1][0], why="too many rows", cure="rows", value=str(MOST_ROWS))
     if len(rows) < 2:
         line = rows[0][0] if rows else 1
         raise UnusableDiary(line=line, why="empty", cure="header", value="")
-    header, *told = rows
+    header, *body = rows
     if _is_activity_log(header[1]):
-        told_log = _read_each(told, partial(_read_log_row, header[1], is_alone=len(told) == 1))
-        return _drop_ends(told_log)
+        told_log = _read_each(body, partial(_read_log_row, header[1], is_alone=len(body) == 1))
+        return _set_ends(told_log)
     columns = _read_header(*header)
-    return _drop_ends(
-        _read_each(told, lambda line, cells: (_read_row(line, dict(zip(columns, cells, strict=False))),))
+    return _set_ends(
+        _read_each(body, lambda line, cells: (_read_row(line, dict(zip(columns, cells, strict=False))),))
     )
 
 
 def _read_each(
     rows: list[tuple[int, list[str]]], read: Callable[[int, list[str]], Iterable[Row]]
 ) -> tuple[Row, ...]:
-    """Read every row, and refuse with all that cannot be read, each with the text of its line."""
+    """Read every row; raise one error with all rows that cannot be read, each with its text."""
     entries: list[Row] = []
-    slips: list[UnusableDiary] = []
+    row_errors: list[UnusableDiary] = []
     for line, cells in rows:
         try:
             entries.extend(read(line, cells))
-        except UnusableDiary as slip:
+        except UnusableDiary as error:
             text = ", ".join(cell for cell in cells if cell)[:LONGEST_LABEL]
-            value = str(slip.facts.get("value", ""))[:LONGEST_LABEL]
-            slips.append(UnusableDiary(**{**slip.facts, "value": value, "text": text}))
-    refuse_slips(slips)
+            value = str(error.facts.get("value", ""))[:LONGEST_LABEL]
+            row_errors.append(UnusableDiary(**{**error.facts, "value": value, "text": text}))
+    refuse_slips(row_errors)
     return tuple(entries)
 
 
-def refuse_slips(slips: Sequence[UnusableDiary]) -> None:
-    """Refuse a diary for all its slips at once.
+def refuse_slips(row_errors: Sequence[UnusableDiary]) -> None:
+    """Raise one error for all rows that cannot be used.
 
-    Raises UnusableDiary: where there is any slip.
+    Raises UnusableDiary: if there is at least one such row.
     """
-    if slips:
-        raise UnusableDiary(**join_facts([slip.facts for slip in slips]))
+    if row_errors:
+        raise UnusableDiary(**join_facts([error.facts for error in row_errors]))
 
 
 def _read_header(line: int, cells: list[str]) -> list[str]:
@@ -210,13 +211,13 @@ def _read_header(line: int, cells: list[str]) -> list[str]:
 
 
 def _is_activity_log(header: list[str]) -> bool:
-    """Whether it is GGIR's form, by its header: an ID, then a date."""
+    """Return whether the header is that of a GGIR activity log: an ID, then a date."""
     names = [plain_word(cell) for cell in header]
     return len(names) > 2 and names[0] in LOG_IDS and "date" in names[1]
 
 
 def _read_log_row(header: list[str], line: int, cells: list[str], *, is_alone: bool) -> Iterable[DiaryEntry]:
-    """Return the activities of one recording; several recordings are told apart by the ID."""
+    """Return the activities of one recording; the ID tells several recordings apart."""
     days: list[tuple[date, list[tuple[str, str]]]] = []
     for name, cell in zip(header[1:], cells[1:], strict=False):
         if "date" in plain_word(name):
@@ -225,15 +226,15 @@ def _read_log_row(header: list[str], line: int, cells: list[str], *, is_alone: b
         elif cell and days:
             days[-1][1].append((name, cell))
     file = "" if is_alone else cells[0]
-    for day, told in days:
+    for day, activities in days:
         midnight = datetime.combine(day + timedelta(days=1), time()).isoformat()
-        begins = [parse_clock(f"{day.isoformat()} {cell}", line) for _, cell in told]
-        for (name, _), start, end in zip(told, begins, [*begins[1:], midnight], strict=True):
+        begins = [parse_clock(f"{day.isoformat()} {cell}", line) for _, cell in activities]
+        for (name, _), start, end in zip(activities, begins, [*begins[1:], midnight], strict=True):
             yield DiaryEntry(start, end, WORDS.get(plain_word(name), "task"), name, line=line, file=file)
 
 
 def _read_date(line: int, cell: str) -> date:
-    """Read a date with the day first, as GGIR writes it, or as in ISO 8601."""
+    """Parse a date with the day first, as GGIR writes it, or in ISO 8601."""
     found = LOG_DATE.fullmatch(cell)
     try:
         return date(int(found[3]), int(found[2]), int(found[1])) if found else date.fromisoformat(cell)
@@ -242,7 +243,7 @@ def _read_date(line: int, cell: str) -> date:
 
 
 def _read_row(line: int, row: Mapping[str, str]) -> Row:
-    """Return the entry of a row, or the line and the moment of a row that only ends the one before."""
+    """Return the entry of a row, or the line and time of a row that only ends the previous one."""
     start = read_moment(line, row.get("start", ""), row.get("start_s", ""))
     if start is None:
         raise UnusableDiary(line=line, why="time", cure="time", value="")
@@ -285,31 +286,31 @@ def read_moment(line: int, clock: str, seconds: str) -> float | str | None:
 def parse_clock(text: str, line: int = 0) -> str:
     """Return a clock time as ISO 8601 text, with its date if it has one.
 
-    ``10:20``, ``10.20``, ``10,20``, ``1020``, ``10h20``, ``10 h 20`` and ``10h`` are read on the 24-hour
-    clock, also with seconds (``10:20:30``, ``10h20m30``, ``102030``). A number is never read as seconds.
+    Reads ``10:20``, ``10.20``, ``10,20``, ``1020``, ``10h20``, ``10 h 20`` and ``10h`` on the 24-hour clock,
+    also with seconds (``10:20:30``, ``10h20m30``, ``102030``). Never reads a number as seconds.
 
-    Raises UnusableDiary: with ``line`` and the spellings that are read.
+    Raises UnusableDiary: with ``line`` and the accepted forms.
     """
     dated = DAY.fullmatch(text.strip())
-    told = (dated[2] if dated else text).strip()
-    hour = next(filter(None, (spelling.fullmatch(told) for spelling in SPELLINGS)), None)
-    why = "fraction" if DAY_FRACTION.fullmatch(told) else "time"
+    clock = (dated[2] if dated else text).strip()
+    hour = next(filter(None, (spelling.fullmatch(clock) for spelling in SPELLINGS)), None)
+    why = "fraction" if DAY_FRACTION.fullmatch(clock) else "time"
     try:
         if why == "fraction" or not (hour or dated):
             raise ValueError
         if hour:
             parts = hour.groupdict()
             second = parts["second"] or "00"
-            told = time.fromisoformat(
+            clock = time.fromisoformat(
                 f"{int(parts['hour']):02d}:{parts['minute'] or '00'}:{second}"
             ).isoformat()
-        return datetime.fromisoformat(f"{dated[1]}T{told}").isoformat() if dated else told
+        return datetime.fromisoformat(f"{dated[1]}T{clock}").isoformat() if dated else clock
     except ValueError:
         raise UnusableDiary(line=line, why=why, cure=why, value=text[:LONGEST_LABEL]) from None
 
 
 def split_times(entry: DiaryEntry) -> dict[str, float | str | None]:
-    """Return the times of a row by the names they are written under: the clock, or seconds (``_s``)."""
+    """Return the times of a row by column name: the clock time, or seconds (``_s``)."""
     return {
         f"{name}{suffix}": moment if isinstance(moment, str) is not bool(suffix) else None
         for suffix in ("", "_s")
@@ -317,7 +318,7 @@ def split_times(entry: DiaryEntry) -> dict[str, float | str | None]:
     }
 
 
-def _drop_ends(rows: Sequence[Row]) -> tuple[DiaryEntry, ...]:
+def _set_ends(rows: Sequence[Row]) -> tuple[DiaryEntry, ...]:
     """Set the end of each row from the separate row that states it."""
     entries: list[DiaryEntry] = []
     for row in rows:
@@ -333,11 +334,11 @@ def _drop_ends(rows: Sequence[Row]) -> tuple[DiaryEntry, ...]:
     return tuple(entries)
 
 
-# The list of tasks: a CSV with the columns ``name,start_s,end_s``, and ``paper_task`` if there is one.
+# The task list: a CSV with the columns ``name,start_s,end_s`` and optionally ``paper_task``.
 #
-# Times are seconds of the recording's clock or, with ``reference`` in a column ``clock``, of the reference's.
-# Rows with the same name are repetitions of one task and are pooled. ``paper_task`` (1 to 10) is the task of
-# the source paper's Table 1 that it repeats.
+# Times are seconds of the recording's clock, or of the reference's clock if the column ``clock`` contains
+# ``reference``. Rows with the same name are repetitions of one task and are pooled. ``paper_task`` (1 to 10)
+# is the matching task in Table 1 of the source paper.
 
 NEEDED_BY_TASKS = ("name", "start_s", "end_s")
 TASK_CLOCKS = ("recording", "reference")
@@ -356,7 +357,7 @@ class TaskWindow:
 
 
 def read_tasks(content: bytes) -> tuple[TaskWindow, ...]:
-    """Read the list; commas or semicolons; raises UnusableTasks."""
+    """Parse the task list, separated by commas or semicolons; raises UnusableTasks."""
     lines = io.StringIO(content.decode("utf-8-sig", "replace"), newline=None)
     delimiter = ";" if ";" in lines.readline() else ","
     lines.seek(0)

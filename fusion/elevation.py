@@ -1,4 +1,4 @@
-"""From calibrated samples to the angle between the upper arm and gravity."""
+"""Compute the angle between the upper arm and gravity from calibrated samples."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
@@ -17,37 +17,37 @@ from fusion.pose.calibrate import CalibratedSamples
 from fusion.pose.rules import AxisPart, Reading
 from fusion.recording import MICROSECONDS, BoolArray, Float64Array, FloatArray, Segment
 from fusion.sensor.gyroscope import BiasSettings, GyroScaleSettings
-from fusion.sensor.model import Nodes, spread_rows, view_segment
+from fusion.sensor.model import Nodes, propagate_vertical, view_segment
 from fusion.sensor.self_calibration import AccelerometerSettings
 from fusion.sensor.stillness import StillRules
 
-# The rows of the angle: at most 100 a second, averaged from the samples about them.
+# Rows of the angle: at most 100 per second, averaged from the samples around them.
 #
-# A sensor of 500 Hz gives five samples to a row. The row stands at its stamp and lasts until the next; its
-# vertical is the mean over 10 ms about that stamp, so that it is neither early nor late. Its time is that of
-# the five samples from the stamp on.
+# At 500 Hz a row has five samples. A row starts at its timestamp and lasts until the next row. Its vertical
+# is the mean over 10 ms centred on that timestamp, so it has no delay. Its time is that of the five samples
+# from the timestamp on.
 #
-# The rows of a segment share its time evenly. Samples over a last whole row (4 at most, of 500 Hz) thus lose
-# no time: each row lasts a little longer, 0.8 percent in a segment of 1 s, 0.01 percent in one of a minute,
-# and stands where its time begins, between two samples if need be.
+# The rows of a segment share its time evenly. A segment may have up to 4 samples (at 500 Hz) after its last
+# whole row. No time is lost: each row lasts a little longer, 0.8 percent in a segment of 1 s, 0.01 percent in
+# one of a minute. A row may then start between two samples.
 
 MOST_HZ = 100.5
 """A nominal 100 Hz sensor runs at 100 +- 0.1 Hz and keeps every sample."""
 
 
-# The vertical at the samples, computed for the slice that is asked for.
+# The vertical at the samples, computed for the requested slice.
 #
-# Eight hours at 100 Hz are 33 MiB of unit vectors. They follow from nodes and gyroscope samples, which are
-# kept anyway: to work them out again for the speeds takes no longer than to get that much memory. At 500 Hz
-# it would take five times as long, so there the vectors of the rows are kept. The same samples always give
-# the same bits, whatever slice is read.
+# Eight hours at 100 Hz are 33 MiB of unit vectors. They follow from the nodes and the gyroscope samples,
+# which are kept anyway. Computing them again for the speeds takes no longer than allocating that memory. At
+# 500 Hz it would take five times as long, so there the vectors of the rows are kept. The same samples always
+# give the same bits, in any slice.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VerticalOnDemand:
-    """Behaves as an array (n, 3) of float32 that is read by slices of samples.
+    """An array-like (n, 3) of float32, read by slices of samples.
 
-    ``up`` (j, 3) is the vertical at the nodes, ``gyr_dps`` (n, 3) carries it to the samples between.
+    ``up`` (j, 3) is the vertical at the nodes; ``gyr_dps`` (n, 3) propagates it to the samples between them.
     """
 
     gyr_dps: FloatArray
@@ -59,7 +59,7 @@ class VerticalOnDemand:
         return len(self.gyr_dps)
 
     def __getitem__(self, samples: slice) -> NDArray[np.float32]:
-        """Samples of a slice without a step."""
+        """Return the samples of a slice without a step."""
         first, stop, _ = samples.indices(len(self))
         if stop <= first:
             return np.zeros((0, 3), dtype=np.float32)
@@ -67,21 +67,21 @@ class VerticalOnDemand:
         node = min(first // per_node, len(self.up) - 1)
         end = len(self) if stop > len(self.up) * per_node else min(-(-stop // per_node) * per_node, len(self))
         out = np.empty((end - node * per_node, 3), dtype=np.float32)
-        spread_rows(self.gyr_dps, self.rate_hz, self.nodes, self.up, out, node)
+        propagate_vertical(self.gyr_dps, self.rate_hz, self.nodes, self.up, out, node)
         return out[first - node * per_node : stop - node * per_node]
 
 
 Vertical = FloatArray | VerticalOnDemand
-"""The vertical at every sample, (n, 3): an array, or what is read like one."""
+"""The vertical at every sample, (n, 3): an array or an array-like."""
 
 
 @dataclass(frozen=True, slots=True)
 class AngleRows:
-    """How the samples of a segment make rows; as long as the segment, to the microsecond.
+    """How the samples of a segment are grouped into rows; both have the same length to the microsecond.
 
-    ``start_us``, ``rate_hz``: time of the first row, which is that of the first sample; rows per second.
-    ``count``, ``samples``: how many rows, of how many samples.
-    ``per_row``: whole samples that are averaged for a row; 1: each sample is a row.
+    ``start_us``, ``rate_hz``: time of the first row, equal to that of the first sample; rows per second.
+    ``count``, ``samples``: number of rows, and of the samples they are made from.
+    ``per_row``: whole samples averaged per row; 1: each sample is a row.
     """
 
     start_us: int
@@ -95,18 +95,18 @@ class AngleRows:
 
     @property
     def period_us(self) -> float:
-        """How long one row lasts."""
+        """Duration of one row."""
         return MICROSECONDS / self.rate_hz
 
     def hold(self, first: int, stop: int) -> slice:
-        """Return the rows with any of the samples [first, stop)."""
+        """Return the rows that contain any of the samples [first, stop)."""
         if self.per_row == 1:
             return slice(first, stop)
         return slice(first * self.count // self.samples, -(-stop * self.count // self.samples))
 
 
-def lay_rows(run: Segment) -> AngleRows:
-    """Take as few whole samples to a row as come to at most 100 rows a second."""
+def group_rows(run: Segment) -> AngleRows:
+    """Group the fewest whole samples per row that keep at most 100 rows per second."""
     samples, per_row = len(run), ceil(run.rate_hz / MOST_HZ)
     if per_row == 1 or samples == 0:
         return AngleRows(run.start_us, run.rate_hz, samples, samples, 1)
@@ -115,7 +115,7 @@ def lay_rows(run: Segment) -> AngleRows:
 
 
 def read_rows(vertical: Vertical, rows: AngleRows, first: int, stop: int) -> FloatArray:
-    """Unit vectors of the rows [first, stop), (stop - first, 3), from the vertical of all samples, (n, 3)."""
+    """Return unit vectors of the rows [first, stop), shape (rows, 3), from those of all samples, (n, 3)."""
     if rows.per_row == 1:
         return vertical[first:stop]
     reach, pace = rows.per_row, rows.samples / rows.count
@@ -129,9 +129,9 @@ def read_rows(vertical: Vertical, rows: AngleRows, first: int, stop: int) -> Flo
 
 @kernel
 def _average(vertical: Any, places: Any, reach: float, out: Any) -> None:  # pragma: no cover
-    """Mean direction about each place, counted in samples.
+    """Compute the mean direction around each place, in samples.
 
-    A sample stands for half a period on each side of it; it weighs as much of that as lies in the window.
+    A sample covers half a period on each side. Its weight is the part of this period within the window.
     """
     for k in range(len(out)):
         place = places[k]
@@ -148,16 +148,16 @@ def _average(vertical: Any, places: Any, reach: float, out: Any) -> None:  # pra
         out[k, 0], out[k, 1], out[k, 2] = scale * x, scale * y, scale * z
 
 
-# The elevation, and how it is estimated.
+# The elevation and its estimators.
 
 
 @dataclass(frozen=True, slots=True)
 class Method:
     """A named estimator, as printed in the report.
 
-    ``name``, ``version``: "smoothed", "published" or "live"; the version goes up with every change that moves
-    a figure.
-    ``parameters``: every number that it used, by name, the unit in the name.
+    ``name``, ``version``: "smoothed", "published" or "live"; the version increases with every change that
+    alters a result.
+    ``parameters``: every number that it used, by name, with the unit in the name.
     """
 
     name: str
@@ -169,18 +169,18 @@ class Method:
 class ElevationSegment:
     """Elevation over one unbroken run.
 
-    ``start_us``, ``rate_hz``: of the first row, microseconds from the recording's first sample; rows per
-    second, about 100 at most where the angle was fused from samples (:mod:`fusion.elevation`).
+    ``start_us``, ``rate_hz``: time of the first row, microseconds from the recording's first sample; rows per
+    second, at most about 100 if the angle was fused from samples (:mod:`fusion.elevation`).
     ``elevation_deg``: shape (n,), float32. 0 hanging, 90 level, 180 overhead. Before the metric filter.
-    ``valid``: shape (n,). Every sample of the row is fused and trusted, whatever the diary says (breaks stay
-    valid).
+    ``valid``: shape (n,). Whether every sample of the row is fused and trusted. The diary has no effect:
+    breaks stay valid.
     ``vertical``: shape (n, 3), float32, read by slices of rows: unit vector to the zenith in the sensor
-    frame; None for a ready angle series. Worked out again when it is read, but kept where a row is made of
+    frame; None for a ready angle series. Computed again on each read, except that it is stored if a row has
     several samples (:class:`fusion.elevation.VerticalOnDemand`).
     ``sigma_deg``: shape (seconds,), float32: standard deviation of the angle in each second of the segment,
-    the pose left out (:mod:`fusion.orientation.smoothed`); None where the method has no measure of it.
-    ``bridged``: as in :class:`fusion.recording.Segment`: row ranges [first, stop) without a sample of their
-    own.
+    without the error of the pose (:mod:`fusion.orientation.smoothed`); None if the method does not estimate
+    it.
+    ``bridged``: as in :class:`fusion.recording.Segment`: row ranges [first, stop) without measured samples.
     """
 
     start_us: int
@@ -200,20 +200,19 @@ class ElevationSegment:
 
     @property
     def period_us(self) -> float:
-        """How long one row lasts."""
+        """Duration of one row."""
         return MICROSECONDS / self.rate_hz
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Elevation:
-    """Arm elevation through the recording; holes lie between the segments.
+    """Arm elevation through the recording, with gaps between the segments.
 
     ``segments``: in time order.
-    ``method``: the estimator; None for a ready angle series and for one that was read from
-    ``elevation.parquet``.
-    ``bias_sigma_deg``: standard deviation of the angle over the whole recording, the pose left out: for
-    `smoothed` the root mean square of that of each second; with the uncertainty of the axis where the sensor
-    turned. None for a ready angle series.
+    ``method``: the estimator; None for a ready angle series and for an angle read from ``elevation.parquet``.
+    ``bias_sigma_deg``: standard deviation of the angle over the whole recording, without the error of the
+    pose. For `smoothed`, the root mean square over the seconds. Includes the uncertainty of the axis if the
+    sensor turned on the arm. None for a ready angle series.
     """
 
     segments: tuple[ElevationSegment, ...]
@@ -229,20 +228,21 @@ class Elevation:
 DEGREES = 180.0 / pi
 STRETCH = 512
 SAMPLES_AT_ONCE = 16_384
-"""So many vectors are still in the processor's cache when their angle is computed."""
+"""This many vectors are still in the processor cache when their angle is computed."""
 UNCERTAIN_DEG = 5.0
 SHORTEST_SEGMENT_S = 1.0
 
 TYPICAL_SIGMA_DEG = {"published": 4.2, "live": 1.3}
-"""Methods without a measure of their own: RMSE on simulated arm tasks and shifts (docs/validation.md)."""
+"""For methods without an error estimate: RMSE on simulated arm tasks and shifts (docs/validation.md)."""
 
 
 def estimate_elevation(samples: CalibratedSamples, method: MethodName = "smoothed") -> Elevation:
-    """Fuse each segment and take the angle between the arm axis and the vertical, at most 100 times a second.
+    """Fuse each segment and compute the angle between arm axis and vertical, at most 100 times a second.
 
-    Not valid are rows that bridge a hole, segments under 1 s, and (`smoothed`) seconds that are uncertain by
-    more than 5 deg: by their sigma, or by half the angle between the estimates from past and future.
-    `published` has no such measure; `live` leaves out the first 3 s of a segment, where it has few samples.
+    Invalid rows are: rows that bridge a gap, segments under 1 s and, for `smoothed`, seconds with an
+    uncertainty over 5 deg (by their sigma, or by half the angle between the estimates from past and future).
+    `published` has no such measure. `live` excludes the first 3 s of a segment, because it has few samples
+    there.
     """
     fuse = {"smoothed": _fuse_smoothed, "published": _fuse_published, "live": _fuse_live}[method]
     segments = tuple(fuse(samples, segment) for segment in samples.recording.segments)
@@ -251,13 +251,13 @@ def estimate_elevation(samples: CalibratedSamples, method: MethodName = "smoothe
     if method == "smoothed" and any(len(one) > 0 for one in by_second):
         seconds_deg = np.minimum(np.concatenate(by_second).astype(np.float64), 2.0 * UNCERTAIN_DEG)
         own_deg = float(np.sqrt(np.mean(seconds_deg**2)))
-    sigma_deg = sqrt(own_deg**2 + _average_doubt(samples, segments))
-    widened = tuple(_widen_remounted(samples, segment) for segment in segments)
+    sigma_deg = sqrt(own_deg**2 + _average_axis_variance(samples, segments))
+    widened = tuple(_widen_sigma(samples, segment) for segment in segments)
     return Elevation(widened, describe_method(method, samples), sigma_deg)
 
 
-def _average_doubt(samples: CalibratedSamples, segments: tuple[ElevationSegment, ...]) -> float:
-    """Variance of the arm axis in parts that turned, deg^2, as a mean over all valid rows."""
+def _average_axis_variance(samples: CalibratedSamples, segments: tuple[ElevationSegment, ...]) -> float:
+    """Return the variance of the arm axis after the sensor turned, deg^2, averaged over all valid rows."""
     squares = rows = 0.0
     for segment in segments:
         rows += np.count_nonzero(segment.valid)
@@ -268,7 +268,7 @@ def _average_doubt(samples: CalibratedSamples, segments: tuple[ElevationSegment,
 
 
 def describe_method(method: MethodName, samples: CalibratedSamples | None = None) -> Method:
-    """Name, version and every parameter of an estimator, and what it found in these samples."""
+    """Return the name, version and parameters of an estimator, and its self-calibration of these samples."""
     if method == "published":
         return Method(method, METHOD_VERSION, asdict(PublishedParameters()))
     if method == "live":
@@ -295,7 +295,7 @@ def describe_method(method: MethodName, samples: CalibratedSamples | None = None
 def measure_elevation(
     vertical: NDArray[np.float32] | Float64Array, arm_axis: Float64Array
 ) -> NDArray[np.float32]:
-    """Angle between ``vertical`` (n, 3) and the arm axis, deg; exact near 0 and 180 too."""
+    """Return the angle between ``vertical`` (n, 3) and the arm axis, deg; also exact near 0 and 180."""
     elevation_deg = np.empty(len(vertical), dtype=np.float32)
     _measure_angles(vertical, np.asarray(arm_axis, dtype=np.float64), elevation_deg)
     return elevation_deg
@@ -303,7 +303,7 @@ def measure_elevation(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _measure_angles(vertical: Any, axis: Any, out: Any) -> None:  # pragma: no cover
-    """In stretches, so that both loops are simple enough to run several samples at a time."""
+    """Compute in short stretches: both loops stay simple enough for vector instructions."""
     x, y, z = axis
     across, along = np.empty(STRETCH), np.empty(STRETCH)
     for first in range(0, len(out), STRETCH):
@@ -317,9 +317,9 @@ def _measure_angles(vertical: Any, axis: Any, out: Any) -> None:  # pragma: no c
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _turn_to_degrees(across: Any, along: Any, out: Any) -> None:  # pragma: no cover
-    """``atan2(across, along)`` for ``across >= 0``, to 1e-6 deg.
+    """Compute ``atan2(across, along)`` for ``across >= 0``, to 1e-6 deg.
 
-    The ratio is brought below tan(pi/8), where the odd series of the arc tangent converges fast.
+    The ratio is reduced below tan(pi/8), where the series of the arc tangent converges fast.
     """
     for k in range(len(out)):
         size = abs(along[k])
@@ -337,12 +337,12 @@ def _turn_to_degrees(across: Any, along: Any, out: Any) -> None:  # pragma: no c
 
 
 def _fuse_smoothed(samples: CalibratedSamples, segment: Segment) -> ElevationSegment:
-    calibrated, rows = samples.run_of(segment), lay_rows(segment)
+    calibrated, rows = samples.run_of(segment), group_rows(segment)
     nodes = calibrated.nodes
     smoothed = smooth_nodes(nodes)
     sigma_deg = estimate_sigma(smoothed, samples.accelerometer)
     per_value = smoothed.nodes_per_value * nodes.rows_per_node
-    valid = _start_valid(samples, segment, rows)
+    valid = _mark_valid_rows(samples, segment, rows)
     for value in np.flatnonzero(np.maximum(sigma_deg, smoothed.disagreement_deg) > UNCERTAIN_DEG).tolist():
         valid[rows.hold(value * per_value, (value + 1) * per_value)] = False
     vertical = VerticalOnDemand(calibrated.run.gyr_dps, segment.rate_hz, nodes, smoothed.up)
@@ -353,7 +353,7 @@ def _fuse_smoothed(samples: CalibratedSamples, segment: Segment) -> ElevationSeg
 
 
 def _find_rows(part: AxisPart, run: AngleRows | Segment | ElevationSegment) -> tuple[int, int]:
-    """First row of a run that lies in a part, and the first behind it."""
+    """Return the first row of a run within a part, and the first row after the part."""
     start_s = run.start_us / MICROSECONDS
     first, stop = (
         int(np.clip((edge_s - start_s) * run.rate_hz, 0, len(run))) for edge_s in (part.start_s, part.end_s)
@@ -361,8 +361,8 @@ def _find_rows(part: AxisPart, run: AngleRows | Segment | ElevationSegment) -> t
     return first, stop
 
 
-def _widen_remounted(samples: CalibratedSamples, segment: ElevationSegment) -> ElevationSegment:
-    """Add, second by second, what is not known of the axis in the parts where it turned."""
+def _widen_sigma(samples: CalibratedSamples, segment: ElevationSegment) -> ElevationSegment:
+    """Add, for each second, the uncertainty of the axis in the parts after the sensor turned."""
     if segment.sigma_deg is None:
         return segment
     sigma_deg = segment.sigma_deg.copy()
@@ -374,20 +374,20 @@ def _widen_remounted(samples: CalibratedSamples, segment: ElevationSegment) -> E
 
 
 def _fuse_published(samples: CalibratedSamples, segment: Segment) -> ElevationSegment:
-    bias_dps, rows = samples.calibration.gyro_bias_dps, lay_rows(segment)
+    bias_dps, rows = samples.calibration.gyro_bias_dps, group_rows(segment)
     up = estimate_published(view_segment(segment), bias_dps, dtype=np.float32)
-    return _measure_segment(samples, segment, rows, up, _start_valid(samples, segment, rows))
+    return _measure_segment(samples, segment, rows, up, _mark_valid_rows(samples, segment, rows))
 
 
 def _fuse_live(samples: CalibratedSamples, segment: Segment) -> ElevationSegment:
-    live, rows = LiveVertical(segment.rate_hz, samples.calibration.gyro_bias_dps), lay_rows(segment)
-    valid = _start_valid(samples, segment, rows)
+    live, rows = LiveVertical(segment.rate_hz, samples.calibration.gyro_bias_dps), group_rows(segment)
+    valid = _mark_valid_rows(samples, segment, rows)
     valid[rows.hold(0, round(LiveParameters().time_constant_s * segment.rate_hz))] = False
     return _measure_segment(samples, segment, rows, live.update(segment.acc_g, segment.gyr_dps), valid)
 
 
-def _start_valid(samples: CalibratedSamples, segment: Segment, rows: AngleRows) -> BoolArray:
-    """Rows without a bridged sample, of a segment that is long enough, while the axis of the arm is known."""
+def _mark_valid_rows(samples: CalibratedSamples, segment: Segment, rows: AngleRows) -> BoolArray:
+    """Mark rows as valid if no sample is bridged, the segment is long enough and the arm axis is known."""
     valid = np.full(len(rows), len(segment) / segment.rate_hz >= SHORTEST_SEGMENT_S)
     turned = (_find_rows(part, segment) for part in samples.axis_parts if part.arm_axis is None)
     for first, stop in (*segment.bridged, *turned):
@@ -403,7 +403,7 @@ def _measure_segment(
     valid: BoolArray,
     sigma_deg: NDArray[np.float32] | None = None,
 ) -> ElevationSegment:
-    """Make rows of the vertical and take their angle, a block at a time."""
+    """Group the vertical into rows and compute their angle, one block at a time."""
     is_kept = rows.per_row > 1 or (isinstance(vertical, np.ndarray) and vertical.dtype != np.float32)
     up = np.empty((len(rows) if is_kept else 0, 3), dtype=np.float32)
     elevation_deg = np.empty(len(rows), dtype=np.float32)
@@ -428,15 +428,15 @@ def _measure_parts(
     up: Vertical,
     elevation_deg: NDArray[np.float32],
 ) -> None:
-    """Measure the rows of each part by that part's own axis."""
+    """Compute the rows of each part with the axis of that part."""
     for part in parts:
         first, stop = _find_rows(part, rows)
         if part.arm_axis is not None and stop > first:
             elevation_deg[first:stop] = measure_elevation(up[first:stop], part.arm_axis)
 
 
-def read_otherwise(elevation: Elevation, reading: Reading) -> Elevation:
-    """Return the same fused angle as another reading of the recording has it."""
+def apply_reading(elevation: Elevation, reading: Reading) -> Elevation:
+    """Return the same fused angle with the arm axis of another reading of the recording."""
     segments = []
     for segment in elevation.segments:
         assert segment.vertical is not None

@@ -1,16 +1,15 @@
-"""Why no number can be given.
+"""Reasons why no result can be reported.
 
-An error means that no number can be given; a caveat (:mod:`fusion.caveats`) means a number with something to
-know about it; anything else that is raised is a bug. An error carries a fixed code and facts, never a
-sentence: the sentences stand under its code in ``app/report/words``, and the table in ``docs/codes.md`` is
-generated from here.
+An error means that there is no result. A caveat (:mod:`fusion.caveats`) qualifies a result. Any other
+exception is a bug. An error has a fixed code and facts but no sentence: ``app/report/words`` has the
+sentences by code. The table in ``docs/codes.md`` is generated from this module.
 
     FusionError
       UnreadableFile
-        UnknownFormat   what the bytes are is not a recording (wrong type, wrong name, epochs, no gyroscope)
-        DamagedFile     it was a recording once (cut, corrupt, unsafe archive)
-      UnusableRecording it can be read, but no angle can be trusted (too short, dead axis, wrong scale)
-      UnusableDiary     the list of periods that came with it cannot be followed
+        UnknownFormat   the file is not a recording (wrong type, wrong name, epochs, no gyroscope)
+        DamagedFile     the file was a recording (cut, corrupt, unsafe archive)
+      UnusableRecording readable, but no angle can be trusted (too short, dead axis, wrong scale)
+      UnusableDiary     the diary of the recording cannot be used
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,16 +24,16 @@ PLACE = name_facts(
     clock="time in the recording",
     header="identity of the header of a table",
 )
-"""Where in the file it is, of any refusal that knows it."""
+"""The place in the file; any error may include it."""
 
 
 MOST_ROWS_NAMED = 20
 
 
 def join_facts(rows: Sequence[Mapping[str, Fact]]) -> dict[str, Fact]:
-    """Return the facts of several rows as those of one refusal: the second row's end in ``_2``, and so on.
+    """Merge the facts of several rows for one error: the names of the second row end in ``_2``, and so on.
 
-    Beyond twenty rows, ``more`` counts the others.
+    Beyond twenty rows, ``more`` counts the rest.
     """
     facts = dict(rows[0])
     for number, row in enumerate(rows[1:MOST_ROWS_NAMED], 2):
@@ -45,13 +44,13 @@ def join_facts(rows: Sequence[Mapping[str, Fact]]) -> dict[str, Fact]:
 
 
 class FusionError(Exception):
-    """No number can be given; ``code`` says why and ``facts`` fill the sentence.
+    """No result; ``code`` says why and ``facts`` fill the sentence.
 
-    The head of a class declares its code, and the facts that it may have (else its parent's), each with its
-    unit or meaning.
+    A subclass declares in its class statement its code and the facts that it may have (otherwise those of its
+    parent), each with its unit or meaning.
 
-    ``fact_meanings``: the names that ``facts`` may hold, each with its unit or meaning; those of
-    :data:`PLACE` beside them.
+    ``fact_meanings``: the names allowed in ``facts``, each with its unit or meaning, in addition to those of
+    :data:`PLACE`.
     """
 
     code: ClassVar[str]
@@ -69,7 +68,7 @@ class FusionError(Exception):
 
 
 class UnreadableFile(FusionError, code="E-UNREADABLE"):
-    """The bytes do not give samples."""
+    """The bytes contain no samples."""
 
 
 class FailedReader(
@@ -83,7 +82,7 @@ class FailedReader(
 
 
 class UnknownFormat(UnreadableFile, code="E-TYPE", kind="what the bytes are"):
-    """The bytes are something other than a recording with acceleration and angular rate."""
+    """The file is not a recording with acceleration and angular rate."""
 
 
 class UnsupportedFormat(
@@ -93,7 +92,7 @@ class UnsupportedFormat(
 
 
 class EmptyFile(UnknownFormat, code="E-EMPTY"):
-    """The file has no byte."""
+    """The file has 0 bytes."""
 
 
 class WrongExtension(
@@ -103,25 +102,25 @@ class WrongExtension(
     kind="what the bytes are",
     right="extension that fits",
 ):
-    """The name says one format, the content another."""
+    """The file name indicates one format, the content another."""
 
 
 class OldDevice(UnknownFormat, code="E-GT3X-OLD"):
-    """A GT3X of the generation without a gyroscope."""
+    """A GT3X file of the generation without a gyroscope."""
 
 
 class NoGyroscope(UnknownFormat, code="E-NO-GYRO", cure="device"):
-    """Acceleration only: elevation in motion cannot be told from acceleration."""
+    """Acceleration only; it cannot show elevation during motion."""
 
 
 class NoGravity(UnknownFormat, code="E-NO-GRAVITY"):
-    """Gravity was taken out of the acceleration: nothing is left to measure an angle against."""
+    """Gravity was removed from the acceleration, so the angle has no reference."""
 
 
 class SeveralSensors(
     UnknownFormat, code="E-SENSORS", n="sensors", list="names of the sensors", wanted="name that none has"
 ):
-    """A table of several sensors, and nobody said which one is on the arm, or none has that name."""
+    """A table of several sensors, and the one on the arm was not named, or no sensor has that name."""
 
 
 class EpochFile(UnknownFormat, code="E-EPOCH", sec="s of an epoch"):
@@ -136,7 +135,7 @@ class UnknownColumns(
     doubled="of the same, there more than once",
     why=TERM,
 ):
-    """A table whose columns are not recognised."""
+    """The columns of the table are not recognised."""
 
 
 class AmbiguousDecimal(UnknownFormat, code="E-DECIMAL"):
@@ -144,11 +143,11 @@ class AmbiguousDecimal(UnknownFormat, code="E-DECIMAL"):
 
 
 class DamagedFile(UnreadableFile, code="E-CORRUPT", p="% damaged"):
-    """It was a recording once."""
+    """The file was a recording but is damaged."""
 
 
 class BlankFile(DamagedFile, code="E-BLANK", n="bytes"):
-    """Every byte is zero: room was kept, nothing was written."""
+    """Every byte is zero: space was reserved but nothing was written."""
 
 
 class TruncatedArchive(DamagedFile, code="E-ZIP-TRUNC", n="bytes"):
@@ -162,7 +161,7 @@ class CorruptArchive(DamagedFile, code="E-ZIP-CRC", member="name in the archive"
 class UnsafeArchive(
     DamagedFile, code="E-ZIP-UNSAFE", reason=TERM, limit="bytes, members or ratio, at most", count="members"
 ):
-    """The archive is refused before it can do harm."""
+    """The archive is rejected because it may do harm."""
 
 
 class MissingMember(DamagedFile, code="E-GT3X-PART", member="name in the archive"):
@@ -170,15 +169,15 @@ class MissingMember(DamagedFile, code="E-GT3X-PART", member="name in the archive
 
 
 class RefusedXml(DamagedFile, code="E-XML", reason=TERM):
-    """XML with entities or a document type, cut off, or no MVNX."""
+    """XML with entities or a document type, cut off, or not MVNX."""
 
 
 class MissingSegment(UnreadableFile, code="E-SEGMENT", segment="name of the body segment"):
-    """A motion capture without what the angle is taken from."""
+    """A motion capture without the body segment that the angle needs."""
 
 
 class NoSamples(DamagedFile, code="E-NO-SAMPLES"):
-    """A header, and no sample after it."""
+    """A header without a sample after it."""
 
 
 class UnreadableRows(DamagedFile, code="E-ROW", k="lines"):
@@ -186,11 +185,11 @@ class UnreadableRows(DamagedFile, code="E-ROW", k="lines"):
 
 
 class CutByExcel(DamagedFile, code="E-EXCEL-CUT"):
-    """Exactly as many rows as Excel can hold."""
+    """Exactly as many rows as Excel can store."""
 
 
 class UnusableRecording(FusionError, code="E-UNUSABLE"):
-    """Samples, but none whose angle could be trusted."""
+    """Samples were read, but no angle can be trusted."""
 
 
 class UnknownRate(
@@ -206,7 +205,7 @@ class UnknownRate(
 
 
 class UnusableTime(UnusableRecording, code="E-TIME", why=TERM):
-    """No usable time."""
+    """The times cannot be used."""
 
 
 class WrongScale(
@@ -217,11 +216,11 @@ class WrongScale(
     high_g="g at rest, most",
     dps="deg/s, largest",
 ):
-    """At rest no 1 g (facts: g; or low_g, high_g), or a rate that no part can read (dps)."""
+    """The reading at rest is not 1 g (facts: g; or low_g, high_g), or a rate is beyond any sensor (dps)."""
 
 
 class UnknownUnit(UnusableRecording, code="E-UNIT", sensor=TERM):
-    """Neither the header nor rest and motion settle the unit of a sensor."""
+    """Neither the header nor rest and motion show the unit of a sensor."""
 
 
 class MixedColumns(
@@ -231,11 +230,11 @@ class MixedColumns(
     turns="stretches",
     factor="times, that would fit; negative: left-handed",
 ):
-    """Gravity does not turn as the gyroscope says."""
+    """Gravity does not turn as the gyroscope indicates."""
 
 
 class ExchangedSensors(UnusableRecording, code="E-SWAPPED"):
-    """The columns of the acceleration read like a gyroscope, and those of the angular rate like gravity."""
+    """The acceleration columns look like a gyroscope, and the angular rate columns like gravity."""
 
 
 class TooShort(UnusableRecording, code="E-SHORT", s="s analysed", left_out=TERM, left_out_s="s", cure=TERM):
@@ -251,7 +250,7 @@ class DeadSensor(UnusableRecording, code="E-DEAD", sensor=TERM, axis="x, y or z"
 
 
 class UnusableCalibration(UnusableRecording, code="E-CALIBRATION", why=TERM, start_s="s", end_s="s"):
-    """The calibration window asked for is not usable."""
+    """The requested calibration window cannot be used."""
 
 
 class WrongAngle(UnusableRecording, code="E-ANGLE", value="deg"):
@@ -267,24 +266,24 @@ class UnusableDiary(
     text="as written",
     other="line of a second row",
     diary="name of the file",
-    more="rows not told",
+    more="rows not listed",
 ):
     """Rows of the diary cannot be used.
 
-    The facts of the second row that cannot be used end in ``_2``, and so on.
+    The facts of the second such row end in ``_2``, and so on.
     """
 
 
 class UnusableJoin(UnusableRecording, code="E-JOIN", why=TERM):
-    """Files that are not one shift of one device."""
+    """The files are not one shift of one device."""
 
 
 class UnknownAxis(UnusableRecording, code="E-AXIS"):
-    """An orientation of which nothing says how the arm lies in it."""
+    """An orientation without information on how the arm is oriented in it."""
 
 
 class UnusableComparison(FusionError, code="E-COMPARISON"):
-    """Two measurements that cannot be set beside each other."""
+    """Two measurements cannot be compared."""
 
 
 class NotAligned(
@@ -294,30 +293,30 @@ class NotAligned(
     least="correlation",
     motion_s="s",
     least_s="s",
-    best="worth of the best shift",
+    best="score of the best shift",
     rival="of another",
 ):
-    """No shift of the clocks surely fits."""
+    """No clock shift is a clear match."""
 
 
 class NothingInCommon(UnusableComparison, code="E-OVERLAP", s="s in common"):
-    """Under this shift of the clocks the two have no time in common."""
+    """With this clock shift the two measurements have no time in common."""
 
 
 class NoReference(UnusableComparison, code="E-REFERENCE"):
-    """A recording of a study with nothing beside it to compare it with."""
+    """A recording of a study without a reference to compare it with."""
 
 
 class UnusableTasks(FusionError, code="E-TASKS", why=TERM):
-    """A list of tasks that cannot be used."""
+    """The task list cannot be used."""
 
 
 class UnusableStudy(FusionError, code="E-STUDY", why=TERM):
-    """A study folder in which nothing can be compared."""
+    """The study folder contains nothing to compare."""
 
 
 class UnusableProfile(FusionError, code="E-PROFILE", why=TERM, name="field of the profile"):
-    """A column profile that says nothing usable."""
+    """The column profile cannot be used."""
 
 
 class UnusableArrays(

@@ -1,4 +1,4 @@
-"""Results as pandas tables, for those who go on computing."""
+"""Results as pandas tables, for further computation."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
@@ -19,13 +19,13 @@ def tabulate_elevation(source: Analysis | Elevation) -> pd.DataFrame:
     Parameters
     ----------
     source
-        An analysis of a recording or of ready angles, or what :func:`fusion.read_elevation` read.
+        An analysis of a recording or of ready angles, or the result of :func:`fusion.read_elevation`.
 
     Returns
     -------
     pandas.DataFrame
         ``time_s`` (from the first sample), ``elevation_deg``, ``valid``: at most about 100
-        rows a second, before the metric filter; a hole has no rows. The index counts rows.
+        rows a second, before the metric filter; a gap has no rows. The index counts rows.
     """
     elevation = source if isinstance(source, Elevation) else source.elevation
     parts = [
@@ -47,14 +47,14 @@ def tabulate_exposure(exposure: Exposure) -> dict[str, pd.DataFrame]:
     Parameters
     ----------
     exposure
-        Of an analysis.
+        The exposure of an analysis.
 
     Returns
     -------
     dict
-        Tables by their names in ``results.json``, the ends of each interval in the columns ``low`` and
-        ``high``. ``intervals`` holds those of the figures that have no column for them, by the name of the
-        figure.
+        Tables by their names in ``results.json``, with the limits of each interval in the columns ``low``
+        and ``high``. ``intervals`` contains the intervals of figures without such columns, by the name of
+        the figure.
     """
     tables = {
         "bins": _tabulate(exposure.bins),
@@ -83,7 +83,7 @@ def _tabulate_named(rows: Mapping[str, Any], name: str) -> pd.DataFrame:
 
 
 def _flatten(row: dict[str, Any]) -> dict[str, Any]:
-    """Lay a range or a set of percentiles out in columns of its own."""
+    """Flatten an interval or a set of percentiles into separate columns."""
     flat: dict[str, Any] = {}
     for name, value in row.items():
         if name == "interval":

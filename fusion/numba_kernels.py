@@ -1,13 +1,13 @@
-"""How loops over samples are compiled, and where the compiled code is kept.
+"""Compile the loops over samples, and store the compiled code.
 
-What costs the compiler time: expressions of whole arrays (1 to 3 s each), ``np.zeros`` and ``np.eye`` in a
-kernel (0.1 to 0.3 s), functions that are inlined before their types are known, and entry points that nobody
-uses. Kernels therefore write plain loops, take their work arrays as arguments, and leave inlining to LLVM;
-they cannot be called from C. The compiler's steps for what such loops do not hold (closures, literals, arrays
-made inside) are left out, and the garbage collector rests while the compiler works (decision 39).
+These cost compile time: expressions of whole arrays (1 to 3 s each), ``np.zeros`` and ``np.eye`` in a kernel
+(0.1 to 0.3 s), functions that are inlined before their types are known, and unused entry points. Kernels
+therefore use plain loops, take their work arrays as arguments, and leave inlining to LLVM; they cannot be
+called from C. The compiler skips its steps for features that such loops do not have (closures, literals,
+arrays made inside). The garbage collector is off during compilation.
 
-Compiled code is kept in a private folder that is made when the first kernel runs: an import writes nothing.
-Every kernel of this package is decorated here, never by numba directly.
+The compiled code is stored in a private folder that is created when the first kernel runs; an import writes
+nothing. Decorate every kernel of this package with the functions here, never with numba directly.
 """
 
 import contextlib
@@ -54,17 +54,17 @@ STEPS: tuple[Any, ...] = (
     NativeLowering,
     NoPythonBackend,
 )
-"""Of numba's ``DefaultPassBuilder.define_nopython_pipeline``, in its order."""
+"""The steps of numba's ``DefaultPassBuilder.define_nopython_pipeline``, in its order."""
 
 Given = ParamSpec("Given")
 Result = TypeVar("Result")
 
 
 class _WithoutCollection(CompilerBase):
-    """A compiler during which the garbage collector rests: what it makes is in use until the end."""
+    """A compiler that runs with the garbage collector off: all its objects stay in use until the end."""
 
     def compile_extra(self, func: object) -> Any:
-        """Compile while the collector rests."""
+        """Compile with the garbage collector off."""
         compile_function: Any = super().compile_extra
         was_on = gc.isenabled()
         gc.disable()
@@ -89,7 +89,7 @@ class PlainLoops(_WithoutCollection):
 
 
 class AnyLoops(_WithoutCollection):
-    """The compiler for loops that make arrays."""
+    """The compiler for loops that create arrays."""
 
     def define_pipelines(self) -> list[Any]:
         """Return all of numba's steps."""
@@ -99,10 +99,10 @@ class AnyLoops(_WithoutCollection):
 
 @cache
 def make_kernel_folder() -> Path | None:
-    """Make the folder of the compiled code; None where no place can be written.
+    """Create the folder of the compiled code; None if no folder can be written.
 
-    ``NUMBA_CACHE_DIR`` is taken where it can be written. One that cannot (of a container whose disk is
-    read-only) is copied to a folder of our own, as numba does not read what it cannot write.
+    Uses ``NUMBA_CACHE_DIR`` if it is writable. If it is not (a container with a read-only disk), its content
+    is copied to a private folder, because numba does not read a cache that it cannot write.
     """
     named = os.environ.get("NUMBA_CACHE_DIR")
     given = Path(named) if named else None
@@ -118,7 +118,7 @@ def make_kernel_folder() -> Path | None:
 
 
 def _make_private_folder() -> Path | None:
-    """Make a folder that only this user can write: a shared one could be planted by another user."""
+    """Create a folder that only this user can write; in a shared folder another user could plant code."""
     base = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or "~/.cache"
     kernels = _fingerprint_kernels()
     user = f"acromion-{os.getuid()}" if hasattr(os, "getuid") else "acromion"
@@ -129,7 +129,7 @@ def _make_private_folder() -> Path | None:
             folder.mkdir(mode=0o700, exist_ok=True)
         except OSError:
             continue
-        if os.access(folder, os.W_OK) and _is_ours(place) and _is_ours(folder):
+        if os.access(folder, os.W_OK) and _is_owned_by_user(place) and _is_owned_by_user(folder):
             return folder
     return None
 
@@ -137,8 +137,8 @@ def _make_private_folder() -> Path | None:
 def _fingerprint_kernels() -> str:
     """Hash the sources that are compiled.
 
-    numba notices a change in a function's own file only; a kernel into which another one is inlined would go
-    on with the old one.
+    numba only notices changes in a function's own file. A kernel with an inlined function from another file
+    would keep the old code.
     """
     digest = hashlib.sha256()
     for path in sorted(Path(__file__).parent.rglob("*.py")):
@@ -148,12 +148,12 @@ def _fingerprint_kernels() -> str:
     return digest.hexdigest()[:12]
 
 
-def _is_ours(folder: Path) -> bool:
+def _is_owned_by_user(folder: Path) -> bool:
     return not hasattr(os, "getuid") or folder.stat().st_uid == os.getuid()
 
 
 def _copy_compiled(given: Path, folder: Path) -> None:
-    """Fill an empty folder; of processes that start together one does it, and none sees half a copy."""
+    """Copy the compiled code into an empty folder, once and atomically for several processes."""
     if any(folder.iterdir()):
         return
     copy = Path(tempfile.mkdtemp(dir=folder.parent))
@@ -165,13 +165,13 @@ def _copy_compiled(given: Path, folder: Path) -> None:
 
 
 DONE = "prepared"
-"""A file in the folder of the compiled code: what an analysis needs behind the reading is there."""
+"""Marker file in the folder of the compiled code: everything after the reading is compiled."""
 USUAL_KERNELS = 90
-"""Files of compiled code that a first analysis leaves, to tell its progress."""
+"""Number of cache files that a first analysis leaves, for the progress display."""
 
 
 def measure_progress() -> float:
-    """Return the share that is compiled, 0 to 1; 1 also if compiled code cannot be kept."""
+    """Return the share that is compiled, 0 to 1; 1 also if compiled code cannot be stored."""
     folder = make_kernel_folder()
     if folder is None or (folder / DONE).exists():
         return 1.0
@@ -179,14 +179,14 @@ def measure_progress() -> float:
 
 
 def mark_prepared() -> None:
-    """Leave word that what an analysis needs behind the reading is compiled."""
+    """Record that everything an analysis needs after the reading is compiled."""
     folder = make_kernel_folder()
     if folder is not None:
         (folder / DONE).touch()
 
 
 class _KernelLocator(InTreeCacheLocator):
-    """Where numba keeps the compiled code of one source file: in our folder."""
+    """Locate numba's compiled code of one source file in our folder."""
 
     def __init__(self, py_func: Any, py_file: str) -> None:
         shared: Any = super()
@@ -195,7 +195,7 @@ class _KernelLocator(InTreeCacheLocator):
 
 
 class _KernelCacheImpl(CompileResultCacheImpl):
-    """What numba writes, in our folder alone."""
+    """The compile results that numba writes, in our folder only."""
 
     _locator_classes: Any = (_KernelLocator,)
 
@@ -206,11 +206,11 @@ class _KernelCache(FunctionCache):
     _impl_class = _KernelCacheImpl
 
     def load_overload(self, sig: object, target_context: object) -> Any:
-        """Load what is there, with all that runs it, but without what only the compiler needs.
+        """Load the compiled code and its runtime, without the modules that only the compiler needs.
 
-        numba's own method first imports the implementation of every type and function that it can compile,
-        and the whole of scipy's linear algebra with them: 0.25 s of processor time. Where nothing is found,
-        the compiler imports them.
+        numba's own method first imports the implementation of every type and function it can compile,
+        including scipy's linear algebra: 0.25 s of processor time. If no compiled code is found, the compiler
+        imports them.
         """
         rtsys.initialize(target_context)
         cache: Any = self
@@ -219,13 +219,13 @@ class _KernelCache(FunctionCache):
 
 
 class _CacheOnFirstCall(NullCache):
-    """Stands in a kernel for its cache until the kernel is first called."""
+    """Placeholder for a kernel's cache until the kernel is first called."""
 
     def __init__(self, dispatcher: Any) -> None:
         self._dispatcher = dispatcher
 
     def load_overload(self, sig: object, target_context: object) -> Any:
-        """Open the cache and look there; numba calls this before it compiles."""
+        """Open the cache and look up the kernel; numba calls this before it compiles."""
         open_cache: Any = _KernelCache
         opened: Any = open_cache(self._dispatcher.py_func) if make_kernel_folder() else NullCache()
         self._dispatcher._cache = opened  # noqa: SLF001  (numba has no public way)
@@ -235,11 +235,11 @@ class _CacheOnFirstCall(NullCache):
 def njit(
     *, cache: bool = False, **options: Any
 ) -> Callable[[Callable[Given, Result]], Callable[Given, Result]]:
-    """Decorate as ``numba.njit`` does; with ``cache``, the result is kept on disk as a ``kernel``'s is."""
+    """Decorate as ``numba.njit`` does; with ``cache``, store the result on disk as ``kernel`` does."""
 
     def decorate(function: Callable[Given, Result]) -> Callable[Given, Result]:
         compiled: Any = numba.njit(**options)(function)
-        _forget_constants(compiled)
+        _unify_integer_types(compiled)
         kept: Callable[Given, Result] = _keep_on_disk(compiled) if cache else compiled
         return kept
 
@@ -247,13 +247,13 @@ def njit(
 
 
 def _keep_on_disk(compiled: Any) -> Any:
-    if hasattr(compiled, "enable_caching"):  # else a plain function: NUMBA_DISABLE_JIT
+    if hasattr(compiled, "enable_caching"):  # otherwise a plain function: NUMBA_DISABLE_JIT
         compiled._cache = _CacheOnFirstCall(compiled)  # noqa: SLF001  (numba has no public way)
     return compiled
 
 
 def kernel(function: Callable[Given, Result]) -> Callable[Given, Result]:
-    """Compile a function that Python calls; the result is kept on disk."""
+    """Compile a function that Python calls; store the result on disk."""
     compiled: Callable[Given, Result] = _keep_on_disk(_compile(function, PLAIN))
     return compiled
 
@@ -264,34 +264,34 @@ def inner(function: Callable[Given, Result]) -> Callable[Given, Result]:
 
 
 def fused(function: Callable[Given, Result]) -> Callable[Given, Result]:
-    """Compile a function on vectors, for kernels only; a product and a sum are rounded once (a fifth faster).
+    """Compile a function on vectors, for kernels only; rounds a product and sum once (a fifth faster).
 
-    So the last bits of a float64 depend on the processor, as they do in numpy's products of matrices.
+    The last bits of a float64 therefore depend on the processor, as in numpy's matrix products.
     """
     return _compile(function, PLAIN | {"no_cpython_wrapper": True, "fastmath": {"contract"}})
 
 
 def kernel_making_arrays(function: Callable[Given, Result]) -> Callable[Given, Result]:
-    """Compile as ``kernel`` does a function in which arrays are made, or sliced and given on."""
+    """Compile as ``kernel`` does, for a function that creates arrays or passes slices to other functions."""
     compiled: Callable[Given, Result] = _keep_on_disk(_compile(function, {"pipeline_class": AnyLoops}))
     return compiled
 
 
 def inner_making_arrays(function: Callable[Given, Result]) -> Callable[Given, Result]:
-    """Compile as ``inner`` does, for kernels that make arrays."""
+    """Compile as ``inner`` does, for kernels that create arrays."""
     return _compile(function, {"pipeline_class": AnyLoops, "no_cpython_wrapper": True})
 
 
 def _compile(function: Callable[Given, Result], options: dict[str, Any]) -> Callable[Given, Result]:
-    decorate: Any = numba.njit  # its type stubs leave out the options about entry points
+    decorate: Any = numba.njit  # its type stubs omit the options about entry points
     made = decorate(nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options)
     compiled: Callable[Given, Result] = made(function)
-    _forget_constants(compiled)
+    _unify_integer_types(compiled)
     return compiled
 
 
-def _forget_constants(compiled: Any) -> None:
-    """Compile once for all whole numbers; numba compiles a function again for each constant it is given."""
+def _unify_integer_types(compiled: Any) -> None:
+    """Compile once for all integers; numba would compile a function again for each constant argument."""
     if not hasattr(compiled, "get_call_template"):  # a plain function: NUMBA_DISABLE_JIT
         return
     resolve, widen = compiled.get_call_template, cast("Callable[[object], object]", types.unliteral)
@@ -303,7 +303,7 @@ def _forget_constants(compiled: Any) -> None:
 
 
 PLAIN: dict[str, Any] = {"pipeline_class": PlainLoops, "_nrt": False}
-"""``_nrt``: no counting of references, as nothing is allocated."""
+"""``_nrt``: no reference counting, because nothing is allocated."""
 
 
 @kernel
@@ -312,5 +312,5 @@ def _add_one(number: int) -> int:
 
 
 def make_ready() -> None:
-    """Load what the first kernel of a process needs: it takes as long as fifty kernels."""
+    """Load the dependencies of the first kernel of a process; this takes as long as fifty kernels."""
     _add_one(0)

@@ -1,4 +1,4 @@
-"""The chain from a recording to its figures, top to bottom."""
+"""The analysis pipeline: from a recording to its figures, in order."""
 
 import math
 from collections.abc import Callable
@@ -10,24 +10,24 @@ from fusion.angle_files.angle_series import read_angle_series
 from fusion.caveats import Caveat
 from fusion.conventions import is_npose
 from fusion.diary import DiaryEntry
-from fusion.elevation import Elevation, estimate_elevation, read_otherwise
+from fusion.elevation import Elevation, apply_reading, estimate_elevation
 from fusion.errors import UnknownAxis
 from fusion.exposure.parts import DayDivision, snap_periods
 from fusion.exposure.periods import Placed, divide_day, find_diary_poses, find_left_out, place_diary
-from fusion.exposure.summary import summarise_exposure, widen_over, withhold_short
+from fusion.exposure.summary import remove_short_ranges, summarise_exposure, widen_intervals
 from fusion.exposure.types import Exposure
 from fusion.pose.calibrate import CalibratedSamples, Calibration, calibrate, reduce_recording
 from fusion.pose.rules import AxisPart
 from fusion.quality import Quality, TimeAccount
 from fusion.quality.time_account import (
     account_time,
+    check_minimum_duration,
     count_holes_us,
     divide_time,
     find_exclusions,
     leave_out,
     make_disjoint,
     propose_nonwear,
-    refuse_short,
 )
 from fusion.quality.verdict import (
     assess_quality,
@@ -46,24 +46,24 @@ from fusion.settings import AnalysisSettings
 Step = Literal["checking", "calibrating", "fusing", "counting"]
 
 SOFT_TISSUE_SIGMA_DEG = 4.0
-"""How far a sensor on the skin departs from the humerus: 2 to 5 deg on four people (docs/validation.md)."""
+"""Difference between a sensor on the skin and the humerus: 2 to 5 deg on four people (docs/validation.md)."""
 UNKNOWN_SIGMA_DEG = 0.0
-"""Of ready angles, whose error is unknown: their intervals show the sampling of the day alone."""
+"""For ready angles, whose error is unknown: their intervals only include the sampling of the day."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Analysis:
-    """Every step's result.
+    """The results of every step.
 
-    ``recording``: what was read.
+    ``recording``: the recording.
     ``settings``: as given, or the defaults.
     ``calibration``: the pose; None for a ready angle series.
-    ``elevation``: the angle, at most about 100 rows a second; valid in breaks too.
-    ``exclusions``: all that left the analysed time, the diary's breaks among them.
-    ``time``: where the time of the recording went.
+    ``elevation``: the angle, at most about 100 rows a second; also valid in breaks.
+    ``exclusions``: all time excluded from the analysis, including the breaks of the diary.
+    ``time``: how the time of the recording was used.
     ``exposure``: the figures.
     ``quality``: the verdict and all caveats.
-    ``axis_parts``: the stretches that the first pose does not read.
+    ``axis_parts``: the stretches that need another axis than that of the first pose.
     """
 
     recording: Recording
@@ -88,8 +88,10 @@ class Analysis:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FusedRecording:
-    """A recording's angle before anything is counted: ``fused`` with, ``elevation`` without what the signal
-    itself excludes; ``flags``: the caveats of calibrating.
+    """The angle of a recording before exposure is computed.
+
+    ``fused`` includes, ``elevation`` excludes the time that the signal itself rules out. ``flags``: the
+    caveats of the calibration.
     """
 
     samples: CalibratedSamples
@@ -99,23 +101,23 @@ class FusedRecording:
     flags: tuple[QualityFlag, ...]
 
 
-def announce_nothing(_step: Step) -> None:
-    """Ignore the step: the default listener."""
+def ignore_step(_step: Step) -> None:
+    """Ignore the step; this is the default listener."""
 
 
 def analyse(
     recording: Recording | RecordingFile,
     settings: AnalysisSettings | None = None,
-    on_step: Callable[[Step], None] = announce_nothing,
+    on_step: Callable[[Step], None] = ignore_step,
 ) -> Analysis:
-    """Turn a recording into elevation, exposure and a verdict.
+    """Compute elevation, exposure and a quality verdict from a recording.
 
     Parameters
     ----------
     recording
-        What :func:`fusion.read_recording` gives; or a path or a file, which is then read by it.
+        The result of :func:`fusion.read_recording`, or a path or file to read with it.
     settings
-        Method, pose, calibration windows and diary; by default none is set.
+        Method, pose, calibration windows and diary; the defaults if omitted.
     on_step
         Called with the name of each step as it begins.
 
@@ -127,25 +129,25 @@ def analyse(
     Raises
     ------
     fusion.errors.UnreadableFile
-        The file holds no recording that can be read.
+        The file is not a readable recording.
     fusion.errors.UnusableRecording
         No angle can be trusted (too short, no usable calibration).
     fusion.errors.UnusableDiary
         A row of the diary cannot be placed on the recording.
     OSError
-        A path that cannot be opened.
+        The path cannot be opened.
     """
     if not isinstance(recording, Recording):
         recording = read_recording(recording)
     settings = apply_file_settings(recording, settings or AnalysisSettings())
     on_step("checking")
     placed = place_diary(settings.diary, recording.start, recording.duration_us)
-    refuse_short(recording)
+    check_minimum_duration(recording)
     found = fuse_recording(recording, settings, on_step)
     samples, elevation = found.samples, found.elevation
     on_step("counting")
     day = _divide(recording, elevation, found.exclusions, placed)
-    exposure = withhold_short(_summarise_readings(samples, elevation, day))
+    exposure = remove_short_ranges(_summarise_readings(samples, elevation, day))
     time = _divide_time(recording, day, exposure, found.flags)
     static_dps = samples.calibration.gyro_bias_dps
     flags = (
@@ -173,7 +175,7 @@ def analyse(
 
 
 def apply_file_settings(recording: Recording, settings: AnalysisSettings) -> AnalysisSettings:
-    """Take the poses of the diary, or what the file states of pose or axis, if the person gives neither."""
+    """Use the poses of the diary, or the pose or axis that the file states, if the person gives neither."""
     poses_s = find_diary_poses(settings.diary, recording.start, recording.duration_us)
     if poses_s:
         diary = tuple(entry for entry in settings.diary if entry.kind != "pose")
@@ -189,7 +191,7 @@ def apply_file_settings(recording: Recording, settings: AnalysisSettings) -> Ana
 
 
 def _summarise_readings(samples: CalibratedSamples, elevation: Elevation, day: "_Day") -> Exposure:
-    """Return the figures, with ranges that hold every reading that no person has ruled out."""
+    """Return the figures; their intervals include every reading that no person has ruled out."""
     recording, calibration = samples.recording, samples.calibration
 
     def summarise(counted: Elevation) -> Exposure:
@@ -203,12 +205,12 @@ def _summarise_readings(samples: CalibratedSamples, elevation: Elevation, day: "
             is_npose=is_npose(calibration.pose, calibration.state),
         )
 
-    others = [summarise(read_otherwise(day.counted, reading)) for reading in samples.readings]
-    return widen_over(summarise(day.counted), others)
+    others = [summarise(apply_reading(day.counted, reading)) for reading in samples.readings]
+    return widen_intervals(summarise(day.counted), others)
 
 
 def fuse_recording(
-    recording: Recording, settings: AnalysisSettings, on_step: Callable[[Step], None] = announce_nothing
+    recording: Recording, settings: AnalysisSettings, on_step: Callable[[Step], None] = ignore_step
 ) -> FusedRecording:
     """Calibrate and fuse a recording of any length.
 
@@ -221,16 +223,16 @@ def fuse_recording(
     samples = calibrate(recording, settings, blocks=blocks)
     drift = flag_accelerometer_drift(samples.stills, samples.accelerometer)
     flags = (*flag_pose(samples, settings), *drift)
-    del blocks  # while the angle needs room
+    del blocks  # frees memory for the angle
     on_step("fusing")
     fused = estimate_elevation(samples, settings.method)
-    samples = replace(samples, runs=())  # while the figures need room
+    samples = replace(samples, runs=())  # frees memory for the figures
     return FusedRecording(samples, fused, leave_out(fused, exclusions), exclusions, flags)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Day:
-    """The day as its diary divides it: what is counted, and all that is left out."""
+    """The day as divided by its diary: the counted angle and all excluded time."""
 
     division: DayDivision
     exclusions: tuple[Span, ...]
@@ -238,7 +240,7 @@ class _Day:
 
 
 def _divide(recording: Recording, elevation: Elevation, exclusions: tuple[Span, ...], placed: Placed) -> _Day:
-    """Take the diary's breaks out of what is counted; where two reasons meet, the diary's is given."""
+    """Exclude the diary's breaks from the counted angle; if two reasons overlap, the diary's is reported."""
     if not placed.periods:
         return _Day(DayDivision(), exclusions, elevation)
     periods = snap_periods(placed.periods, elevation.segments)
@@ -262,20 +264,20 @@ def _divide_time(
 
 def analyse_angles(
     file: BinaryIO,
-    on_step: Callable[[Step], None] = announce_nothing,
+    on_step: Callable[[Step], None] = ignore_step,
     diary: tuple[DiaryEntry, ...] = (),
 ) -> Analysis:
-    """Return the exposure of a ready angle series (columns ``time_s,elevation_deg``; empty is missing)."""
+    """Return the analysis of a ready angle series (columns ``time_s,elevation_deg``; empty is missing)."""
     return _count_ready(*read_angle_series(file), on_step, diary)
 
 
 def analyse_angle_file(
     file: AngleFile,
-    on_step: Callable[[Step], None] = announce_nothing,
+    on_step: Callable[[Step], None] = ignore_step,
     diary: tuple[DiaryEntry, ...] = (),
     windows_s: tuple[tuple[float, float], ...] = (),
 ) -> Analysis:
-    """Return the exposure of a motion capture; ``windows_s`` say when the arm hung, where only that tells.
+    """Return the analysis of a motion capture; ``windows_s`` state when the arm hung, if the file needs it.
 
     Raises UnknownAxis: the orientation of a sensor that never hung still.
     """
@@ -294,7 +296,7 @@ def _count_ready(
     placed = place_diary(diary, recording.start, recording.duration_us)
     on_step("counting")
     day = _divide(recording, elevation, (), placed)
-    exposure = withhold_short(
+    exposure = remove_short_ranges(
         summarise_exposure(
             day.counted,
             recording.start,

@@ -1,4 +1,4 @@
-"""Readers that other packages add, as their metadata names them: finding them loads none."""
+"""Find readers of other packages by package metadata, without loading them."""
 
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
@@ -8,7 +8,7 @@ GROUP = "acromion.readers"
 
 @cache
 def find_entry_points() -> tuple[EntryPoint, ...]:
-    """Find the entry points of the readers that are installed, always in the same order."""
+    """Return the entry points of the installed readers, always in the same order."""
     return tuple(sorted(entry_points(group=GROUP), key=lambda one: (one.name, find_version(one), one.value)))
 
 

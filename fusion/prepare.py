@@ -1,8 +1,8 @@
-"""Compiles the kernels of an analysis once after an installation: ``python -m fusion.prepare``.
+"""Compile the kernels of an analysis once after an installation: ``python -m fusion.prepare``.
 
-The first analysis compiles each kernel as it comes to it: reading first, counting last. This module goes the
-same way on a made recording, from its end: with two cores the two meet in the middle, and the first analysis
-takes half the time. Which half was compiled by whom changes no figure.
+The first analysis compiles each kernel when it reaches it, from reading to counting. This module compiles on
+a synthetic recording in the opposite order. With two cores they meet in the middle, and the first analysis
+takes half the time. The results do not depend on which process compiled a kernel.
 """
 
 from datetime import UTC, datetime
@@ -26,7 +26,7 @@ METHODS: tuple[MethodName, ...] = ("smoothed", "published", "live")
 
 
 def prepare() -> None:
-    """Compile what an analysis needs behind the reading, the last step first; then mark it as done."""
+    """Compile everything an analysis needs after the reading, the last step first; then mark it as done."""
     recording = make_recording()
     summarise_exposure(make_elevation(recording), START, recording, np.zeros(3), bias_sigma_deg=5.0)
     fuse_recording(recording, AnalysisSettings())
@@ -36,7 +36,7 @@ def prepare() -> None:
 
 
 def make_elevation(recording: Recording) -> Elevation:
-    """Return the angle of an arm that swings, as the fusion would."""
+    """Return the angle of a swinging arm, as the fusion would."""
     (segment,) = recording.segments
     up = segment.acc_g / np.linalg.norm(segment.acc_g, axis=1, keepdims=True)
     angle_deg = np.degrees(np.arccos(np.clip(up[:, 1], -1.0, 1.0)))
@@ -45,7 +45,7 @@ def make_elevation(recording: Recording) -> Elevation:
 
 
 def make_recording() -> Recording:
-    """Make twenty minutes of an arm that is held still and then swings, seen by a sensor that errs little."""
+    """Return twenty minutes of an arm that is held still and then swings, with small sensor errors."""
     time_s = np.arange(int(DURATION_S * RATE_HZ)) / RATE_HZ
     phase = 2.0 * np.pi * np.maximum(time_s - STILL_S, 0.0) / SWING_S
     angle_rad = np.radians(50.0) * (1.0 - np.cos(phase))

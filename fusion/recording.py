@@ -1,4 +1,4 @@
-"""What the sensor wrote: even runs of samples, their units, what lies between, and the caveats of reading."""
+"""Data types of a recording: evenly sampled segments, units, gaps and the caveats of reading."""
 
 import math
 from bisect import bisect_right
@@ -25,20 +25,19 @@ BoolArray = NDArray[np.bool_]
 MICROSECONDS = 1_000_000
 
 UnitSource = Literal["", "header", "stated"]
-"""What states both units: a known device's header, or column names or a person; "" if nothing does."""
+"""The source of both units: a known device's header, or column names or a person; "" if none states them."""
 
 
 @dataclass(frozen=True, slots=True)
 class QualityFlag:
-    """A caveat on the numbers: one line of the data-quality box.
+    """A caveat about the results: one line of the data-quality box.
 
-    ``code``: a :class:`fusion.caveats.Caveat`; a plain text of a reader plug-in, or of a report that is read
-    again.
+    ``code``: a :class:`fusion.caveats.Caveat`; plain text from a reader plug-in, or from a stored report.
     ``count``: how many times it was found.
-    ``seconds``: how long together.
-    ``first_s``, ``last_s``: seconds from the first sample; None where the caveat has no place.
-    ``facts``: what its sentence needs, by name, as the caveat declares them.
-    ``spans_s``: the stretches (start, end) it is about, where they are known; of many the longest.
+    ``seconds``: total duration.
+    ``first_s``, ``last_s``: seconds from the first sample; None if the caveat has no place.
+    ``facts``: values for its sentence, by the names that the caveat declares.
+    ``spans_s``: the stretches (start, end) it concerns, if known; only the longest if there are many.
     """
 
     code: str
@@ -56,7 +55,7 @@ class Span:
 
     ``start_us``: from the recording's first sample.
     ``duration_us``: its length.
-    ``reason``: why it was left out, where it was.
+    ``reason``: why it was excluded, if it was.
     """
 
     start_us: int
@@ -71,16 +70,16 @@ class Span:
 
 @dataclass(frozen=True, slots=True)
 class Stated:
-    """What a file states of its units and its time; the checks of units and axes go by it.
+    """Units and timing that a file states, for the checks of units and axes.
 
-    ``acc_unit``, ``gyr_unit``: a word of :data:`ACC_UNITS_G` or :data:`GYR_UNITS_DPS`, "registers" for counts
-    of the sensor, or any word that tells no size.
-    ``is_known``: a known device's format or header states units and axes: nothing overrules it.
-    ``left_gyr_factor``: what to multiply the rates by if the frame proves left-handed: an error of the
+    ``acc_unit``, ``gyr_unit``: a key of :data:`ACC_UNITS_G` or :data:`GYR_UNITS_DPS`, "registers" for raw
+    sensor counts, or any word without a scale.
+    ``is_known``: a known device's format or header states units and axes; the checks do not override it.
+    ``left_gyr_factor``: factor for the rates if the frame proves left-handed; corrects an error of the
     device's library.
-    ``is_counted``: the rows have no times: their rate comes from a person or a header.
-    ``units_from``: where both units are stated; "" if the samples have to show them.
-    ``nominal_rate_hz``: the rate that the device was set to; None if the file does not state one.
+    ``is_counted``: the rows have no times; their rate comes from a person or a header.
+    ``units_from``: what states both units; "" if the samples have to show them.
+    ``nominal_rate_hz``: the rate that the device was set to; None if the file does not state it.
     """
 
     acc_unit: str = "g"
@@ -97,10 +96,10 @@ class Segment:
     """An unbroken, evenly sampled run.
 
     ``start_us``: time of the first sample, microseconds from the recording's first sample.
-    ``rate_hz``: fitted to the true stamps (never the nominal rate where stamps exist).
+    ``rate_hz``: fitted to the timestamps (the nominal rate is used only if there are none).
     ``acc_g``, ``gyr_dps``: shape (n, 3), float32, one right-handed frame, g and deg/s.
-    ``bridged``: row ranges [first, stop) that were put in by linear interpolation over a hole of at most 50
-    ms. They exist for the filters only: their time is missing and they are not valid.
+    ``bridged``: row ranges [first, stop) that were added by linear interpolation over a gap of at most 50 ms.
+    They exist for the filters only: their time counts as missing and they are not valid.
     """
 
     start_us: int
@@ -117,7 +116,7 @@ class Segment:
 
     @property
     def duration_us(self) -> int:
-        """Rows times the sample period."""
+        """Number of rows times the sample period."""
         return round(len(self) * MICROSECONDS / self.rate_hz)
 
     @property
@@ -133,27 +132,28 @@ class Segment:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
-    """What a file says: segments in time order, and what was known to be absent between them.
+    """The content of a file: segments in time order, and the known absences between them.
 
-    ``device``: one of :data:`fusion.devices.KNOWN_DEVICES`, "angles", "other", or what a plug-in calls its
-    own.
+    ``device``: one of :data:`fusion.devices.KNOWN_DEVICES`, "angles", "other", or a plug-in's own name.
     ``sha256``: of the file's bytes, hexadecimal.
-    ``start``: the device's clock at the first sample, never converted. Aware where the file tells its offset
-    from UTC, naive where it does not, None where there is no clock.
-    ``time_zone``: as the file tells it ("UTC-05:00"), or None.
-    ``duration_us``: from the first stamp to the last plus one period.
+    ``start``: the device's clock at the first sample, never converted. Aware if the file states its offset
+    from UTC, naive if it does not, None if there is no clock.
+    ``time_zone``: as the file states it ("UTC-05:00"), or None.
+    ``duration_us``: from the first timestamp to the last plus one period.
     ``segments``: unbroken runs of samples, in time order.
-    ``excluded``: time the device itself says it did not measure on the arm (reason "docked" or "asleep").
+    ``excluded``: time that the device itself reports as not measured on the arm (reason "docked" or
+    "asleep").
     ``flags``: caveats found while reading.
-    ``understood``: what the reader took the file for, for people: layout, columns, units, nominal rate.
-    ``stated``: what the file states of its units and its time, for the checks.
-    ``jitter_us``: how far the stamps depart from an even grid; None where the reader does not measure it.
-    ``serial_hash``: hash of the device's serial number; None where the file does not tell.
-    ``acc_range_g``, ``gyr_range_dps``: full scale, for the clipping check; None where the file does not tell.
-    ``reader``: name and version of the plug-in that read the file; None where one of our own did.
+    ``understood``: the reader's interpretation of the file, for people: layout, columns, units, nominal rate.
+    ``stated``: units and timing that the file states, for the checks.
+    ``jitter_us``: deviation of the timestamps from an even grid; None if the reader does not measure it.
+    ``serial_hash``: hash of the device's serial number; None if the file does not state it.
+    ``acc_range_g``, ``gyr_range_dps``: full scale, for the clipping check; None if the file does not state
+    it.
+    ``reader``: name and version of the plug-in that read the file; None for a built-in reader.
     ``pose_windows_s``, ``arm_axis``, ``pose_held``: as the file states them: when a person held the pose
-    (start, end), from the first sample; the sensor's axis that was strapped along the arm; "start" if the
-    pose was held at the start of wear. What is asked of an analysis goes before them.
+    (start, end), from the first sample; the sensor axis that was strapped along the arm; "start" if the pose
+    was held at the start of wear. The settings of an analysis take precedence.
     """
 
     device: str
@@ -186,7 +186,7 @@ class Recording:
 
     @property
     def holds_samples(self) -> bool:
-        """Whether it was measured by an inertial sensor; a ready angle has segments without samples."""
+        """Whether an inertial sensor measured it; a ready angle has segments without samples."""
         return any(len(segment) for segment in self.segments)
 
     @property
@@ -198,9 +198,9 @@ class Recording:
 def find_missing(
     segments: Sequence[Segment], duration_us: int, excluded: Sequence[Span] = ()
 ) -> tuple[Span, ...]:
-    """All holes in order of time: between the segments, after the last, and those that were bridged.
+    """Return all gaps in time order: between the segments, after the last, and the bridged ones.
 
-    What is excluded is not missing; of a bridged hole neither.
+    Excluded time is not missing, not even in a bridged gap.
     """
     known = [(segment.start_us, segment.end_us) for segment in segments]
     known += [(span.start_us, span.end_us) for span in excluded]
@@ -221,21 +221,21 @@ def find_missing(
 def flag_gaps(
     segments: Sequence[Segment], duration_us: int, excluded: Sequence[Span] = ()
 ) -> tuple[QualityFlag, ...]:
-    """Flag missing time (W-GAP)."""
+    """Return the flag of missing time (W-GAP)."""
     return flag_spans(Caveat.GAP, find_missing(segments, duration_us, excluded))
 
 
 def flag_counts(
     counts: Mapping[Caveat, int], first_s: float | None = None, last_s: float | None = None
 ) -> tuple[QualityFlag, ...]:
-    """One flag for each caveat that was met at least once, with its place in seconds where it is known."""
+    """Return one flag for each caveat found at least once, with its place in seconds if known."""
     return tuple(
         QualityFlag(caveat, count, 0.0, first_s, last_s) for caveat, count in counts.items() if count > 0
     )
 
 
 def flag_spans(caveat: Caveat, spans: Sequence[Span], **facts: str | float) -> tuple[QualityFlag, ...]:
-    """One flag for all spans of a kind: how many, how long together, where (the longest); none for none."""
+    """Return one flag for all spans of a kind: number, total duration and place; none if there is none."""
     if not spans:
         return ()
     total_s = sum(span.duration_us for span in spans) / MICROSECONDS
@@ -250,7 +250,7 @@ def flag_stretches(
     spans_s: Sequence[tuple[float, float]],
     facts: Mapping[str, str | int | float] | None = None,
 ) -> QualityFlag:
-    """One flag for stretches (start, end), s, in order of time; one at least."""
+    """Return one flag for at least one stretch (start, end), s, in time order."""
     seconds = sum(end_s - start_s for start_s, end_s in spans_s)
     first_s, last_s = spans_s[0][0], spans_s[-1][1]
     return QualityFlag(caveat, len(spans_s), seconds, first_s, last_s, facts or {}, tuple(spans_s))
@@ -262,7 +262,7 @@ Number = TypeVar("Number", int, float)
 
 
 def join_overlapping(spans: Iterable[tuple[Number, Number]]) -> list[tuple[Number, Number]]:
-    """Return spans in order; those that meet are one."""
+    """Return the spans in order, with those in contact merged."""
     joined: list[tuple[Number, Number]] = []
     for start, end in sorted(spans):
         if joined and start <= joined[-1][1]:
@@ -275,7 +275,7 @@ def join_overlapping(spans: Iterable[tuple[Number, Number]]) -> list[tuple[Numbe
 def find_uncovered(
     spans: Iterable[tuple[Number, Number]], start: Number, end: Number, tolerance: Number
 ) -> list[tuple[Number, Number]]:
-    """Return what no span covers between ``start`` and ``end``, where it is longer than ``tolerance``."""
+    """Return the stretches between ``start`` and ``end`` without a span, if longer than ``tolerance``."""
     uncovered: list[tuple[Number, Number]] = []
     covered = sorted(spans)
     covered.append((end, end))
@@ -286,7 +286,7 @@ def find_uncovered(
     return uncovered
 
 
-# Units of acceleration and angular rate, by the words that people and loggers write for them.
+# Units of acceleration and angular rate, by the words that people and loggers write.
 
 STANDARD_GRAVITY = 9.80665
 DEG_PER_RAD = math.degrees(1.0)
@@ -317,10 +317,10 @@ def name_unit_source(acc_unit: str | None, gyr_unit: str | None, *, is_known: bo
 
 
 def acc_scale_g(unit: str | None) -> float | None:
-    """Factor to g; None where the unit is unknown or raw counts."""
+    """Return the factor to g; None if the unit is unknown or raw counts."""
     return ACC_UNITS_G.get(unit) if unit else None
 
 
 def gyr_scale_dps(unit: str | None) -> float | None:
-    """Factor to deg/s; None where the unit is unknown or raw counts."""
+    """Return the factor to deg/s; None if the unit is unknown or raw counts."""
     return GYR_UNITS_DPS.get(unit) if unit else None

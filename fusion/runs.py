@@ -1,4 +1,4 @@
-"""Unbroken runs of evenly sampled rows: where they are, and which rows fall into a stretch of time."""
+"""Find unbroken runs of evenly sampled rows, and the rows within a stretch of time."""
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Sequence
@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike
 from fusion.numba_kernels import inner, kernel
 from fusion.recording import MICROSECONDS, BoolArray, Float64Array, IntArray, Span
 
-# Runs of rows that are marked, and of rows above a threshold with hysteresis.
+# Runs of marked rows, and of rows above a threshold with hysteresis.
 
 USUAL_RUNS, USUAL_STAYS = 256, 16_384
 LEVEL, START, STOP, IS_ENTRY, IS_CUT, RUN = range(6)
-"""Columns of :func:`find_stays_above`."""
+"""Columns of the result of :func:`find_stays_above`."""
 
 
 def find_runs(mask: BoolArray, shortest_rows: int = 1) -> IntArray:
@@ -26,9 +26,9 @@ def find_runs(mask: BoolArray, shortest_rows: int = 1) -> IntArray:
 def find_stays_above(
     values: Float64Array, valid: BoolArray, enter: Float64Array, leave: Float64Array
 ) -> IntArray:
-    """Run a Schmitt trigger at each level: above from a value over ``enter`` to one under ``leave``.
+    """Run a Schmitt trigger at each level: a stay lasts from a value above ``enter`` to one below ``leave``.
 
-    A run of valid rows that starts above a level starts with a stay, but not with an entry.
+    If a run of valid rows starts above a level, it starts with a stay but not with an entry.
 
     ``values``, ``valid``: shape (n,).
     ``enter``, ``leave``: shape (t,): the thresholds of each level, both rising from level to level.
@@ -36,8 +36,8 @@ def find_stays_above(
     Returns
     -------
     numpy.ndarray
-        Shape (k, 6): level, first row, row after the last, whether it is an entry, whether a row that is not
-        valid or the end cuts it, number of its run of valid rows. Level by level, in order of time.
+        Shape (k, 6): level, first row, row after the last, whether it is an entry, whether an invalid row or
+        the end cuts it, number of its run of valid rows. Ordered by level, then time.
     """
     since = np.empty((len(enter), 2), np.int64)
     stays = _write_all(lambda room: _scan_stays(values, valid, enter, leave, since, room), (USUAL_STAYS, 6))
@@ -45,7 +45,7 @@ def find_stays_above(
 
 
 def _write_all(write: Callable[[IntArray], int], usual: tuple[int, int]) -> IntArray:
-    """Let ``write`` fill as many rows as there is room for, once more if there are more than usual."""
+    """Run ``write`` on a buffer of the usual size, and again on a larger one if it was too small."""
     rows = np.empty(usual, np.int64)
     count = write(rows)
     if count > len(rows):
@@ -72,7 +72,7 @@ def _scan_runs(mask: Any, runs: Any) -> int:  # pragma: no cover
 def _scan_stays(
     values: Any, valid: Any, enter: Any, leave: Any, since: Any, stays: Any
 ) -> int:  # pragma: no cover
-    """``above`` counts the levels that are up; ``since`` holds when each went up, and whether by an entry."""
+    """``above`` counts the levels that are up; ``since``: when each went up, and if by an entry."""
     count, run, above, inside, top, bottom = 0, 0, 0, False, enter[0], -np.inf
     for i in range(len(values) + 1):
         if i == len(values) or not valid[i]:
@@ -105,10 +105,10 @@ def _write_stay(
     return count + 1
 
 
-# Which rows of an evenly sampled run fall into a stretch of time.
+# Rows of an evenly sampled run within a stretch of time.
 #
-# Row i of a run lasts from ``start + i`` periods to ``start + i + 1`` periods. One microsecond is the
-# resolution of all times, so an overlap of up to one microsecond is no overlap.
+# Row i of a run lasts from ``start + i`` periods to ``start + i + 1`` periods. All times have a resolution of
+# one microsecond, so an overlap of up to one microsecond does not count.
 
 
 class EvenRun(Protocol):
@@ -126,19 +126,19 @@ class EvenRun(Protocol):
 
 
 def find_end_us(run: EvenRun) -> int:
-    """Return the first microsecond after the last row's period."""
+    """Return the first microsecond after the last row."""
     return run.start_us + round(len(run) * MICROSECONDS / run.rate_hz)
 
 
 def find_first_rows(run: EvenRun, times_us: IntArray) -> IntArray:
-    """Return, for each time, the first row that begins then or later (``len(run)`` if there is none)."""
+    """Return, for each time, the first row that begins at or after it (``len(run)`` if there is none)."""
     position = (times_us - run.start_us) * (run.rate_hz / MICROSECONDS)
     rows = np.ceil(position - run.rate_hz / MICROSECONDS)
     return np.asarray(np.clip(rows, 0, len(run)), np.int64)
 
 
 def find_part_rows(run: EvenRun, edges_us: IntArray) -> IntArray:
-    """Return the first row of each part between successive edges; the outer parts take all the rest."""
+    """Return the first row of each part between edges; the outer parts extend to the ends of the run."""
     rows = find_first_rows(run, edges_us)
     rows[0], rows[-1] = 0, len(run)
     return rows
@@ -146,7 +146,7 @@ def find_part_rows(run: EvenRun, edges_us: IntArray) -> IntArray:
 
 @inner
 def find_part(edges, value):  # type: ignore[no-untyped-def]
-    """Return the last of the ascending edges that is not above the value; -1 where there is none.
+    """Return the last of the ascending edges that is not above the value; -1 if there is none.
 
     numpy's own search would load half of the compiler into every process: 0.2 s.
     """
@@ -162,7 +162,7 @@ def find_part(edges, value):  # type: ignore[no-untyped-def]
 
 @inner
 def add_rows(first, stop, worth, part_rows, sums):  # type: ignore[no-untyped-def]
-    """Add what a stretch of rows is worth to the parts that they lie in; return the first one's number."""
+    """Add the value of a stretch of rows to the parts with these rows; return the first part's number."""
     part = min(find_part(part_rows, first), len(sums) - 1)
     begun, here = part, first
     while here < stop:
@@ -173,13 +173,13 @@ def add_rows(first, stop, worth, part_rows, sums):  # type: ignore[no-untyped-de
 
 
 def find_parts(edges: IntArray, values: ArrayLike) -> IntArray:
-    """Return the part between successive ascending edges in which each value lies."""
+    """Return, for each value, the number of the part between successive ascending edges."""
     return np.asarray(np.searchsorted(edges, values, side="right") - 1, np.int64)
 
 
 @kernel
 def add_spans(stays, worth, part_rows, sums):  # type: ignore[no-untyped-def]
-    """Add what the rows of each stay (:mod:`fusion.runs`) are worth to its level, shape (t, p)."""
+    """Add the value of each stay's rows (:mod:`fusion.runs`) to its level, shape (t, p)."""
     for k in range(len(stays)):
         add_rows(stays[k, START], stays[k, STOP], worth, part_rows, sums[stays[k, LEVEL]])
 
@@ -194,7 +194,7 @@ def find_touched_rows(run: EvenRun, start_us: int, end_us: int) -> slice:
 
 
 def list_touched_rows(run: EvenRun, spans: Sequence[Span]) -> list[slice]:
-    """Return the rows of each span, of some in time order and apart, that overlaps the run."""
+    """Return the rows of each span that overlaps the run; the spans are sorted and do not overlap."""
     first = bisect_right(spans, run.start_us, key=lambda span: span.end_us)
     stop = bisect_left(spans, find_end_us(run), first, key=lambda span: span.start_us)
     touched = (find_touched_rows(run, span.start_us, span.end_us) for span in spans[first:stop])
@@ -202,7 +202,7 @@ def list_touched_rows(run: EvenRun, spans: Sequence[Span]) -> list[slice]:
 
 
 def find_touched_parts(run: EvenRun, edges_us: IntArray) -> slice:
-    """Return the parts between successive edges that hold rows of the run."""
+    """Return the parts between successive edges that contain rows of the run."""
     first = int(np.searchsorted(edges_us, run.start_us, side="right")) - 1
     stop = int(np.searchsorted(edges_us, find_end_us(run), side="left"))
     return slice(max(first, 0), min(max(stop, 0), len(edges_us) - 1))
@@ -210,7 +210,7 @@ def find_touched_parts(run: EvenRun, edges_us: IntArray) -> slice:
 
 @kernel
 def add_time(counts, rate_hz, cell_us):  # type: ignore[no-untyped-def]
-    """Add counts of rows, shape (p, c), as whole microseconds that add up to the rounded whole, exactly."""
+    """Add counts of rows, shape (p, c), as whole microseconds whose sum is exactly the rounded total."""
     rows, told_us = 0, 0
     for part in range(counts.shape[0]):
         for cell in range(counts.shape[1]):
@@ -222,7 +222,7 @@ def add_time(counts, rate_hz, cell_us):  # type: ignore[no-untyped-def]
 
 
 def find_valid_samples(valid: BoolArray, samples: int) -> BoolArray:
-    """Return the samples that lie wholly in valid rows, shape (samples,); rows share the samples evenly."""
+    """Return the samples wholly within valid rows, shape (samples,); rows share the samples evenly."""
     rows = len(valid)
     if rows == samples:
         return valid

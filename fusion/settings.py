@@ -1,4 +1,4 @@
-"""What a person may choose about an analysis."""
+"""Options of an analysis."""
 
 import math
 from dataclasses import dataclass
@@ -11,21 +11,21 @@ from fusion.diary import DiaryEntry
 
 @dataclass(frozen=True, slots=True)
 class AnalysisSettings:
-    """What a person may choose; everything else follows from the recording.
+    """Options of an analysis; everything else follows from the recording.
 
     ``method``: "smoothed", "published" or "live".
     ``pose``: how the arm was held for the calibration: one of :data:`fusion.conventions.Pose`.
-    ``calibration_windows_s``: (start, end) from the first sample, when the pose was held, once or again;
-    empty: the first stillness is assumed. Two for the two-point pose, hanging and then level.
-    ``diary``: what the day consisted of; breaks, time not worn and outside the shift are not analysed.
-    ``arm_axis``: where no pose was held: the sensor's axis that was strapped along the arm, towards the
-    shoulder, with its sign: "+x", "-x", "+y", "-y", "+z" or "-z" (:func:`fusion.conventions.parse_arm_axis`
-    reads "y").
-    ``slip_times_s``, ``no_slip_times_s``: when the sensor slipped on the arm, or was put back in another
-    place, as the person says, from the first sample; when it did not, though the recording raises the
-    question.
-    ``pose_held``: "start": the person says that the pose was held at the start of wear. A window or an axis
-    goes before. "no": nobody states it, and what the file or its column profile states does not hold.
+    ``calibration_windows_s``: (start, end) from the first sample of each time the pose was held. If empty,
+    the first still period is assumed. The two-point pose takes two windows: hanging, then level.
+    ``diary``: the periods of the day; breaks, time not worn and time outside the shift are not analysed.
+    ``arm_axis``: if no pose was held, the sensor axis that was strapped along the arm, towards the shoulder,
+    with its sign: "+x", "-x", "+y", "-y", "+z" or "-z" (:func:`fusion.conventions.parse_arm_axis` also reads
+    "y").
+    ``slip_times_s``: times from the first sample at which a person states that the sensor slipped or was
+    moved.
+    ``no_slip_times_s``: times at which a person states that it did not, although the recording suggests it.
+    ``pose_held``: "start": a person states that the pose was held at the start of wear; a window or an axis
+    takes precedence. "no": not stated; statements of the file or its column profile are ignored.
     """
 
     method: MethodName = "smoothed"
@@ -38,7 +38,7 @@ class AnalysisSettings:
     pose_held: PoseHeld | None = None
 
     def __post_init__(self) -> None:
-        """Raise ValueError with the allowed values for a value that cannot be used."""
+        """Raise ValueError with the allowed values if a value cannot be used."""
         check_choice("method", self.method, get_args(MethodName))
         check_choice("pose", self.pose, get_args(Pose))
         check_choice("arm_axis", self.arm_axis, (None, *ARM_AXES))
@@ -63,7 +63,7 @@ def _is_row(value: object) -> bool:
 
 
 def _is_moment(value: object) -> bool:
-    """Return whether a value is a number, also of numpy: seconds from the first sample."""
+    """Return whether a value is a time in seconds from the first sample: a number, including numpy's."""
     return isinstance(value, Real) and not isinstance(value, bool) and 0.0 <= float(value) < math.inf
 
 

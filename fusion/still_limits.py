@@ -1,7 +1,7 @@
-"""How still is still: the limits that the steps set, side by side, and why they differ.
+"""The stillness limits of all steps, side by side, and why they differ.
 
-Each bounds a standard deviation within a window. What ``still_g`` of the calibration settings says is another
-thing: the error of what an accelerometer reads at rest.
+Each limits a standard deviation within a window. ``still_g`` of the calibration settings is different: the
+error of an accelerometer reading at rest.
 """
 
 from dataclasses import dataclass
@@ -10,9 +10,9 @@ from math import inf
 
 @dataclass(frozen=True, slots=True)
 class StillLimit:
-    """A window is still where the standard deviations stay under these.
+    """A window is still if its standard deviations are below these.
 
-    They are those of the axis that varies most, as published rules have it, unless the limit says otherwise.
+    They apply to the axis that varies most, as in published rules, unless the limit says otherwise.
     """
 
     window_s: float
@@ -21,20 +21,20 @@ class StillLimit:
 
 
 BOTH_ACCELEROMETERS = StillLimit(1.0, 0.02)
-"""For holding the two accelerometers of a GT9X Link against each other: the seconds of its log."""
+"""To compare the two accelerometers of a GT9X Link, second by second."""
 
 MOMENT = StillLimit(1.5, 0.02, 1.4)
-"""For the calibration of the sensor (:mod:`fusion.sensor`), of all three axes together, so that it does not
-matter how the sensor is strapped on. The gyroscope's limit keeps slow turns out of its offset.
+"""For the calibration of the sensor (:mod:`fusion.sensor`); applies to all three axes together, so that the
+strapping direction does not matter. The gyroscope limit keeps slow turns out of its offset.
 """
 
 POSE = StillLimit(5.0, 0.01, 5.0)
-"""For the pose, the strictest of the accelerometer. The gyroscope's limit is ours: it keeps
-out a turn about the vertical, which the accelerometer cannot see. The two worn upper arms among the project's
-recordings stand still at 2.8 deg/s about one axis, and 0.005 g.
+"""For the pose; the strictest accelerometer limit. The gyroscope limit is our own: it excludes a turn about
+the vertical, which the accelerometer cannot see. The two upper-arm recordings of the project stand still at
+2.8 deg/s about one axis, and 0.005 g.
 """
 
 OFF_THE_ARM = StillLimit(10.0, 0.013)
-"""For a sensor that lies on a desk, window after window for ten minutes: an arm at rest moves more than that
-through breathing and small corrections.
+"""For a sensor on a desk, window after window for ten minutes: an arm at rest moves more, through breathing
+and small corrections.
 """

@@ -7,8 +7,15 @@ import numpy as np
 
 from fusion.orientation.smoothed import smooth_nodes
 from fusion.recording import Float64Array
-from fusion.sensor.gyroscope import follow_gyro_bias, reduce_about_start
-from fusion.sensor.model import NODE_RATE_HZ, GyroBias, SensorRun, hold_bias, reduce_to_nodes, spread_rows
+from fusion.sensor.gyroscope import estimate_gyro_bias_track, reduce_about_start
+from fusion.sensor.model import (
+    NODE_RATE_HZ,
+    GyroBias,
+    SensorRun,
+    build_constant_bias,
+    propagate_vertical,
+    reduce_to_nodes,
+)
 from fusion.sensor.stillness import QuietTable, find_still_moments, reduce_run
 
 
@@ -25,10 +32,10 @@ def smooth_vertical(
     run: SensorRun, bias: GyroBias | None = None, node_rate_hz: float = NODE_RATE_HZ
 ) -> SmoothedVertical:
     """Find the vertical at the time of each sample, and how far past and future disagree."""
-    nodes = reduce_to_nodes(run, bias or hold_bias(np.zeros(3)), node_rate_hz)
+    nodes = reduce_to_nodes(run, bias or build_constant_bias(np.zeros(3)), node_rate_hz)
     smoothed = smooth_nodes(nodes)
     up = np.empty((len(run), 3))
-    spread_rows(run.gyr_dps, run.rate_hz, nodes, smoothed.up, up, 0)
+    propagate_vertical(run.gyr_dps, run.rate_hz, nodes, smoothed.up, up, 0)
     return SmoothedVertical(up, smoothed.disagreement_deg, smoothed.nodes_per_value * nodes.rows_per_node)
 
 
@@ -36,4 +43,4 @@ def estimate_gyro_bias(runs: Sequence[SensorRun], stills: QuietTable | None = No
     """Find the bias of all runs of one recording together; ``stills`` where they are known already."""
     if stills is None:
         stills = find_still_moments([reduce_run(run) for run in runs])
-    return follow_gyro_bias(reduce_about_start(runs, stills), stills)
+    return estimate_gyro_bias_track(reduce_about_start(runs, stills), stills)

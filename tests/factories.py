@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.recording import MICROSECONDS, Recording, Segment
 from fusion.simulation.activities import Choreography
-from fusion.simulation.body import Body, Channel, feel, play
+from fusion.simulation.body import Body, Channel, compute_readings, play
 
 START = datetime(2026, 3, 2, 7, 0, 0)  # noqa: DTZ001 - a device's own clock, which has no zone
 
@@ -43,7 +43,7 @@ def hold(
         body.wait(seconds)
         body.move(change_s, {Channel.ELEVATION: elevation_deg}, after_s=-change_s / 2)
     count = round(sum(seconds for _, seconds in poses) * rate_hz)
-    state = feel(play(body.finish(), 0, count, rate_hz), Body())
+    state = compute_readings(play(body.finish(), 0, count, rate_hz), Body())
     turn = np.eye(3) if mounting is None else mounting
     recording = record(state.acc_g @ turn.T, state.gyr_dps @ turn.T, rate_hz)
     return MadeRecording(recording, state.elevation_deg)

@@ -555,8 +555,11 @@ def _build_sections(
         Pair(entry["axis"], entry["axes"][comparison.axis]),
     )
     entry = words["provenance"]
+    line = load_wording(language)["label"]["brief_fact"]
     understood = [
-        f"{name}: {clean_text(value)}" for name, value in comparison.reference.understood.items() if value
+        fill(line, {"name": name, "value": clean_text(value)})
+        for name, value in comparison.reference.understood.items()
+        if value
     ]
     provenance = (
         Pair(entry["ours_sha256"], comparison.ours.sha256, code=True),

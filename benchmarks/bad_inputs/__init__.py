@@ -1,1 +1,1 @@
-"""Bad inputs, by every way in, against what must become of them."""
+"""Bad inputs by every route, compared with the expected outcome."""

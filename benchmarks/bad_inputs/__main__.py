@@ -47,7 +47,7 @@ def expect(bad: BadFile) -> str:
     return bad.code or describe(bad.warnings, times_s)
 
 
-def see_by_fusion(bad: BadFile) -> str:
+def run_by_fusion(bad: BadFile) -> str:
     try:
         analysis = analyse_by_fusion(bad)
     except FusionError as error:
@@ -58,45 +58,45 @@ def see_by_fusion(bad: BadFile) -> str:
     return describe(warnings, (time.analysed_us / 1e6, time.missing_us / 1e6, time.excluded_us / 1e6))
 
 
-def see_in_results(text: str | bytes) -> str:
+def describe_results(text: str | bytes) -> str:
     results = json.loads(text)
     time = results["time"]
     return describe(codes_in(results), (time["analysed_s"], time["missing_s"], time["excluded_s"]))
 
 
-def see_by_command_line(bad: BadFile, folder: Path) -> str:
+def run_by_command_line(bad: BadFile, folder: Path) -> str:
     folder.mkdir()
     path = folder / bad.name
     path.write_bytes(content_of(bad))
     ended = CliRunner().invoke(app, ["run", str(path), "-o", str(folder / "out"), "--report", "html"])
     found = list((folder / "out").glob("*/results.json"))
     if found and ended.exit_code == 0:
-        return see_in_results(found[0].read_text("utf-8"))
+        return describe_results(found[0].read_text("utf-8"))
     problems = folder / "out" / "problems.csv"
     if ended.exit_code != 3 or not problems.exists():
         return f"exit code {ended.exit_code}"
     return " ".join(row["code"] for row in csv.DictReader(problems.open(encoding="utf-8")))
 
 
-def see_by_api(bad: BadFile, server: Server) -> str:
+def run_by_api(bad: BadFile, server: Server) -> str:
     if not content_of(bad):
         answer = server.client.post("/api/v1/analyze", content=b"", params={"file_name": bad.name})
         return str(answer.json()["code"])
     address = server.send(bad)
     analysis = server.client.get(address).json()
     if analysis["state"] == "succeeded":
-        return see_in_results(server.client.get(f"{address}/results.json").content)
+        return describe_results(server.client.get(f"{address}/results.json").content)
     return str((analysis.get("problem") or {}).get("code", analysis["state"]))
 
 
-def go_each_way(folder: Path) -> dict[str, Outcomes]:
+def run_every_route(folder: Path) -> dict[str, Outcomes]:
     settings = Settings(data_dir=folder / "data", min_free_bytes=0)
     with TestClient(create_app(settings), base_url="http://localhost:8080") as client:
         server = Server(client, settings)
         ways: dict[str, Callable[[int, BadFile], str]] = {
-            "fusion": lambda _, bad: see_by_fusion(bad),
-            "command line": lambda number, bad: see_by_command_line(bad, folder / f"{number:03d}"),
-            "API": lambda _, bad: see_by_api(bad, server),
+            "fusion": lambda _, bad: run_by_fusion(bad),
+            "command line": lambda number, bad: run_by_command_line(bad, folder / f"{number:03d}"),
+            "API": lambda _, bad: run_by_api(bad, server),
         }
         return {
             name: {bad: way(number, bad) for number, bad in enumerate(BAD_FILES)}
@@ -113,9 +113,9 @@ def write_table(seen: dict[str, Outcomes]) -> int:
             f"## {part}\n\n| row | file | expected | {' | '.join(seen)} |\n|---|---|---|{'---|' * len(seen)}"
         )
         for bad in files:
-            told = ["same" if one[bad] == expect(bad) else f"**{one[bad]}**" for one in seen.values()]
-            wrong += sum(text != "same" for text in told)
-            print(f"| {bad.row} | {bad.name} | {expect(bad)} | {' | '.join(told)} |")
+            cells = ["same" if one[bad] == expect(bad) else f"**{one[bad]}**" for one in seen.values()]
+            wrong += sum(text != "same" for text in cells)
+            print(f"| {bad.row} | {bad.name} | {expect(bad)} | {' | '.join(cells)} |")
         print()
     print(f"{len(BAD_FILES)} files, {len(seen)} ways in, {wrong} outcomes other than expected.")
     return wrong
@@ -123,7 +123,7 @@ def write_table(seen: dict[str, Outcomes]) -> int:
 
 def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
-        wrong = write_table(go_each_way(Path(folder)))
+        wrong = write_table(run_every_route(Path(folder)))
     sys.exit(1 if wrong else 0)
 
 

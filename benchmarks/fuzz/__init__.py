@@ -1,1 +1,1 @@
-"""Damaging recordings on purpose: whatever is done to a file, it is read honestly or refused by name."""
+"""Damage recordings: any damaged file must be read correctly or rejected with a code."""

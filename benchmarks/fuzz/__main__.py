@@ -1,9 +1,9 @@
-"""Damage each format many times, seeded, and print what came of it.
+"""Damage each format many times, with seeds, and print the outcomes.
 
     python -m benchmarks.fuzz --count 10000 [--format "LSM9DS1 CSV"] [--keep FOLDER]
 
-Exit code 1 where anything but a refusal of our own was raised, or a second was not accounted for; the file
-that did it is then kept.
+Exits 1 if any exception except a FusionError was raised, or a second was not accounted for; the file that
+caused it is stored.
 """
 
 import argparse
@@ -25,7 +25,7 @@ def place_of(error: BaseException) -> str:
 
 
 def fuzz(name: str, count: int, folder: Path | None) -> int:
-    """Print the outcomes of a format; return how many were faults."""
+    """Print the outcomes of a format; return the number of faults."""
     outcomes: collections.Counter[str] = collections.Counter()
     faults: collections.Counter[str] = collections.Counter()
     slowest_s, started = 0.0, time.perf_counter()
@@ -33,7 +33,7 @@ def fuzz(name: str, count: int, folder: Path | None) -> int:
         before = time.perf_counter()
         try:
             outcomes[read_damaged(name, Random(seed))] += 1
-        except Exception as error:  # noqa: BLE001 (whatever it is, it is what we look for)
+        except Exception as error:  # noqa: BLE001 (any exception is a finding)
             fault = place_of(error)
             if folder is not None and fault not in faults:
                 (folder / f"{name.replace(' ', '-')}-{seed}.bin").write_bytes(damage(name, Random(seed)))

@@ -1,11 +1,11 @@
-"""Coverage-guided fuzzing with Atheris, which is imported here only when it is run.
+"""Coverage-guided fuzzing with Atheris, which is only imported when it is run.
 
     python -m benchmarks.fuzz.atheris_targets --format "LSM9DS1 CSV" [libFuzzer options, a corpus folder]
 
-The bytes that libFuzzer gives are the file (for the parts of a `.gt3x`: the part, put back into an archive).
-Anything raised but a refusal of our own, and any second not accounted for, stops the run and is kept. The
-modules with compiled kernels report no coverage: they are reached through the Python around them.
-NUMBA_BOUNDSCHECK=1 with a NUMBA_CACHE_DIR of its own makes them raise where they would read beside an array.
+The bytes from libFuzzer are the file (for the parts of a `.gt3x`: the part, put back into an archive). Any
+exception except a FusionError, and any second not accounted for, stops the run and is stored. Modules with
+compiled kernels report no coverage; they are reached through the Python around them. With NUMBA_BOUNDSCHECK=1
+and a separate NUMBA_CACHE_DIR, they raise an error when they read outside an array.
 """
 
 import argparse
@@ -44,7 +44,7 @@ def make_target(name: str) -> Callable[[bytes], None]:
 
 
 def list_compiled() -> list[str]:
-    """The modules that hold kernels: numba cannot compile what Atheris has instrumented."""
+    """Return the modules with kernels: numba cannot compile code that Atheris has instrumented."""
     root = Path(__file__).parents[2]
     paths = sorted((root / "fusion").rglob("*.py"))
     compiled = [path for path in paths if COMPILED.search(path.read_text("utf-8"))]
@@ -52,7 +52,7 @@ def list_compiled() -> list[str]:
 
 
 def write_corpus(name: str, folder: Path) -> None:
-    """Put the sound file of the format into the corpus, where libFuzzer starts from."""
+    """Put the valid file of the format into the corpus, where libFuzzer starts."""
     folder.mkdir(parents=True, exist_ok=True)
     seeds = importlib.import_module("benchmarks.fuzz.seeds")
     (folder / "seed").write_bytes(seeds.SEEDS[name])

@@ -1,4 +1,4 @@
-"""Ways in which bytes get damaged. ``random.Random`` decides, so that Hypothesis can drive and shrink it."""
+"""Mutations of bytes. ``random.Random`` makes the choices, so that Hypothesis can drive and shrink them."""
 
 import re
 from functools import reduce
@@ -43,14 +43,14 @@ def put_in(content: bytearray, random: Random) -> None:
 
 
 def splice(content: bytearray, random: Random) -> None:
-    """Put a stretch over another one."""
+    """Copy a stretch over another one."""
     source, to = random.randrange(len(content)), random.randrange(len(content))
     length = random.choice((1, 8, 100, 1000))
     content[to : to + length] = content[source : source + length]
 
 
 def double(content: bytearray, random: Random) -> None:
-    """Put a stretch in a second time."""
+    """Insert a copy of a stretch."""
     at = random.randrange(len(content))
     length = random.choice((1, 30, 2150, len(content)))
     content[at:at] = content[at : at + length]
@@ -105,7 +105,7 @@ def mutate(content: bytes, random: Random) -> bytes:
 
 
 def mutate_records(log: bytes, random: Random) -> bytes:
-    """Damage records of a log.bin inside, and mend sizes and checksums, so that the damage is reached."""
+    """Damage records inside a log.bin, and correct sizes and checksums, so that the damage is reached."""
     records = split_records(log)
     for _ in range(random.choice((1, 1, 2, 5))):
         place = random.randrange(len(records))
@@ -122,7 +122,7 @@ def mutate_records(log: bytes, random: Random) -> bytes:
 
 
 def mutate_blocks(log: bytes, random: Random) -> bytes:
-    """Damage blocks of a `.cwa` inside, move them about, and mend the checksums."""
+    """Damage and move blocks inside a `.cwa`, and correct the checksums."""
     header, blocks = log[:1024], [log[at : at + 512] for at in range(1024, len(log), 512)]
     for _ in range(random.choice((1, 1, 2, 5, 20))):
         place, choice = random.randrange(len(blocks)), random.randrange(6)
@@ -136,7 +136,7 @@ def mutate_blocks(log: bytes, random: Random) -> bytes:
 
 
 def close_block(block: bytes) -> bytes:
-    """Put length and checksum back; room that was never written is left as it is."""
+    """Restore length and checksum; unused space stays unchanged."""
     if not block.startswith(b"AX"):
         return block
     filled = (block[:2] + b"\xfc\x01" + block[4:510]).ljust(510, b"\0")
@@ -145,14 +145,14 @@ def close_block(block: bytes) -> bytes:
 
 
 def _change_block(block: bytes, random: Random) -> bytes:
-    """Most of what can go wrong stands in the head."""
+    """Damage a block, mostly in its header, where most faults are possible."""
     head, rest = bytearray(block[:30]), bytearray(block[30:510])
     random.choice((flip_bits, set_word, splice))(random.choice((head, head, head, rest)), random)
     return bytes(head[:30]).ljust(30, b"\0") + bytes(rest)
 
 
 def split_records(log: bytes) -> list[bytes]:
-    """Records without size and checksum: separator, kind, stamp; then the payload."""
+    """Return records without size and checksum: separator, kind, timestamp; then the payload."""
     records = []
     at = 0
     while at + 8 < len(log):
@@ -163,7 +163,7 @@ def split_records(log: bytes) -> list[bytes]:
 
 
 def close_record(record: bytes) -> bytes:
-    """Put size and checksum back."""
+    """Restore size and checksum."""
     payload = record[6 : 6 + 65_535]
     frame = record[:6] + len(payload).to_bytes(2, "little") + payload
     return frame + bytes([~reduce(lambda folded, byte: folded ^ byte, frame) & 0xFF])

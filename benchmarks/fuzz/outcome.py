@@ -1,4 +1,4 @@
-"""What may come of a damaged file: a refusal of our own, or a recording that accounts for every second."""
+"""Allowed outcomes of a damaged file: a FusionError, or a recording that accounts for every second."""
 
 import io
 import warnings
@@ -18,7 +18,7 @@ SPARE_BYTES = 1 << 20
 PACKED = ("CSV, gzip", "CSV in zip", "Parquet")
 PACKED_RATIO = 20
 MENDING = {"gt3x log, checksums mended": mutate_records, "cwa, checksums mended": mutate_blocks}
-"""Those that put checksums back, so that the damage is reached."""
+"""Mutations that correct checksums, so that the damage is reached."""
 
 
 def damage(name: str, random: Random) -> bytes:
@@ -27,12 +27,12 @@ def damage(name: str, random: Random) -> bytes:
 
 
 def read_damaged(name: str, random: Random) -> str:
-    """Damage a file, read it, check what comes of it; return "read" or the code of the refusal."""
+    """Damage a file, read it, check the outcome; return "read" or the code of the error."""
     return read_checked(name, damage(name, random), rate_hz=random.choice((None, 100.0)))
 
 
 def read_checked(name: str, content: bytes, rate_hz: float | None = None) -> str:
-    """Read a file, check what comes of it; return "read" or the code of the refusal."""
+    """Read a file, check the outcome; return "read" or the code of the error."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
@@ -44,7 +44,7 @@ def read_checked(name: str, content: bytes, rate_hz: float | None = None) -> str
 
 
 def check_recording(recording: Recording, size_bytes: int) -> None:
-    """Raise AssertionError where a second is lost or counted twice, or more is held than the file tells."""
+    """Raise AssertionError if a second is lost or counted twice, or if too much memory is used."""
     reached_us = 0
     for segment in recording.segments:
         assert len(segment) > 0, "an empty segment"
@@ -63,7 +63,7 @@ def check_recording(recording: Recording, size_bytes: int) -> None:
 
 
 def check_missing(recording: Recording) -> None:
-    """What the caveats call missing is what neither samples nor exclusions explain."""
+    """Check that the missing time in the caveats is the time without samples and exclusions."""
     spans = [(s.start_us, s.end_us) for s in recording.segments]
     explained_us = measure_union(spans + [(s.start_us, s.end_us) for s in recording.excluded])
     bridged_us = sum(

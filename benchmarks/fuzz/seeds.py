@@ -1,4 +1,4 @@
-"""One small, sound recording of each format, for mutations to start from."""
+"""One small, valid recording of each format, as the start for mutations."""
 
 import gzip
 import io
@@ -23,7 +23,7 @@ ROWS, LAYOUT_LINES = 90, 150
 TURNS, SLOW_HZ = 12, 16.0
 LEFT_HANDED = np.array([-1.0, 1.0, 1.0])
 LONG_ROWS = 1100
-"""More than the readers take at a time."""
+"""More than the readers process at a time."""
 ACTILIFE_HEADER = (
     "------------ Data File Created By ActiGraph Link IMU 9DOF Sensor ActiLife v6.13.3 Firmware v1.7.2 "
     "date format M/d/yyyy at 100 Hz  -----------\nSerial Number: TAS1E00000001\nStart Time 07:00:00\n"
@@ -36,7 +36,7 @@ CHANNELS = "".join(
 
 
 def motion(rows: int = ROWS) -> list[list[float]]:
-    """Six channels that differ in every row, near 1 g."""
+    """Return six channels that differ in every row, near 1 g."""
     noise = np.random.default_rng(1).normal(0.0, 0.02, (rows, 6))
     values: list[list[float]] = (noise + np.array([0.1, 0.97, 0.1, 1.0, -2.0, 3.0])).tolist()
     return values
@@ -66,7 +66,7 @@ def actilife(*, has_stamps: bool) -> bytes:
 
 
 def registers() -> list[tuple[int, int, list[int]]]:
-    """Seconds, microseconds and counts of an LSM9DS1 (8 g, 2000 deg/s) that is turned, without a unit."""
+    """Return seconds, microseconds and counts of a turning LSM9DS1 (8 g, 2000 deg/s), without a unit."""
     turned = rest_and_turn(TURNS, rate_hz=SLOW_HZ)
     acc, gyr = turned.acc_g * LEFT_HANDED / 0.000244, turned.gyr_dps * LEFT_HANDED / 0.07
     counts = np.rint(np.hstack([gyr, acc])).astype(int).tolist()
@@ -87,7 +87,7 @@ SI = (*[STANDARD_GRAVITY] * 3, *[np.pi / 180.0] * 3)
 
 
 def packets() -> bytes:
-    """MT Manager's export: packets are numbered, the number starts over, nothing tells the time."""
+    """Return MT Manager's export: packets are numbered, the number restarts, there is no time."""
     names = "PacketCounter\tSampleTimeFine\tAcc_X\tAcc_Y\tAcc_Z\tGyr_X\tGyr_Y\tGyr_Z\n"
     rows = (
         f"{(65_500 + k) % 65_536:05d}\t\t"
@@ -98,13 +98,13 @@ def packets() -> bytes:
 
 
 def device_log() -> bytes:
-    """log.bin with a sleep of three seconds and a dock event."""
+    """Return a log.bin with a sleep of three seconds and a dock event."""
     awake = log_of([*range(8), *range(11, 15)])
     return record(3, T0, b"\x08") + awake + record(26, T0 + 3, b"\0") + record(3, T0 + 12, b"\x09")
 
 
 def ax6_log() -> bytes:
-    """Two sessions of the device, the second begun again after a pause, and room that was never written."""
+    """Return two sessions of the device, the second restarted after a pause, and unused space."""
     again = [cwa_block(k, CWA_START_US + 30_000_000 + 400_000 * k) for k in range(20)]
     older = [cwa_block(k, CWA_START_US - 90_000_000 + 400_000 * k, session=5) for k in range(3)]
     return cwa_header() + b"".join([*cwa_blocks(range(40)), *again, *older]) + b"\xff" * 1024
@@ -134,13 +134,13 @@ def cut(text: str) -> str:
 
 
 def unpack(content: bytes) -> dict[str, str]:
-    """The members of a zip of tables, each cut."""
+    """Return the members of a zip of tables, each shortened."""
     with zipfile.ZipFile(io.BytesIO(content)) as packed:
         return {name: cut(packed.read(name).decode()) for name in packed.namelist()}
 
 
 def pack_again(members: dict[str, str], damaged: bytes) -> bytes:
-    """Zip the members; the gyroscope's is the damaged one."""
+    """Return a zip of the members, with the gyroscope's replaced by the damaged one."""
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w") as packed:
         for name, text in members.items():

@@ -1,1 +1,1 @@
-"""The site: what mkdocs is told, and the notebook."""
+"""The documentation site: the hook of mkdocs, and the notebook."""

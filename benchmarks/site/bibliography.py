@@ -1,4 +1,4 @@
-"""Sets the citations of ``docs/paper.md`` for the site: ``[@key]`` in brackets, and the list at its end."""
+"""Format the citations of ``docs/paper.md`` for the site: ``[@key]`` in brackets, and the list at its end."""
 
 import re
 from collections.abc import Mapping
@@ -10,16 +10,16 @@ _CITED = re.compile(r"\[(?P<keys>@[\w; @]+)\]|(?P<alone>@[a-z]+\d{0,4})\b")
 
 
 def cite(markdown: str, bibliography: Path) -> str:
-    """Write "(Laidig and Seel 2023)" for ``[@laidig2023]``, and the works behind the text.
+    """Replace ``[@laidig2023]`` by "(Laidig and Seel 2023)", and append the list of works.
 
     Raises
     ------
     KeyError
-        A work that is cited and not in the bibliography.
+        A cited work is not in the bibliography.
     """
     works = _read_works(bibliography.read_text("utf-8"))
-    told = _CITED.sub(lambda found: _write_citation(found, works), markdown)
-    return "\n".join([told.rstrip(), "", *(f"- {_write_work(work)}" for work in _sort(works)), ""])
+    text = _CITED.sub(lambda found: _write_citation(found, works), markdown)
+    return "\n".join([text.rstrip(), "", *(f"- {_write_work(work)}" for work in _sort(works)), ""])
 
 
 def _read_works(text: str) -> dict[str, Mapping[str, str]]:
@@ -31,8 +31,8 @@ def _read_works(text: str) -> dict[str, Mapping[str, str]]:
 
 def _write_citation(found: re.Match[str], works: Mapping[str, Mapping[str, str]]) -> str:
     keys = re.findall(r"@(\w+)", found[0])
-    told = "; ".join(f"{_name_authors(works[key])} {works[key].get('year', '')}".strip() for key in keys)
-    return f"({told})" if found["keys"] else told
+    text = "; ".join(f"{_name_authors(works[key])} {works[key].get('year', '')}".strip() for key in keys)
+    return f"({text})" if found["keys"] else text
 
 
 def _name_authors(work: Mapping[str, str]) -> str:

@@ -1,6 +1,6 @@
-"""Run a notebook from top to bottom in a fresh kernel, and write what came of it as a page.
+"""Run a notebook in a fresh kernel, and write the result as a page.
 
-A notebook is kept without outputs: they name machines and grow old.
+Notebooks are stored without outputs, because these name machines and become outdated.
 """
 
 import os
@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def run_notebook(path: Path) -> Any:
-    """Run every cell in an empty folder; a cell that fails raises ``nbclient``'s error.
+    """Run every cell in an empty folder; a failing cell raises ``nbclient``'s error.
 
     Returns
     -------
@@ -38,7 +38,7 @@ def run_notebook(path: Path) -> Any:
 
 
 def write_markdown(notebook: Any) -> str:
-    """Write a notebook that was run as Markdown."""
+    """Return an executed notebook as Markdown."""
     parts = []
     for cell in notebook.cells:
         if cell.cell_type == "markdown":
@@ -61,5 +61,5 @@ def _write_output(output: Any, alt: str) -> str:
 
 
 def _join_lines(html: str) -> str:
-    """Leave out empty lines, where Markdown would begin again."""
+    """Remove empty lines, which would end the HTML block in Markdown."""
     return "\n".join(line.strip() for line in html.splitlines() if line.strip())

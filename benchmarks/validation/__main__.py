@@ -2,10 +2,10 @@
 
     python -m benchmarks.validation --date 2026-11-21 [--only broad stress] [--details FILE] [--output FILE]
 
-Sections: stated, sway, pose_error, soft_tissue, gait, tasks, broad, stress, shifts, speed,
-invariance, good_sensors. With ``--only`` the others stay as they are in the document. ``--details``
-writes the tables that the document leaves out. The days of `stated` are kept in ``--logs`` and not run
-twice. Needs the `bench` extra (vqf, ahrs, imufusion). All but the speed section is deterministic.
+Sections: stated, sway, pose_error, soft_tissue, gait, tasks, broad, stress, shifts, speed, invariance,
+good_sensors. With ``--only`` the other sections stay unchanged. ``--details`` writes the tables that the
+document omits. The days of `stated` are stored in ``--logs`` and not run twice. Needs the `bench` extra (vqf,
+ahrs, imufusion). All sections except speed are deterministic.
 """
 
 import argparse
@@ -84,15 +84,13 @@ def main() -> None:
 def _read_arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.validation")
     parser.add_argument("--only", nargs="+", choices=SECTIONS)
-    parser.add_argument("--date", default="", help="printed with the sections made now; none without it")
+    parser.add_argument("--date", default="", help="printed with the sections created now")
     parser.add_argument("--data", type=Path, default=DATA)
     parser.add_argument("--output", type=Path, default=ROOT / "docs" / "reference" / "validation.md")
     parser.add_argument("--details", type=Path)
-    parser.add_argument("--logs", type=Path, help="folder for the days of `stated`; none: they are not kept")
-    parser.add_argument(
-        "--seeds-stated", type=int, default=4, help="how many days a scenario, kind and device"
-    )
-    parser.add_argument("--seeds", type=int, default=10, help="how many simulated shifts for each device")
+    parser.add_argument("--logs", type=Path, help="folder to store the days of `stated`")
+    parser.add_argument("--seeds-stated", type=int, default=4, help="days for each scenario, kind and device")
+    parser.add_argument("--seeds", type=int, default=10, help="simulated shifts for each device")
     parser.add_argument("--hours", type=float, default=1.0)
     parser.add_argument("--long-hours", type=float, default=8.0)
     return parser.parse_args()

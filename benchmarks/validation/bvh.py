@@ -1,4 +1,4 @@
-"""Shoulder, elbow and orientation of an upper arm out of a BVH file of motion capture."""
+"""Read shoulder, elbow and orientation of an upper arm from a BVH file of motion capture."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -39,7 +39,7 @@ def read_bvh(path: Path, side: str) -> ArmMotion:
     Raises
     ------
     OSError, ValueError, StopIteration
-        A file that cannot be read, or without an upper arm.
+        The file cannot be read, or has no upper arm.
     """
     head, _, tail = path.read_text("utf-8").partition("MOTION")
     joints = _read_hierarchy(head)
@@ -72,7 +72,7 @@ def _read_hierarchy(text: str) -> list[Joint]:
 
 
 def _place(joint: Joint, values: Float64Array) -> tuple[Float64Array, Rotation]:
-    """Where a joint is and how it is turned at each frame; channels of position stand for the offset."""
+    """Return position and rotation of a joint at each frame; position channels replace the offset."""
     moved = np.tile(joint.offset, (len(values), 1))
     for k, axis in enumerate("XYZ"):
         if f"{axis}position" in joint.channels:

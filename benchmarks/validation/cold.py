@@ -1,7 +1,7 @@
-"""Answers one question in a process of its own: `python -m benchmarks.validation.cold memory 100` (or first).
+"""Measure one value in a separate process: `python -m benchmarks.validation.cold memory 100` (or first).
 
-memory: peak MiB above the input while eight hours are turned into elevation; first: processor seconds of the
-first call of estimate_vertical, then of the same with all imports. Reads the peak from /proc, so only on
+memory: peak MiB beyond the input while eight hours are converted to elevation; first: processor seconds of
+the first call of estimate_vertical, then of the same with all imports. Reads the peak from /proc, so only on
 Linux.
 """
 

@@ -1,4 +1,4 @@
-"""The document: sections that can be made one at a time, each with its figures and its goals."""
+"""The document: sections that can be created separately, each with its figures and its goals."""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """A goal of the validation: the figure asked for and the figure reached."""
+    """A goal of the validation: the target and the actual figure."""
 
     what: str
     asked: str
@@ -35,25 +35,25 @@ def judge(what: str, value: float, limit: float, unit: str = "deg", decimals: in
 
 
 def draw_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Lay out a Markdown table: the first column to the left, figures to the right."""
+    """Return a Markdown table: the first column left-aligned, figures right-aligned."""
     rule = ["---", *["---:"] * (len(header) - 1)]
     return "\n".join("| " + " | ".join(cells) + " |" for cells in (header, rule, *rows))
 
 
 def render_section(name: str, section: Section, made_with: str) -> str:
-    """Return the section's text between the marks by which it is found again."""
+    """Return the section's text between the markers that identify it."""
     goals = [draw_goals(section.goals)] if section.goals else []
     parts = [f"### {section.title}", *section.shown, *goals, f"Made with {made_with}."]
     return "\n\n".join([_begin(name), *parts, _end(name)])
 
 
 def render_details(section: Section) -> str:
-    """Everything that the document leaves out."""
+    """Return everything that the document omits."""
     return "\n\n".join([f"## {section.title}", *section.shown, *section.details])
 
 
 def find_sections(text: str, names: Sequence[str]) -> dict[str, str]:
-    """Take an earlier document apart, so that a section made alone replaces only itself."""
+    """Split an earlier document, so that a section created alone only replaces itself."""
     found = {}
     for name in names:
         match = re.search(re.escape(_begin(name)) + r".*?" + re.escape(_end(name)), text, re.DOTALL)
@@ -71,7 +71,7 @@ def assemble(preface: str, sections: Mapping[str, str]) -> str:
 
 
 def draw_goals(goals: Iterable[Goal]) -> str:
-    """One row for the goals that differ in what was measured alone; what is missed is bold."""
+    """Return one row for goals that only differ in the measured object; missed goals are bold."""
     grouped: dict[tuple[str, str], list[tuple[str, Goal]]] = {}
     for goal in goals:
         of, _, figure = goal.what.rpartition(": ")

@@ -1,8 +1,8 @@
-"""How recorded and simulated people stand and walk, side by side.
+"""Compare how recorded and simulated people stand and walk.
 
     python -m benchmarks.validation.gait [--data DIR ...]
 
-An angle is that of gravity's mean, as a sensor on the upper arm feels it, from the shoulder-elbow line.
+An angle is that of gravity's mean, as measured by a sensor on the upper arm, from the shoulder-elbow line.
 """
 
 import argparse
@@ -13,13 +13,13 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.validation.document import Section, draw_table
-from benchmarks.validation.real_clips import CLIP_HZ, Clip, Side, feel, load_library
+from benchmarks.validation.real_clips import CLIP_HZ, Clip, Side, compute_readings, load_library
 from benchmarks.validation.stated import DATA
-from fusion.numerics import find_angle_deg
+from fusion.numerics import compute_angle_deg
 from fusion.recording import Float64Array
 from fusion.simulation.activities import Choreography, draw_person, stand, walk
 from fusion.simulation.body import Body, play
-from fusion.simulation.body import feel as feel_body
+from fusion.simulation.body import compute_readings as compute_body_readings
 
 RATE_HZ, STAND_S, WALK_S, ENDS_S = 50.0, 60.0, 60.0, 4.0
 SIDES: tuple[Side, ...] = ("r", "l")
@@ -28,7 +28,7 @@ CALM_S, CALM_DEG = 0.5, 2.0
 HANGING_DEG = 25.0
 SEEDS = range(2, 82, 2)
 PROSE = """\
-How far gravity's mean lies from the shoulder-elbow line, deg: median (quartiles; extremes). Acted styles
+Angle between gravity's mean and the shoulder-elbow line, deg: median (quartiles; extremes). Acted styles
 (motion dataset 1 of Bandai Namco Research, CC BY-NC 4.0, 15 styles of one actor, both arms; not in the
 project): standing 15 (13 to 17; 5 to 20), walking 21 (17 to 26; 12 to 66), one from the other 12 (9 to 16; 3
 to 34)."""
@@ -36,7 +36,7 @@ to 34)."""
 
 @dataclass(frozen=True, slots=True)
 class Gait:
-    """Of one person's arm, deg: standing and walking from the arm's axis, and from each other."""
+    """Angles of one person's arm, deg: standing and walking from the arm axis, and from each other."""
 
     name: str
     stance_deg: float
@@ -45,12 +45,12 @@ class Gait:
 
 
 def measure_recorded(folder: Path) -> list[Gait]:
-    """Every subject with plain walking, both arms; stance: calm half seconds of any clip, arm hanging."""
+    """Measure every subject with plain walking, both arms; stance: calm half seconds of a hanging arm."""
     found = []
     for side in SIDES:
         library = load_library(folder, side)
         for name, strides in sorted(library.strides.items()):
-            walked = np.concatenate([feel(clip, CLIP_HZ).acc_g for clip in strides]).mean(axis=0)
+            walked = np.concatenate([compute_readings(clip, CLIP_HZ).acc_g for clip in strides]).mean(axis=0)
             stances = [up for clip in library.work.get(name, []) for up in _find_stances(clip)]
             stood = np.mean(stances, axis=0) if stances else np.full(3, np.nan)
             found.append(_compare(f"{name} {side}", stood, walked))
@@ -58,20 +58,20 @@ def measure_recorded(folder: Path) -> list[Gait]:
 
 
 def _find_stances(clip: Clip) -> list[Float64Array]:
-    """Directions of the vertical in half seconds in which the arm hangs and hardly turns."""
+    """Return directions of the vertical in half seconds in which the arm hangs and hardly turns."""
     up = clip.turn.inv().apply(UP)
     size = round(CALM_S * CLIP_HZ)
     calm = []
     for first in range(0, len(up) - size + 1, size):
         part = up[first : first + size]
-        turned_deg = find_angle_deg(part[0], part[-1])
-        if turned_deg < CALM_DEG and find_angle_deg(part.mean(axis=0), UP) < HANGING_DEG:
+        turned_deg = compute_angle_deg(part[0], part[-1])
+        if turned_deg < CALM_DEG and compute_angle_deg(part.mean(axis=0), UP) < HANGING_DEG:
             calm.append(part.mean(axis=0))
     return calm
 
 
 def measure_simulated(seeds: Sequence[int]) -> list[Gait]:
-    """The people of ``fusion/simulation``."""
+    """Measure the people of ``fusion/simulation``."""
     found = []
     for seed in seeds:
         chance = np.random.default_rng([seed, 1])
@@ -79,7 +79,9 @@ def measure_simulated(seeds: Sequence[int]) -> list[Gait]:
         stand(body, STAND_S, chance)
         stood_s = body.time_s
         walk(body, WALK_S, chance)
-        acc_g = feel_body(play(body.finish(), 0, int(body.time_s * RATE_HZ), RATE_HZ), Body()).acc_g
+        acc_g = compute_body_readings(
+            play(body.finish(), 0, int(body.time_s * RATE_HZ), RATE_HZ), Body()
+        ).acc_g
         walked = slice(round((stood_s + ENDS_S) * RATE_HZ), -round(ENDS_S * RATE_HZ))
         stood = slice(0, round(stood_s * RATE_HZ))
         found.append(_compare(f"seed {seed}", acc_g[stood].mean(axis=0), acc_g[walked].mean(axis=0)))
@@ -88,12 +90,14 @@ def measure_simulated(seeds: Sequence[int]) -> list[Gait]:
 
 def _compare(name: str, stood: Float64Array, walked: Float64Array) -> Gait:
     if np.isnan(stood).any():
-        return Gait(name, np.nan, find_angle_deg(walked, UP), np.nan)
-    return Gait(name, find_angle_deg(stood, UP), find_angle_deg(walked, UP), find_angle_deg(stood, walked))
+        return Gait(name, np.nan, compute_angle_deg(walked, UP), np.nan)
+    return Gait(
+        name, compute_angle_deg(stood, UP), compute_angle_deg(walked, UP), compute_angle_deg(stood, walked)
+    )
 
 
 def draw_gaits(people: dict[str, list[Gait]]) -> str:
-    """One row a source: least, quartiles and most of each angle."""
+    """Return one row per source: minimum, quartiles and maximum of each angle."""
     rows = []
     for source, gaits in people.items():
         columns = [[one.stance_deg for one in gaits], [one.gait_deg for one in gaits]]
@@ -111,7 +115,7 @@ def _describe(values: Sequence[float]) -> str:
 
 
 def compare_gaits(folder: Path) -> Section:
-    """The section; where the data is absent, the simulated people alone."""
+    """Return the section; without the data, for simulated people only."""
     people = {"recorded": measure_recorded(folder)} if folder.is_dir() else {}
     people["simulated, 40 people"] = measure_simulated(SEEDS)
     return Section("Simulated people", (PROSE, draw_gaits(people)))

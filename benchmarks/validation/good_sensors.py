@@ -1,4 +1,4 @@
-"""Section (g): a good sensor must not be made worse by calibrating itself."""
+"""Section (g): self-calibration must not degrade a good sensor."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -12,8 +12,8 @@ from benchmarks.validation.worn import DEVICES, NAMES, at_rows, find_rmse_deg, w
 from fusion.pose.calibrate import CalibratedSamples, calibrate
 from fusion.readers import read_recording
 from fusion.recording import Recording, Segment
-from fusion.sensor.gyroscope import leave_gyro_scale
-from fusion.sensor.model import leave_accelerometer
+from fusion.sensor.gyroscope import build_identity_gyro_scale
+from fusion.sensor.model import build_identity_accelerometer
 from fusion.simulation import simulate_shift
 from tests.simulated_shifts import make_perfect
 
@@ -23,12 +23,12 @@ ARM = "full_body_example_data.mat"
 REAL = "link_imu_100hz_179s.gt3x"
 
 PROSE = f"""\
-BROAD's trials are seen at rest in one direction and are left alone, so they do not show much. Here is
-`smoothed` with and without the correction of accelerometer and gyroscope gain where it does engage although
-there is nothing to correct: half simulated hours of a sensor without any error (seeds {SEEDS[0]} and
-{SEEDS[1]}), against the truth. The goal is that no file is worse by more than {WORSE_BY_DEG:g} deg. Then a
-real GT9X ({REAL}, no reference) and the worn right upper arm of the project (another part, 100 s): how far
-both are apart, which says what was done, not whether it was right."""
+BROAD's trials are at rest in one direction and are not corrected, so they show little. This section compares
+`smoothed` with and without the correction of accelerometer and gyroscope gain on recordings that are
+corrected although nothing is wrong: half simulated hours of a sensor without errors (seeds {SEEDS[0]} and
+{SEEDS[1]}), with the truth. The goal is that no file gets worse by more than {WORSE_BY_DEG:g} deg. Then a
+real GT9X ({REAL}, no reference) and the right upper-arm recording of the project (another model, 100 s): the
+difference between both, which shows the size of the correction, not whether it was right."""
 
 
 def compare_good_sensors(folder: Path) -> Section:
@@ -55,7 +55,7 @@ def _read_gt9x(folder: Path) -> Recording:
 
 
 def _read_arm(folder: Path) -> Recording:
-    """100 Hz; acceleration in m/s2, angular rate in rad/s."""
+    """Read the arm at 100 Hz; acceleration in m/s2, angular rate in rad/s."""
     arm = loadmat(folder / "upper_arm" / ARM)["upper_arm_right"][0, 0]
     acc_g, gyr_dps = arm["acc"] / STANDARD_GRAVITY, np.degrees(arm["gyr"])
     segment = Segment(0, 100.0, acc_g.astype(np.float32), gyr_dps.astype(np.float32))
@@ -63,13 +63,13 @@ def _read_arm(folder: Path) -> Recording:
 
 
 def _fuse_both(samples: CalibratedSamples) -> tuple[Angle, Angle]:
-    """With the correction, and with the gyroscope's bias alone."""
+    """Return the angle with the correction, and with the gyroscope's bias alone."""
     still = samples.calibration.windows[0]
     axis = still.gravity_g / np.linalg.norm(still.gravity_g)
     plain = replace(
         samples,
-        accelerometer=leave_accelerometer(),
-        gyro_scale=leave_gyro_scale(),
+        accelerometer=build_identity_accelerometer(),
+        gyro_scale=build_identity_gyro_scale(),
         runs=(),
         calibration=replace(samples.calibration, arm_axis=axis),
     )

@@ -1,4 +1,4 @@
-"""Section (f): what must not change the angle: how the sensor is strapped on, units, cuts, the rate."""
+"""Section (f): changes that must not affect the angle: mounting of the sensor, units, cuts, the rate."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.validation.document import Goal, Section, draw_table, judge
 from benchmarks.validation.worn import DEVICES, NAMES, find_rmse_deg, wear
 from fusion.comparison.alignment import Run, interpolate
-from fusion.elevation import estimate_elevation, lay_rows
+from fusion.elevation import estimate_elevation, group_rows
 from fusion.pose.calibrate import CalibratedSamples, calibrate
 from fusion.recording import MICROSECONDS, Recording, Segment
 from fusion.sensor.model import view_segment
@@ -25,13 +25,13 @@ STANDARD_GRAVITY = np.float32(9.80665)
 Angle = NDArray[np.float64]
 
 PROSE = f"""\
-Half a simulated hour of each device (seed {SEED}), `smoothed`, changed in ways that do not change the motion;
+Half a simulated hour of each device (seed {SEED}), `smoothed`, with changes that do not affect the motion;
 the largest difference from the angle of the unchanged recording at any sample. *Strapped on another way*: all
-samples turned by {MOUNTINGS} random rotations, the worst of them; as recorded, and from a sensor without
-errors. Turning an imperfect sensor's samples turns its errors too, but gain and offset are sought without
-regard to axes, so that the answer turns with the samples. *Units*: acceleration in m/s2 and back, in single
-precision. *Cut*: at {CUTS} still moments, each piece fused by itself with the whole file's calibration. *Rate
-halved*: every second sample left out, no filter."""
+samples rotated by {MOUNTINGS} random rotations, the worst of them; as recorded, and from a sensor without
+errors. Rotating an imperfect sensor's samples also rotates its errors. Gain and offset are estimated
+independently of the axes, so the result rotates with the samples. *Units*: acceleration in m/s2 and back, in
+single precision. *Cut*: at {CUTS} still moments, each piece fused separately with the calibration of the
+whole file. *Rate halved*: every second sample removed, no filter."""
 
 LIMITS_DEG: Mapping[str, float] = {
     "strapped on another way": 0.01,
@@ -60,7 +60,7 @@ def compare_changes() -> Section:
 
 
 def change_all(recording: Recording) -> dict[str, Angle]:
-    """Return the difference from the unchanged recording, by change, at each sample kept."""
+    """Return the difference from the unchanged recording, by change, at each remaining sample."""
     samples = calibrate(recording)
     whole = fuse(samples)
     return {
@@ -72,7 +72,7 @@ def change_all(recording: Recording) -> dict[str, Angle]:
 
 
 def strap_on(recording: Recording) -> Angle:
-    """Return the difference that the worst of some random rotations makes."""
+    """Return the difference caused by the worst of some random rotations."""
     whole = fuse(calibrate(recording))
     rotations = Rotation.random(MOUNTINGS, rng=np.random.default_rng(SEED)).as_matrix()
     turned = [fuse(calibrate(turn(recording, rotation))) - whole for rotation in rotations]
@@ -115,18 +115,18 @@ def _take(segment: Segment, first: int, stop: int) -> Segment:
 
 
 def trim(recording: Recording) -> Recording:
-    """Leave out what is over a last whole row of the angle, so that cuts leave the rows where they are."""
+    """Remove the samples after the last whole row of the angle, so that cuts do not move the rows."""
     segment = recording.segments[0]
     kept = _take(segment, 0, len(segment) // _count_per_row(segment) * _count_per_row(segment))
     return replace(recording, segments=(kept,), duration_us=kept.duration_us)
 
 
 def _count_per_row(segment: Segment) -> int:
-    return lay_rows(segment).per_row
+    return group_rows(segment).per_row
 
 
 def halve_rate(recording: Recording, whole: Angle) -> Angle:
-    """Return the difference that half the rate makes, at its rows."""
+    """Return the difference caused by halving the rate, at its rows."""
     halved = fuse(calibrate(halve(recording)))
     time_s = np.arange(len(halved)) * (len(whole) / len(halved))
     return halved - interpolate(Run(0.0, 1.0, whole), np.minimum(time_s, len(whole) - 1.0))

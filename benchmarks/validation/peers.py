@@ -1,6 +1,6 @@
-"""Every estimator that is compared, ours and the peers from PyPI, behind one signature.
+"""All compared estimators, ours and the peers from PyPI, with one signature.
 
-Each takes acceleration (n, 3) in g and angular rate (n, 3) in deg/s with the rate in Hz, and gives the unit
+Each takes acceleration (n, 3) in g and angular rate (n, 3) in deg/s with the rate in Hz, and returns the unit
 vector to the zenith in the sensor frame, (n, 3). None uses a magnetometer.
 """
 
@@ -29,18 +29,18 @@ def run_ours(method: MethodName) -> Estimator:
 
 
 def run_bias_only(acc_g: Table, gyr_dps: Table, rate_hz: float) -> Table:
-    """`smoothed` without its self-calibration: only the gyroscope's bias is taken off."""
+    """Run `smoothed` without its self-calibration: only the gyroscope's bias is subtracted."""
     run = SensorRun(0.0, rate_hz, acc_g, gyr_dps)
     return np.asarray(smooth_vertical(run, estimate_gyro_bias([run])).up, dtype=np.float64)
 
 
 def to_vqf(acc_g: Table, gyr_dps: Table) -> tuple[Table, Table]:
-    """Angular rate in rad/s, then acceleration in m/s2, as VQF and ahrs want them."""
+    """Return angular rate in rad/s, then acceleration in m/s2, as VQF and ahrs expect them."""
     return np.ascontiguousarray(np.radians(gyr_dps)), np.ascontiguousarray(acc_g * GRAVITY)
 
 
 def vertical_of(quaternion: Table) -> Table:
-    """Look at z of the room from the sensor; quaternions (n, 4), scalar first, sensor to room."""
+    """Return the room's z axis in the sensor frame; quaternions (n, 4), scalar first, sensor to room."""
     w, x, y, z = quaternion.T
     return np.stack([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)], axis=1)
 
@@ -51,7 +51,7 @@ def run_vqf(acc_g: Table, gyr_dps: Table, rate_hz: float) -> Table:
 
 
 def run_offline_vqf(bias_clip_dps: float | None = None) -> Estimator:
-    """Its default (2 deg/s) where no other clip is given; the clip also bounds its rest detection."""
+    """Run with the default clip (2 deg/s) or another; the clip also limits its rest detection."""
     parameters = {} if bias_clip_dps is None else {"biasClip": bias_clip_dps}
 
     def estimate(acc_g: Table, gyr_dps: Table, rate_hz: float) -> Table:
@@ -72,7 +72,7 @@ def run_mahony(acc_g: Table, gyr_dps: Table, rate_hz: float) -> Table:
 
 
 def run_imufusion(acc_g: Table, gyr_dps: Table, rate_hz: float) -> Table:
-    """With its bias estimator, and acceleration rejected where it is off by 10 deg, for up to 5 s."""
+    """Run with its bias estimator; acceleration off by more than 10 deg is rejected for up to 5 s."""
     settings, bias_settings = imufusion.AhrsSettings(), imufusion.BiasSettings()
     settings.sample_rate = bias_settings.sample_rate = rate_hz
     settings.gyroscope_range, settings.acceleration_rejection, settings.rejection_timeout = 2000.0, 10.0, 5.0

@@ -1,11 +1,11 @@
-"""Whether the range of the N-pose holds the truth of an arm that was read low.
+"""Test if the range of the N-pose includes the truth of an arm that was read low.
 
     python -m benchmarks.validation.pose_error [--data DIR] [--seeds N]
 
 A fused angle is lowered by 15 deg x min(1, true angle / 90 deg), and counted with the range of the N-pose.
-The ranges assume an error that grows with the angle that was *read*, and is anything up to that: the error
-here is the largest, by the true angle. Once the pose is held exactly, once as people hold it (the axis
-turned any way by a normal deviate of its standard deviation). With 15 deg at every angle it is reported
+The ranges assume an error that grows with the angle that was *read*, and is anything up to that; the error
+here is the largest, by the true angle. The pose is held exactly, or as people hold it (the axis is rotated in
+any direction by a normal deviate of its standard deviation). With 15 deg at every angle it is reported
 without a goal. The days are those of ``stated`` with the window of the pose given.
 """
 
@@ -32,11 +32,11 @@ from fusion.recording import Float64Array
 KINDS = ("time above", "bins", "entries", "percentiles")
 GOAL_PERCENT = 90.0
 PROSE = """\
-A fused angle is lowered by 15 deg x min(1, true angle / 90 deg), the largest error that was published.
-*Truth in the range*: figures whose range from `low_pose` to `high_pose` holds the truth, with the pose held
-exactly / off by a normal deviate of {sigma:g} deg; {goal:g} % is the goal. *Without*: the same in the range
-from `low` to `high`. The days are those of every kind above with the window given, seeds 0 to {last},
-{devices}. Nothing is asked of 15 deg at every angle: the ranges assume that a hanging arm reads right."""
+A fused angle is lowered by 15 deg x min(1, true angle / 90 deg), the largest published error. *Truth in the
+range*: figures whose range from `low_pose` to `high_pose` includes the truth, with the pose held exactly /
+off by a normal deviate of {sigma:g} deg; the goal is {goal:g} %. *Without*: the same for the range from `low`
+to `high`. The days are those of every kind above with the window given, seeds 0 to {last}, {devices}. 15 deg
+at every angle has no goal, because the ranges assume that a hanging arm reads correctly."""
 
 Lower = Callable[[Float64Array], Float64Array]
 Ranged = tuple[str, Interval, float]
@@ -56,7 +56,7 @@ ERRORS: Mapping[str, Lower] = {"growing to 15 deg": lower_with_angle, "15 deg ev
 
 
 def list_ranged(measured: Exposure, true: Exposure) -> Iterator[Ranged]:
-    """Give kind, range and truth of each figure that has a range of the pose."""
+    """Yield kind, range and truth of each figure that has a range of the pose."""
     for above, exact in zip(measured.time_above, true.time_above, strict=True):
         if above.interval is not None:
             yield KINDS[0], above.interval, exact.percent
@@ -71,7 +71,7 @@ def list_ranged(measured: Exposure, true: Exposure) -> Iterator[Ranged]:
 
 
 def read_low(worn: WornDay, analysis: Analysis, lower: Lower, off_deg: float, seed: int) -> list[Ranged]:
-    """Return a day's figures, read low and with its axis turned off by an angle."""
+    """Return a day's figures, read low and with its axis rotated by an angle."""
     lower_deg = lower(worn.truth_deg)
     return read_turned(
         worn, analysis, off_deg, seed, extra_sigma_deg=SOFT_TISSUE_SIGMA_DEG, lower_deg=lower_deg
@@ -87,9 +87,9 @@ def read_turned(
     extra_sigma_deg: float = 0.0,
     lower_deg: Float64Array | float = 0.0,
 ) -> list[Ranged]:
-    """Count a day whose axis is turned off by an angle, beside the truth over the same rows.
+    """Return a day's figures with a rotated axis, with the truth over the same rows.
 
-    ``extra_sigma_deg`` is added in squares to the angle's standard deviation.
+    ``extra_sigma_deg``: added in squares to the angle's standard deviation.
     """
     assert analysis.calibration is not None
     (fused,) = analysis.elevation.segments
@@ -124,7 +124,7 @@ def run(data: Path, seeds: int) -> dict[tuple[str, float], list[Ranged]]:
 
 
 def draw_rows(found: Mapping[tuple[str, float], list[Ranged]]) -> Iterator[list[str]]:
-    """Draw a row for each error and kind of figure."""
+    """Yield a row for each error and kind of figure."""
     for name, kind in product(ERRORS, KINDS):
         every = [[one for one in found[name, off] if one[0] == kind] for off in (0.0, HELD_SIGMA_DEG)]
         inside = [_share(some, _holds_with_pose) for some in every]
@@ -157,7 +157,7 @@ HEADER = ("error", "figures", "truth in the range %", "without %", "goal met")
 
 
 def compare_pose_error(data: Path, seeds: int) -> Section:
-    """Return the section; if the data is absent, it only names what is missing."""
+    """Return the section; without the data, it only names what is missing."""
     title = "The N-pose's error"
     if missing := find_missing(data):
         return Section(title, (missing,))

@@ -1,12 +1,12 @@
-"""Upper-arm motion made of recorded clips, joined to a shift of any length.
+"""Upper-arm motion from recorded clips, joined to a shift of any length.
 
-Clips come from CMU Graphics Lab (subjects 01 to 03, free for any use) or, as BVH files, from the motion
-dataset 1 of Bandai Namco Research (acted styles, CC BY-NC 4.0), one style for one subject.
+Clips are from CMU Graphics Lab (subjects 01 to 03, free for any use) or, as BVH files, from the motion
+dataset 1 of Bandai Namco Research (acted styles, CC BY-NC 4.0), one style per subject.
 
 Directions and accelerations within a clip are real, low-passed at 7 Hz. Order and length of the tasks, turns
-between clips, pauses and poses are made up. The sensor is fixed to a rigid arm unless a clip has a plate
-(``skin_clips``), which moves on the arm with the skin.
-World: z up. Arm: z from the elbow to the shoulder, so that it points to the zenith when the arm hangs.
+between clips, pauses and poses are invented. The sensor is fixed to a rigid arm unless a clip has a plate
+(``skin_clips``), which moves on the arm with the skin. World: z up. Arm: z from the elbow to the shoulder, so
+that it points to the zenith when the arm hangs.
 """
 
 from collections.abc import Callable, Sequence
@@ -34,7 +34,7 @@ SWAY_DEG = 0.3
 SWAY_HZ = (0.15, 0.5)
 TURN_S, STRIDE_TURN_S, HOLD_TURN_S = 0.5, 0.1, 1.0
 TURN_DPS, TURN_MPS2 = 100.0, 3.0
-"""A turn takes as long as it needs at this speed and acceleration."""
+"""Limits of speed and acceleration of a turn; they determine its duration."""
 SHORTEST_STRIDE_S = 0.9
 CANDIDATES = 4
 PAUSE_S, PAUSE_SD_DEG = (6.0, 20.0), 5.0
@@ -45,7 +45,7 @@ Z_UP = Rotation.from_rotvec([np.pi / 2.0, 0.0, 0.0])
 class Plate:
     """A plate on the skin: ``turn`` (n,), its frame to the arm's, and its ``place_m`` (n, 3).
 
-    The place is measured from the shoulder, in the arm's frame.
+    The place is relative to the shoulder, in the arm's frame.
     """
 
     turn: Rotation
@@ -64,7 +64,7 @@ class Clip:
     plate: Plate | None = None
 
     def face(self, turn: Rotation) -> "Clip":
-        """The clip turned about the vertical, so that it begins as near ``turn`` as may be."""
+        """Return the clip rotated about the vertical so that it starts as near to ``turn`` as possible."""
         between = (turn * self.turn[0].inv()).as_matrix()
         angle = np.arctan2(between[1, 0] - between[0, 1], between[0, 0] + between[1, 1])
         heading = Rotation.from_rotvec([0.0, 0.0, angle])
@@ -73,7 +73,7 @@ class Clip:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Library:
-    """What one arm did: ``work`` by subject, ``strides`` that can be walked on end by subject."""
+    """The clips of one arm: ``work`` by subject, and ``strides`` that can be repeated, by subject."""
 
     work: dict[str, list[Clip]]
     strides: dict[str, list[Clip]]
@@ -82,7 +82,7 @@ class Library:
 PLAIN_WALKING = ("02_01", "02_02", "03_01", "03_02")
 UNEVEN_GROUND = ("03_03", "03_04")
 WALK_STYLE, WORK_STYLES, EVERYBODY = "walk", ("bow", "bye", "byebye", "guide", "respond"), ("call", "slash")
-"""Of the acted styles: contents that walk, that each style has, and that there are once for all."""
+"""Contents of the acted styles: walking, contents that every style has, and contents common to all."""
 
 
 def load_library(folder: Path, side: Side) -> Library:
@@ -131,7 +131,7 @@ def load_clip(path: Path, side: Side) -> Clip:
 
 
 def make_continuous(quaternion: Float64Array) -> Float64Array:
-    """The same rotations, each quaternion on the side of the one before."""
+    """Return the same rotations, with the sign of each quaternion chosen to match the previous one."""
     flips = np.sign((quaternion[1:] * quaternion[:-1]).sum(axis=1))
     return np.asarray(quaternion * np.concatenate([[1.0], np.cumprod(flips)])[:, None])
 
@@ -145,7 +145,7 @@ def resample(values: Float64Array, rate_hz: float) -> Float64Array:
 
 
 def cut_stride(clip: Clip) -> Clip:
-    """The stretch of a walk whose end is most like its beginning, so that it can be walked on end."""
+    """Return the stretch of a walk whose end is most like its start, so that it can be repeated."""
     up = clip.turn.inv().apply([0.0, 0.0, 1.0])
     rate = np.gradient(up, 1.0 / CLIP_HZ, axis=0)
     features = np.hstack([up, 0.1 * rate, 0.1 * clip.turn.inv().apply(clip.velocity_mps)])
@@ -157,9 +157,9 @@ def cut_stride(clip: Clip) -> Clip:
 
 @dataclass(slots=True, eq=False)
 class Track:
-    """Clips joined one after the other by turns of least jerk.
+    """Clips joined one after the other by minimum-jerk turns.
 
-    ``strap`` returns the plate of clips and held postures that have none; without it, no clip may have one.
+    ``strap``: returns the plate of clips and held postures that have none; without it, no clip may have one.
     """
 
     chance: np.random.Generator
@@ -169,11 +169,11 @@ class Track:
 
     @property
     def length_s(self) -> float:
-        """How long it lasts so far."""
+        """Current duration."""
         return self._count / CLIP_HZ
 
-    def go_on(self, clip: Clip, least_s: float = TURN_S) -> None:
-        """Turn to the beginning of a clip, and follow it."""
+    def append(self, clip: Clip, least_s: float = TURN_S) -> None:
+        """Turn to the start of a clip, then append it."""
         if self.strap and clip.plate is None:
             clip = replace(clip, plate=self.strap(clip.turn))
         if self._clips:
@@ -181,18 +181,18 @@ class Track:
             self._add(_bridge(self._clips[-1], clip, least_s))
         self._add(clip)
 
-    def go_on_with_nearest(self, clips: Sequence[Clip]) -> None:
-        """Follow that one of a few drawn clips which begins most like the posture now."""
+    def append_nearest(self, clips: Sequence[Clip]) -> None:
+        """Append the one of a few random clips whose start is most like the current posture."""
         drawn = [clips[k] for k in self.chance.choice(len(clips), min(CANDIDATES, len(clips)), replace=False)]
-        self.go_on(min(drawn, key=self._find_turn))
+        self.append(min(drawn, key=self._find_turn))
 
     @property
     def now(self) -> Rotation:
-        """The posture in which it ends so far."""
+        """The current posture."""
         return self._clips[-1].turn[-1]
 
     def hold(self, turn: Rotation, seconds: float, sway_deg: float = SWAY_DEG) -> tuple[float, float]:
-        """Hold a posture with a little sway; gives its start and end, s."""
+        """Hold a posture with a little sway; return its start and end, s."""
         count = round(seconds * CLIP_HZ)
         time_s = np.arange(count) / CLIP_HZ
         phases, rates_hz = (
@@ -201,16 +201,16 @@ class Track:
         )
         waves = np.sin(2.0 * np.pi * rates_hz * time_s[:, None, None] + phases).sum(axis=1)
         sway = Rotation.from_rotvec(np.radians(sway_deg) / np.sqrt(3.0) * waves)
-        self.go_on(Clip(turn * sway, np.zeros((count, 3))), least_s=HOLD_TURN_S)
+        self.append(Clip(turn * sway, np.zeros((count, 3))), least_s=HOLD_TURN_S)
         return self.length_s - seconds, self.length_s
 
     def pause(self) -> None:
-        """Hold about the posture of now, each time another one."""
+        """Hold a random posture near the current one."""
         spread = np.radians(PAUSE_SD_DEG) * self.chance.standard_normal(2)
         self.hold(Rotation.from_rotvec([*spread, 0.0]) * self.now, float(self.chance.uniform(*PAUSE_S)))
 
     def join(self) -> Clip:
-        """All of it in one."""
+        """Return all clips joined."""
         turn = Rotation.concatenate([clip.turn for clip in self._clips])
         velocity_mps = np.concatenate([clip.velocity_mps for clip in self._clips])
         plates = [clip.plate for clip in self._clips if clip.plate]
@@ -228,7 +228,7 @@ class Track:
 
 
 def _bridge(before: Clip, after: Clip, least_s: float) -> Clip:
-    """Quintic turn from one clip to the next, with their rates and accelerations at both ends."""
+    """Return a quintic turn from one clip to the next, matching rates and accelerations at both ends."""
     last, tail, head = _find_ends(before.turn, after.turn)
     change_mps = float(np.linalg.norm(after.velocity_mps[0] - before.velocity_mps[-1]))
     turned_deg = np.degrees(np.linalg.norm(head[0]))
@@ -251,18 +251,18 @@ def _bridge(before: Clip, after: Clip, least_s: float) -> Clip:
 
 
 def _find_ends(before: Rotation, after: Rotation) -> tuple[Rotation, Float64Array, Float64Array]:
-    """Return the last rotation, and from it the three at the end and the three after, as vectors."""
+    """Return the last rotation, and relative to it the three at the end and the three after, as vectors."""
     last = before[-1]
     return last, (last.inv() * before[-3:]).as_rotvec(), (last.inv() * after[:3]).as_rotvec()
 
 
 def _derive(values: Float64Array, sign: float) -> list[Float64Array]:
-    """Value, rate and acceleration at the first of three samples; ``sign`` -1 where they run backwards."""
+    """Return value, rate and acceleration at the first of three samples; ``sign`` -1 for reversed time."""
     rate = sign * CLIP_HZ * (-1.5 * values[0] + 2.0 * values[1] - 0.5 * values[2])
     return [values[0], rate, CLIP_HZ**2 * (values[0] - 2.0 * values[1] + values[2])]
 
 
-def feel(clip: Clip, rate_hz: float) -> ArmState:
+def compute_readings(clip: Clip, rate_hz: float) -> ArmState:
     """Return the readings of an ideal sensor on the arm, or on its plate, and the exact elevation of the arm.
 
     The angular rate is the rotation from half a sample before to half a sample after.
@@ -288,6 +288,6 @@ def feel(clip: Clip, rate_hz: float) -> ArmState:
 
 
 def find_elevation_deg(turn: Rotation) -> NDArray[np.float64]:
-    """Angle of elbow less shoulder from straight down, (n,), deg."""
+    """Return the angle between the elbow-shoulder line and the vertical, (n,), deg."""
     up = turn.apply([0.0, 0.0, 1.0])
     return np.asarray(np.degrees(np.arctan2(np.hypot(up[:, 0], up[:, 1]), up[:, 2])))

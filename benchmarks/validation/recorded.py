@@ -36,26 +36,26 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
 }
 
 BROAD_PROSE = f"""\
-Data: the 17 trials of BROAD (Laidig, Caruso, Cereatti, Seel, 2021, CC BY 4.0) that the project has,
-acceleration and angular rate only. The error of a trial is the root mean square angle between the estimated
-and the optical vertical over the moving phase; a score is the mean over trials. *Raw*: sample against sample.
-*Aligned*: the truth is shifted by one constant lag for all trials, the best of a 0.5 ms grid for each
-estimator and rate (BROAD's truth leads its sensors by about 3.8 ms, and rectangular integration hides a part
-of that). 100 Hz is 7/20 of 285.7 Hz by a polyphase filter.
+Data: the project's 17 trials of BROAD (Laidig, Caruso, Cereatti, Seel, 2021, CC BY 4.0), acceleration and
+angular rate only. The error of a trial is the root mean square angle between the estimated and the optical
+vertical over the moving phase; a score is the mean over trials. *Raw*: sample by sample. *Aligned*: the truth
+is shifted by one constant lag for all trials, the best of a 0.5 ms grid for each estimator and rate (BROAD's
+truth leads its sensors by about 3.8 ms, and rectangular integration hides part of that). 100 Hz is 7/20 of
+285.7 Hz by a polyphase filter.
 
 *Even* and *odd* are every second trial in order of name. `smoothed` and `live` were tuned on the even half;
-the odd half was seen while two parameters were chosen, so it is not blind. The peers run as delivered:
-offlineVQF and VQF with their defaults (and offlineVQF once more with its bias clip raised from 2 to
-{RAISED_CLIP_DPS:.0f} deg/s), Madgwick and Mahony of `ahrs` with their default gains, imufusion with its bias
-estimator, a range of 2000 deg/s and rejection of acceleration that is off by more than 10 deg for up to 5 s.
-*{BIAS_ONLY}* is our own without the correction of accelerometer and gyroscope scale from the recording
-itself; where both give the same to the last digit, the correction did not step in."""
+the odd half was seen while two parameters were chosen, so it is not blind. The peers run with their defaults:
+offlineVQF and VQF (and offlineVQF also with its bias clip raised from 2 to {RAISED_CLIP_DPS:.0f} deg/s),
+Madgwick and Mahony of `ahrs` with their default gains, imufusion with its bias estimator, a range of 2000
+deg/s and rejection of acceleration that is off by more than 10 deg for up to 5 s. *{BIAS_ONLY}* is our
+estimator without the correction of accelerometer and gyroscope scale from the recording itself; if both agree
+to the last digit, no correction was applied."""
 
 STRESS_PROSE = f"""\
-The same trials, changed; one configuration of each estimator for all cases. *Offset*: added to all three
-axes of the gyroscope. *No rest*: cut from the first movement to the last. *Clipped*: both sensors cut at
-{CLIPPED_G:.0f} g and {CLIPPED_DPS:.0f} deg/s. Madgwick and Mahony of `ahrs` take minutes for each case
-and are left out. Degrees, aligned as above, raw in brackets."""
+The same trials with changes; one configuration of each estimator for all cases. *Offset*: added to all three
+axes of the gyroscope. *No rest*: cut from the first movement to the last. *Clipped*: both sensors clipped at
+{CLIPPED_G:.0f} g and {CLIPPED_DPS:.0f} deg/s. Madgwick and Mahony of `ahrs` take minutes for each case and
+are omitted. Degrees, aligned as above, raw in brackets."""
 
 
 def offset_a_little(trial: Trial) -> Trial:

@@ -1,4 +1,4 @@
-"""Section (d): simulated shifts through the whole chain, against their truth."""
+"""Section (d): simulated shifts through the whole chain, compared with their truth."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,29 +24,30 @@ BIN_LIMIT_POINTS = 0.3
 BAND = 1.96
 
 PROSE = """\
-A simulated day of work with the sensor on the right upper arm, rounded and clipped as the device would, taken
-through `analyse` with no option set: the software proposes the calibration pose. Compared with the exact
-elevation at every valid row; bins and entries against those of the exact elevation after the same metric
-filter. Not in it: skin and muscle, an error of the pose, holes. The seed decides the day, the specimen of the
-sensor and its noise.
+A simulated day of work with the sensor on the right upper arm, rounded and clipped as by the device, and
+analysed with `analyse` and its default settings: the software proposes the calibration pose. The result is
+compared with the exact elevation at every valid row; bins and entries with those of the exact elevation after
+the same metric filter. Not simulated: skin and muscle, an error of the pose, gaps. The seed determines the
+day, the specimen of the sensor and its noise.
 
-The 95 % band is 1.96 times the standard deviation that the software gives for each second
-(`ElevationSegment.sigma_deg`, the pose left out); the column gives the share of the valid time in which it
-holds the truth. Its weights were fitted on days with even seeds, and so was how far the accelerometer's
-offset wanders (2 to 10 for one hour, 2 and 4 for eight), without the form of the simulated warming. The goal
-is judged on odd seeds.
+The 95 % band is 1.96 times the standard deviation that the software reports for each second
+(`ElevationSegment.sigma_deg`, without the pose). The column is the share of the valid time in which the band
+includes the truth. The weights of the band and the random walk of the accelerometer's offset were fitted on
+days with even seeds (2 to 10 for one hour, 2 and 4 for eight), without the form of the simulated warming. The
+goal is judged on odd seeds.
 
-A small error of the angle can move much time: an arm that rests for a minute at 29.9 deg and is read at 30.1
-moves that minute to the next bin, 1.7 points of an hour. The bins are therefore given for the hours and for
-the whole shift."""
+A small error of the angle can move much time: if an arm rests for a minute at 29.9 deg and reads 30.1, that
+minute moves to the next bin, 1.7 points of an hour. The bins are therefore reported for the hours and for the
+whole shift."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShiftResult:
-    """One shift against its truth.
+    """One shift compared with its truth.
 
-    ``fine`` (9,) and ``coarse`` (6,) are errors of the bins in percentage points, ``entries`` what was
-    counted and what was true at 30, 60 and 90 deg, ``covered`` the share of valid rows within the band.
+    ``fine`` (9,), ``coarse`` (6,): errors of the bins in percentage points.
+    ``entries``: counted and true entries at 30, 60 and 90 deg.
+    ``covered_percent``: share of valid rows within the band.
     """
 
     seed: int
@@ -101,14 +102,14 @@ def run_shift(device: Device, hours: float, seed: int) -> ShiftResult:
 
 
 def _publish(worn: Worn, valid: NDArray[np.bool_]) -> float:
-    """RMSE of `published` on the same shift."""
+    """Return the RMSE of `published` on the same shift."""
     samples = calibrate(worn.recording)
     found_deg = estimate_elevation(samples, "published").segments[0].elevation_deg
     return find_rmse_deg((found_deg - at_rows(worn.truth_deg, len(valid)))[valid])
 
 
 def _cover(found: ElevationSegment, error_deg: NDArray[np.float64]) -> float | None:
-    """Share of the valid rows whose error lies within 1.96 sigma; None where no sigma is given."""
+    """Return the share of the valid rows whose error is within 1.96 sigma; None without a sigma."""
     sigma_deg = found.sigma_deg
     if sigma_deg is None:
         return None
@@ -188,7 +189,7 @@ def judge_shifts(label: str, results: Mapping[Device, Sequence[ShiftResult]]) ->
 
 
 def _judge_band(head: str, shifts: Sequence[ShiftResult]) -> list[Goal]:
-    """Only on odd seeds, which the weights of the uncertainty were not fitted on."""
+    """Return the goal for odd seeds only, because the weights of the uncertainty were fitted on even ones."""
     covered = [s.covered_percent for s in shifts if s.covered_percent is not None and s.seed % 2]
     if not covered:
         return []

@@ -1,8 +1,8 @@
-"""Upper-arm motion with a sensor on the skin: daily tasks of four seated persons, five minutes in all.
+"""Upper-arm motion with a sensor on the skin: daily tasks of four seated persons, five minutes in total.
 
-Optical motion capture (UE_ADLdatabase, MIT License). A plate strapped to the upper arm, as a sensor is, was
-measured beside the humerus. The axial rotation of the humerus comes from that plate, so that the plate moves
-in elevation and plane, hardly about the arm's axis.
+Optical motion capture (UE_ADLdatabase, MIT License). A plate strapped to the upper arm like a sensor was
+measured together with the humerus. The axial rotation of the humerus comes from that plate, so the plate
+moves in elevation and plane, hardly about the arm axis.
 """
 
 from collections.abc import Sequence
@@ -22,11 +22,11 @@ from benchmarks.validation.real_clips import (
 from fusion.recording import Float64Array
 
 LOW_DEG = 25.0
-"""Below this elevation the plate's mean orientation is the person's mounting: there it is that of the arm."""
+"""Below this elevation the plate's mean orientation defines the person's mounting: it is that of the arm."""
 
 
 def load_skin_library(folder: Path, *, is_rigid: bool) -> dict[str, list[Clip]]:
-    """Return all trials by person; ``is_rigid``: the plate stays where it is on average at low elevation.
+    """Return all trials by person; ``is_rigid``: the plate stays at its mean position at low elevation.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def _load_trial(arm: dict[str, Float64Array], trial: int) -> Clip:
 
 
 def _mount(clips: list[Clip], *, is_rigid: bool) -> list[Clip]:
-    """Return the clips with the plate in the frame in which it is the arm's, on average, at low elevation."""
+    """Return the clips with the plate's frame aligned with the arm's, on average, at low elevation."""
     plates = [clip.plate for clip in clips if clip.plate]
     is_low = np.concatenate([find_elevation_deg(clip.turn) < LOW_DEG for clip in clips])
     to_sensor = Rotation.concatenate([plate.turn for plate in plates])[is_low].mean().inv()
@@ -73,7 +73,7 @@ def _mount(clips: list[Clip], *, is_rigid: bool) -> list[Clip]:
 
 
 class Strap:
-    """The plate of one person in any posture: linear in the vertical as the arm sees it.
+    """The plate of one person in any posture: linear in the vertical in the arm's frame.
 
     Fitted to the person's clips by least squares; for ``Track``, whose held postures have no measured plate.
     """
@@ -85,7 +85,7 @@ class Strap:
         self._slopes = np.linalg.lstsq(postures, np.vstack(measured), rcond=None)[0]
 
     def __call__(self, turn: Rotation) -> Plate:
-        """Return the plate while the arm is turned so."""
+        """Return the plate for an orientation of the arm."""
         fitted = _describe(turn) @ self._slopes
         return Plate(Rotation.from_rotvec(fitted[:, :3]), fitted[:, 3:])
 

@@ -1,9 +1,9 @@
-"""How far a sensor on the skin reads from the humerus, with one pose and with two.
+"""Compare a sensor on the skin with the humerus, with one pose and with two.
 
     python -m benchmarks.validation.soft_tissue [--data DIR] [--seeds N]
 
 Half an hour of one person's recorded tasks, once on the plate as it moved and once on a rigid one. The plate
-has not been measured in the poses: held postures take it from a line fitted to the person's clips.
+was not measured in the poses: held postures take it from a line fitted to the person's clips.
 """
 
 import argparse
@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.validation.document import Section, draw_table
 from benchmarks.validation.peers import QUICK
 from benchmarks.validation.pose_error import KINDS, Ranged, holds, read_turned
-from benchmarks.validation.real_clips import CLIP_HZ, Clip, Track, feel
+from benchmarks.validation.real_clips import CLIP_HZ, Clip, Track, compute_readings
 from benchmarks.validation.skin_clips import Strap, load_skin_library
 from benchmarks.validation.worn import (
     DEVICES,
@@ -50,22 +50,22 @@ READINGS = (HANGING, TWO_POINT, SCALED)
 PROSE = """\
 Tasks of four seated people ({minutes:.0f} minutes, optical motion capture with a plate strapped to the upper
 arm; UE_ADLdatabase, MIT License), in half-hour days: each person {seeds} times on each device ({devices}).
-*Skin*: the sensor moves as the plate did. *Rigid*: the same days, the plate fixed. Errors are read less true
-elevation of the humerus, deg, over both devices: mean ± standard deviation, of bands with a minute or more.
-*Hanging*: the window of the N-pose is given. *Two-point*: hanging and level are given. *Scaled at level*:
-hanging is given, and angles are multiplied so that the level pose reads 90 deg; the software does not do
-this. Poses are held exactly; in them the plate is extrapolated from the tasks. Axial rotation of the skin is
-not in the data, because its humerus takes the rotation from the plate."""
+*Skin*: the sensor moves as the plate did. *Rigid*: the same days with the plate fixed. Errors are measured
+minus true elevation of the humerus, deg, over both devices: mean ± standard deviation, for bands with at
+least a minute. *Hanging*: the window of the N-pose is given. *Two-point*: hanging and level are given.
+*Scaled at level*: hanging is given, and angles are multiplied so that the level pose reads 90 deg; the
+software does not do this. Poses are held exactly; in them the plate is extrapolated from the tasks. The data
+does not include axial rotation of the skin, because the rotation of its humerus comes from the plate."""
 RANGES_PROSE = """\
 The same days on skin with the hanging pose: the share of figures (time above, bins, entries, percentiles)
-whose 95 % range holds the truth if a standard deviation is added in squares to that of the angle. The pose is
-held exactly / off by a normal deviate of {sigma:g} deg. *Width*: of the ranges of time above 30, 60 and 90
+whose 95 % range includes the truth if a standard deviation is added in squares to that of the angle. The pose
+is held exactly / off by a normal deviate of {sigma:g} deg. *Width*: of the ranges of time above 30, 60 and 90
 deg, mean, points."""
 LIVE_PROSE = """\
-`live` beside VQF's real-time filter, the same tasks for ten minutes without a pause. RMSE over the days of
-each device, deg (worst day). *After the poses*: both saw the arm held still first. *From the work on*: both
-begin after the poses, with no still moment but those of the work. The axis is gravity's mean in the hanging
-pose, the accelerometer is not corrected. VQF takes no gyroscope bias beyond 2 deg/s for possible."""
+`live` and VQF's real-time filter, with the same tasks for ten minutes without a pause. RMSE over the days of
+each device, deg (worst day). *After the poses*: both received the held poses first. *From the work on*: both
+start after the poses, so only the work has still moments. The axis is gravity's mean in the hanging pose; the
+accelerometer is not corrected. VQF limits the gyroscope bias to 2 deg/s."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,14 +85,14 @@ Poses = tuple[tuple[float, float], ...]
 def make_day(
     clips: Sequence[Clip], seed: int, day_s: float = DAY_S, pause_share: float = PAUSE_SHARE
 ) -> tuple[ArmState, Poses]:
-    """Hold the arm hanging, then level, and do the person's tasks with pauses between."""
+    """Return a day: the arm hangs, then is level, then does the person's tasks with pauses."""
     track = Track(np.random.default_rng([seed, zlib.crc32(b"skin")]), Strap(clips))
     poses_s = (track.hold(Rotation.identity(), POSE_S), track.hold(_raise_level(clips), POSE_S))
     while track.length_s < day_s:
-        track.go_on_with_nearest(clips)
+        track.append_nearest(clips)
         if track.chance.random() < pause_share:
             track.pause()
-    return feel(track.join(), RATE_HZ), poses_s
+    return compute_readings(track.join(), RATE_HZ), poses_s
 
 
 def _raise_level(clips: Sequence[Clip]) -> Rotation:
@@ -112,7 +112,7 @@ def wear_days(folder: Path, carrier: str, seeds: int) -> Iterator[tuple[str, int
 
 
 def wear(state: ArmState, poses_s: Poses, device: Device, seed: int) -> WornDay:
-    """Read a day with a specimen of the device."""
+    """Record a day with a specimen of the device."""
     return record_motion(state, RATE_HZ, device, np.random.default_rng([seed, 2]), poses_s)
 
 
@@ -135,7 +135,7 @@ def read_day(person: str, carrier: str, worn: WornDay) -> tuple[list[Read], Anal
 
 
 def draw_errors(days: Sequence[Read]) -> str:
-    """Draw mean and standard deviation by band, a row for each carrier and reading, then each person."""
+    """Return mean and standard deviation by band, a row for each carrier and reading, then each person."""
     rows = []
     for carrier in CARRIERS:
         for reading in READINGS:
@@ -165,7 +165,7 @@ def _describe(some: Sequence[Read]) -> list[str]:
 
 
 def draw_ranges(ranges: Mapping[tuple[float, float], list[Ranged]]) -> str:
-    """Draw how many ranges hold the truth, a row for each added standard deviation."""
+    """Return how many ranges include the truth, a row for each added standard deviation."""
     rows = []
     for extra_deg in EXTRA_SIGMAS_DEG:
         every = [ranges[off_deg, extra_deg] for off_deg in (0.0, HELD_SIGMA_DEG)]
@@ -178,7 +178,7 @@ def draw_ranges(ranges: Mapping[tuple[float, float], list[Ranged]]) -> str:
 
 
 def draw_live(folder: Path, seeds: int) -> str:
-    """Draw how `live` and real-time VQF read the same days, a row for each carrier and device."""
+    """Return the errors of `live` and real-time VQF on the same days, a row for each carrier and device."""
     found: dict[tuple[str, str], list[list[float]]] = {}
     for carrier, is_rigid in CARRIERS.items():
         for clips in load_skin_library(folder, is_rigid=is_rigid).values():
@@ -209,10 +209,10 @@ def draw_live(folder: Path, seeds: int) -> str:
 
 
 def compare_soft_tissue(folder: Path, seeds: int = SEEDS) -> Section:
-    """Return the section; where the data is absent, it only names what is missing."""
+    """Return the section; without the data, it only names what is missing."""
     title = "A sensor on the skin"
     if not folder.is_dir():
-        return Section(title, (f"Skipped: {folder.name} is not there.",))
+        return Section(title, (f"Skipped: {folder.name} is missing.",))
     days: list[Read] = []
     ranges: dict[tuple[float, float], list[Ranged]] = {}
     for carrier, is_rigid in CARRIERS.items():

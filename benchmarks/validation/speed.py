@@ -1,4 +1,4 @@
-"""Section (e): what eight hours cost, every estimator in turn in one process; and the memory it takes."""
+"""Section (e): the cost of eight hours, every estimator in turn in one process; and the memory."""
 
 import os
 import subprocess
@@ -30,12 +30,12 @@ OURS = "smoothed"
 COLD = "benchmarks.validation.cold"
 
 PROSE = f"""\
-Eight hours of a simulated recording (a quarter of an hour, repeated), float32 as the readers give it.
-`smoothed` is the whole elevation path: still moments, bias, accelerometer, calibration, fusion, angle.
-The peers get arrays in their own units and give quaternions. All estimators run in turn, {ROUNDS} rounds
-after one that warms up, in one process and one thread; the figure is the median of the processor time,
-wall time in the next column. imufusion (its Python loop) and the filters of `ahrs` run over {PIECE_S:.0f}
-s only, scaled to eight hours."""
+Eight hours of a simulated recording (a quarter of an hour, repeated), float32 as from the readers. `smoothed`
+is the whole elevation path: still moments, bias, accelerometer, calibration, fusion, angle. The peers get
+arrays in their own units and return quaternions. All estimators run in turn, {ROUNDS} rounds after a warm-up,
+in one process and one thread. The figure is the median of the processor time, with the wall time in the next
+column. imufusion (its Python loop) and the filters of `ahrs` run over {PIECE_S:.0f} s only, scaled to eight
+hours."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,12 +53,12 @@ def compare_speed() -> Section:
         paragraphs += [f"### 8 h at {rate_hz:.0f} Hz", _draw_costs(costs)]
         what = f"8 h at {rate_hz:.0f} Hz, `smoothed`, one core, warm"
         goals.append(judge(what, costs[OURS].cpu_s, LIMITS_S[rate_hz], "s", 2))
-    paragraphs += ["### Memory and first call, each in a process of its own", *_measure_cold(goals)]
+    paragraphs += ["### Memory and first call, each in a separate process", *_measure_cold(goals)]
     return Section("Speed", (), tuple(goals), tuple(paragraphs))
 
 
 def repeat_quarter(rate_hz: float, hours: float = HOURS) -> Recording:
-    """Many hours from a simulated quarter of an hour."""
+    """Return many hours from a simulated quarter of an hour."""
     quarter = wear(simulate_shift("gt9x" if rate_hz < 300.0 else "lsm9ds1", 0.25, 1, rate_hz)).recording
     piece = quarter.segments[0]
     rows = round(hours * 3600 * rate_hz)
@@ -83,7 +83,7 @@ def measure_rate(rate_hz: float) -> Mapping[str, Cost]:
 
 
 def _prepare(recording: Recording, rate_hz: float) -> dict[str, tuple[Callable[[], object], float]]:
-    """Each estimator ready to run, and how many times longer eight hours are than what it runs over."""
+    """Return each estimator ready to run, and the ratio of eight hours to its input."""
     segment = recording.segments[0]
     gyr, acc = to_vqf(segment.acc_g.astype(np.float64), segment.gyr_dps.astype(np.float64))
     rows = slice(0, round(PIECE_S * rate_hz))
@@ -116,12 +116,12 @@ def _draw_costs(costs: Mapping[str, Cost]) -> str:
 
 
 def _measure_cold(goals: list[Goal]) -> list[str]:
-    """Peak memory above the input, and how long the first call takes with and without compiled code."""
+    """Return peak memory beyond the input, and the time of the first call with and without compiled code."""
     rows = []
     for rate_hz in RATES_HZ:
         what = f"peak above the input, 8 h at {rate_hz:.0f} Hz"
         (above_mib,) = _ask("memory", str(rate_hz))
-        rows.append([what, f"{above_mib:.0f} MiB, the result included"])
+        rows.append([what, f"{above_mib:.0f} MiB, including the result"])
         goals.append(judge(what, above_mib, 200.0, "MiB", 0))
     with tempfile.TemporaryDirectory() as cache:
         for what, limit_s in (("first call after installation", 2.0), ("first call later", 0.3)):
@@ -132,7 +132,7 @@ def _measure_cold(goals: list[Goal]) -> list[str]:
 
 
 def _ask(*question: str, cache: Path | None = None) -> list[float]:
-    """Put a question to a new process, where need be with a cache of compiled code of its own."""
+    """Measure a value in a new process, optionally with a separate cache of compiled code."""
     environment = os.environ | ({"NUMBA_CACHE_DIR": str(cache)} if cache else {})
     command = [sys.executable, "-m", COLD, *question]
     answer = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)

@@ -1,10 +1,10 @@
-"""What a person states about the pose, and what is made of it, on recorded motion.
+"""Test the statements that a person can make about the pose, on recorded motion.
 
     python -m benchmarks.validation.stated --log FILE [--only KEY ...] [--seeds N]
 
-Days of eight hours: an opening, an hour of work that is repeated, and what happens at noon. Three kinds of
-day: seated work without walking (the skin plates of ``skin_motion``, as measured and fixed to the arm), work
-with walking, and work in which loads are carried with the arm raised (CMU, rigid). Both devices, 25 Hz.
+Days of eight hours: an opening, an hour of work that is repeated, and an event at noon. Three kinds of day:
+seated work without walking (the skin plates of ``skin_motion``, as measured and fixed to the arm), work with
+walking, and work in which loads are carried with the arm raised (CMU, rigid). Both devices, 25 Hz.
 """
 
 import argparse
@@ -22,7 +22,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from benchmarks.validation.document import Goal, Section, draw_table, judge
-from benchmarks.validation.real_clips import STRIDE_TURN_S, Clip, Track, feel, load_library
+from benchmarks.validation.real_clips import STRIDE_TURN_S, Clip, Track, compute_readings, load_library
 from benchmarks.validation.skin_clips import Strap, load_skin_library
 from benchmarks.validation.worn import DEVICES, WornDay, find_rmse_deg, name_devices, record_motion
 from fusion.conventions import CalibrationState
@@ -30,7 +30,7 @@ from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import FusionError
 from fusion.exposure.summary import summarise_exposure
 from fusion.exposure.types import Exposure
-from fusion.numerics import find_angle_deg
+from fusion.numerics import compute_angle_deg
 from fusion.pipeline import Analysis, analyse
 from fusion.quality import Verdict
 from fusion.recording import Float64Array
@@ -55,13 +55,13 @@ PAUSE_SHARE, WALK_S, WALK_SHARE = 0.15, (30.0, 90.0), 0.35
 SLIP_S, TURNED_DEG = 0.5, (50.0, 120.0)
 FIGURE_PERCENTS, ABOVE_60 = (10, 50, 90), 1
 LARGEST_DEG: Mapping[Kind, float] = {"skin": 6.0, "seated": 3.0, "walking": 3.0, "carrying": 3.0}
-"""A result that is called good is not further from the truth than this, root mean square."""
+"""Largest root mean square error of a result with the verdict "good"."""
 
 
 PROSE = """\
-Eight-hour days of recorded motion, seeds 0 to {last}, {devices} at 25 Hz. A day is an opening, one
-hour of work four times, noon (a slip, or lunch), and another hour four times. Seated days are daily tasks of
-four people without walking (UE_ADLdatabase, MIT License); on the skin the sensor moves as a plate on the
+Eight-hour days of recorded motion, seeds 0 to {last}, {devices} at 25 Hz. A day is an opening, one hour of
+work four times, an event at noon (a slip, or lunch), and another hour four times. Seated days are daily tasks
+of four people without walking (UE_ADLdatabase, MIT License); on the skin the sensor moves as a plate on the
 upper arm did. The other days are the work of two people and the steps of one of two walkers (CMU Graphics
 Lab, subjects 01 to 03, left arms; mocap.cs.cmu.edu, free for any use). On days with loads, the arm is raised
 by 50 deg in every walk after noon. The pose is held plumb.
@@ -73,19 +73,20 @@ the share whose 95 % range includes the truth. *Width*: of the range of time abo
 worn and left out, most of one day; a device that clips leaves out seconds. *Asked*: days with a question or a
 caveat about the pose or a slip.
 
-The slip question (12 deg, shares of 0.8 and 0.5) and the sway of a table (0.08 deg/s) were set on the same
-motion and on recordings of real sensors. These days are not a blind test of them."""
-UNSEEN_PROSE = """\
-A slip has no sign if no question is asked (no `W-SLIP`): nothing in the motion before and after it passes for
-walking. On seated days it is fast work that passes for it. The goals leave slips without a sign out."""
+The limits of the slip question (12 deg, shares of 0.8 and 0.5) and of the sway of a table (0.08 deg/s) were
+set on the same motion and on recordings of real sensors. These days are not a blind test of them."""
+UNDETECTED_PROSE = """\
+A slip has no sign if no question is asked (no `W-SLIP`): no motion before and after it looks like walking. On
+seated days, fast work looks like walking. The goals exclude slips without a sign."""
 
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
     """One row: ``table_s`` on a table, ``work_s`` of work before the pose, or no pose at all.
 
-    ``slip_deg``: the sensor slips at noon; ``is_off``: it lies off at noon and is put back turned, with a new
-    pose; ``names_new``: the person names that pose too.
+    ``slip_deg``: the sensor slips at noon.
+    ``is_off``: it is taken off at noon and put back rotated, with a new pose.
+    ``names_new``: the person also states that pose.
     """
 
     name: str
@@ -134,7 +135,7 @@ SCENARIOS: Mapping[str, Scenario] = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Piece:
-    """A stretch of motion that begins and ends with the arm hanging at rest; its poses, s from its start."""
+    """A stretch of motion that starts and ends with the arm hanging at rest; its poses, s from its start."""
 
     state: ArmState
     poses_s: tuple[tuple[float, float], ...] = ()
@@ -142,13 +143,13 @@ class Piece:
 
     @property
     def length_s(self) -> float:
-        """How long it lasts."""
+        """Its duration."""
         return len(self.state.elevation_deg) / RATE_HZ
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Person:
-    """What one person does: work, steps, and how a plate lies on the skin, if one was measured."""
+    """The data of one person: work, steps, and the plate on the skin, if measured."""
 
     work: list[Clip]
     strides: list[Clip]
@@ -157,7 +158,7 @@ class Person:
 
 @dataclass(frozen=True, slots=True)
 class Subject:
-    """Whose days of which kind; ``data``: the folder of the recorded motion."""
+    """The person and kind of a day; ``data``: the folder of the recorded motion."""
 
     kind: Kind
     seed: int
@@ -177,12 +178,12 @@ def load_person(subject: Subject) -> Person:
 
 
 def raise_arm(clip: Clip) -> Clip:
-    """Return a walk in which the arm carries a load before the body."""
+    """Return a walk in which the arm carries a load in front of the body."""
     return replace(clip, turn=clip.turn * Rotation.from_rotvec([np.radians(CARRIED_DEG), 0.0, 0.0]))
 
 
 class Choreography:
-    """A track that begins and ends with the arm hanging."""
+    """A track that starts and ends with the arm hanging."""
 
     def __init__(self, person: Person, chance: np.random.Generator) -> None:
         self.person, self.chance = person, chance
@@ -201,7 +202,7 @@ class Choreography:
         """Move without a pause while the sensor is strapped on."""
         until_s = self.track.length_s + STRAP_ON_S
         while self.track.length_s < until_s:
-            self.track.go_on_with_nearest(self.person.work)
+            self.track.append_nearest(self.person.work)
 
     def work(self, until_s: float, *, is_carrying: bool = False) -> None:
         """Work, walk and pause."""
@@ -209,25 +210,25 @@ class Choreography:
             if self.person.strides and self.chance.random() < WALK_SHARE:
                 self._walk(min(until_s, self.track.length_s + self.chance.uniform(*WALK_S)), is_carrying)
                 continue
-            self.track.go_on_with_nearest(self.person.work)
+            self.track.append_nearest(self.person.work)
             if self.chance.random() < PAUSE_SHARE:
                 self.track.pause()
 
     def _walk(self, until_s: float, is_carrying: bool) -> None:  # noqa: FBT001
         steps = [raise_arm(clip) for clip in self.person.strides] if is_carrying else self.person.strides
-        self.track.go_on_with_nearest(steps)
+        self.track.append_nearest(steps)
         while self.track.length_s < until_s:
-            self.track.go_on(steps[int(self.chance.integers(len(steps)))], STRIDE_TURN_S)
+            self.track.append(steps[int(self.chance.integers(len(steps)))], STRIDE_TURN_S)
 
     def finish(self, worn_from_s: float = 0.0) -> Piece:
-        """End with the arm hanging, and feel what a sensor does."""
+        """End with the arm hanging, and return the readings of an ideal sensor."""
         self.hang(SEAM_S)
-        return Piece(feel(self.track.join(), RATE_HZ), tuple(self.poses_s), worn_from_s)
+        return Piece(compute_readings(self.track.join(), RATE_HZ), tuple(self.poses_s), worn_from_s)
 
 
 @lru_cache(maxsize=12)
 def work_an_hour(subject: Subject, *, is_late: bool = False) -> Piece:
-    """Return an hour of work, which a day repeats; of carriers, loads are carried after noon."""
+    """Return an hour of work, which a day repeats; for "carrying", loads are carried in the afternoon."""
     choreography = Choreography(load_person(subject), np.random.default_rng([subject.seed, 1, is_late]))
     choreography.hang(SEAM_S)
     choreography.work(HOUR_S, is_carrying=subject.kind == "carrying" and is_late)
@@ -235,7 +236,7 @@ def work_an_hour(subject: Subject, *, is_late: bool = False) -> Piece:
 
 
 def open_day(scenario: Scenario, subject: Subject) -> Piece:
-    """Return what comes before the first hour."""
+    """Return the part before the first hour."""
     chance = np.random.default_rng([subject.seed, 2, round(scenario.table_s), round(scenario.work_s)])
     choreography = Choreography(load_person(subject), chance)
     worn_from_s = 0.0
@@ -262,7 +263,7 @@ def put_back(subject: Subject) -> tuple[Piece, Piece]:
 
 
 def wear_day(scenario: Scenario, subject: Subject, device: Device, place: int = 0) -> WornDay:
-    """Put a day together and read it with a specimen of the device."""
+    """Assemble a day and record it with a specimen of the device."""
     early, late = work_an_hour(subject), work_an_hour(subject, is_late=True)
     morning = [early] * (HOURS // 2)
     if scenario.has_pose:
@@ -297,7 +298,7 @@ def wear_day(scenario: Scenario, subject: Subject, device: Device, place: int = 
 def _turn_sensor(
     state: ArmState, time_s: Float64Array, at_s: float, angle_deg: float, chance: np.random.Generator
 ) -> ArmState:
-    """Turn the sensor about a direction across the arm, within half a second."""
+    """Rotate the sensor about a direction across the arm, within half a second."""
     about = chance.uniform(0.0, 2.0 * np.pi)
     across = np.array([np.cos(about), np.sin(about), 0.0])
     way = np.clip((time_s - at_s) / SLIP_S, 0.0, 1.0)
@@ -311,7 +312,7 @@ def _turn_sensor(
 
 @dataclass(frozen=True, slots=True)
 class Scored:
-    """One analysis against its truth; ``refused``: the code of the error."""
+    """One analysis compared with its truth; ``refused``: the code of the error."""
 
     key: str
     kind: Kind
@@ -330,7 +331,7 @@ class Scored:
 
 
 def choose_settings(scenario: Scenario, day: WornDay) -> AnalysisSettings:
-    """Return what the person says."""
+    """Return the settings for the person's statement."""
     if scenario.stated == "held":
         return AnalysisSettings(pose_held="start")
     if scenario.stated == "nothing":
@@ -340,7 +341,7 @@ def choose_settings(scenario: Scenario, day: WornDay) -> AnalysisSettings:
 
 
 def score(key: str, subject: Subject, device: Device) -> Scored:
-    """Analyse one day as an uploaded recording is, and compare."""
+    """Analyse one day like an uploaded recording, and compare."""
     scenario, place = SCENARIOS[key], int(key.removeprefix("cut")) if key.startswith("cut") else 0
     day = wear_day(scenario, subject, device, place)
     begun = Scored(key, subject.kind, device, subject.seed)
@@ -364,7 +365,7 @@ def score(key: str, subject: Subject, device: Device) -> Scored:
         verdict=analysis.quality.verdict,
         rmse_deg=find_rmse_deg((found.elevation_deg - day.truth_deg)[rows]),
         cut_s=float((day.worn & ~found.valid).sum() / found.rate_hz),
-        axis_deg=find_angle_deg(calibration.arm_axis, day.arm_axis),
+        axis_deg=compute_angle_deg(calibration.arm_axis, day.arm_axis),
         is_held=_is_held(analysis, day.poses_s[:1]),
         inside=tuple(_list_inside(analysis.exposure, true)),
         widths=tuple(high - low for low, high in list_ranges(analysis.exposure)),
@@ -388,7 +389,7 @@ def list_figures(exposure: Exposure) -> list[float]:
 
 
 def list_ranges(exposure: Exposure) -> list[tuple[float, float]]:
-    """Return the ranges of the same figures; one without a range holds itself alone."""
+    """Return the ranges of the same figures; without a range, the figure itself twice."""
     found = [part.interval for part in exposure.time_above]
     found += [exposure.intervals.get(f"elevation_p{percent}_deg") for percent in FIGURE_PERCENTS]
     pairs = zip(found, list_figures(exposure), strict=True)
@@ -406,7 +407,7 @@ def _list_inside(exposure: Exposure, true: Exposure) -> Iterator[bool]:
 def run(
     keys: Sequence[str], seeds: Sequence[int], log: Path | None = None, data: Path = DATA
 ) -> Iterator[Scored]:
-    """Yield every scenario of every seed, kind and device; a day that is in ``log`` is not run again."""
+    """Yield every scenario of every seed, kind and device; a day in ``log`` is not run again."""
     lines = log.read_text("utf-8").splitlines() if log and log.exists() else []
     known = {(one.key, one.kind, one.device, one.seed): one for one in map(_read_scored, lines)}
     for seed in seeds:
@@ -473,22 +474,22 @@ ASKING = frozenset({
 })  # fmt: skip
 
 
-def is_unseen(day: Scored) -> bool:
+def is_undetected(day: Scored) -> bool:
     """Return whether the sensor slipped and no question was asked."""
     return SCENARIOS[day.key].slip_deg > 0.0 and not day.refused and "W-SLIP" not in day.codes
 
 
 def is_wrong(day: Scored) -> bool:
-    """Return whether a day is called good and is further off than that allows."""
+    """Return whether a day has the verdict "good" but an error above its limit."""
     return day.verdict == "good" and day.rmse_deg > LARGEST_DEG[day.kind]
 
 
-def draw_unseen(scores: Sequence[Scored]) -> str:
+def draw_undetected(scores: Sequence[Scored]) -> str:
     """Return a table of the slips that raised no question, a row for each kind of day and slip."""
     rows = []
     for kind, key in product(KINDS, SCENARIOS):
         days = [day for day in scores if (day.kind, day.key) == (kind, key) and SCENARIOS[key].slip_deg]
-        unseen = [day for day in days if is_unseen(day)]
+        unseen = [day for day in days if is_undetected(day)]
         if days:
             good = sum(day.verdict == "good" for day in unseen)
             worst = f"{max(day.rmse_deg for day in unseen):.1f}" if unseen else "-"
@@ -499,9 +500,9 @@ def draw_unseen(scores: Sequence[Scored]) -> str:
 
 
 def judge_days(scores: Sequence[Scored]) -> Iterator[Goal]:
-    """Yield the goals of each kind of day; slips without a sign are left out."""
+    """Yield the goals of each kind of day; slips without a sign are excluded."""
     for kind, name in KINDS.items():
-        days = [day for day in scores if day.kind == kind and not day.refused and not is_unseen(day)]
+        days = [day for day in scores if day.kind == kind and not day.refused and not is_undetected(day)]
         rows = [row for key in SCENARIOS if (row := [day for day in days if day.key == key])]
         outside = [100.0 - 100.0 * float(np.mean([day.inside for day in row])) for row in rows]
         widths = [float(np.median([day.widths[ABOVE_60] for day in row])) for row in rows]
@@ -525,20 +526,20 @@ def judge_days(scores: Sequence[Scored]) -> Iterator[Goal]:
 
 
 def find_missing(data: Path) -> str:
-    """Return a line that names the recorded motion that is not there; empty if all is."""
+    """Return a line that names the missing recorded motion; empty if all is available."""
     missing = [name for name in ("real_motion", "skin_motion") if not (data / name).is_dir()]
-    return f"Skipped: not there: {', '.join(missing)}." if missing else ""
+    return f"Skipped: missing: {', '.join(missing)}." if missing else ""
 
 
 def compare_on_stated(data: Path, seeds: int, log: Path | None) -> Section:
-    """Return the section; if the data is absent, it only names what is missing."""
+    """Return the section; without the data, it only names what is missing."""
     title = "The pose, as people state it"
     if missing := find_missing(data):
         return Section(title, (missing,))
     scores = list(run(tuple(SCENARIOS), range(seeds), log, data))
     prose = PROSE.format(last=seeds - 1, devices=name_devices())
     return Section(
-        title, (prose, *draw(scores), UNSEEN_PROSE, draw_unseen(scores)), tuple(judge_days(scores))
+        title, (prose, *draw(scores), UNDETECTED_PROSE, draw_undetected(scores)), tuple(judge_days(scores))
     )
 
 

@@ -1,4 +1,4 @@
-"""How far a table lies from a resting arm: the sway of every stillness that was recorded."""
+"""Compare a table with a resting arm: the sway of every recorded still period."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -8,14 +8,14 @@ from scipy.io import loadmat
 
 from benchmarks.validation.document import Goal, Section, draw_table, judge
 from benchmarks.validation.invariance import STANDARD_GRAVITY
-from benchmarks.validation.real_clips import Clip, feel, load_clip
+from benchmarks.validation.real_clips import Clip, compute_readings, load_clip
 from benchmarks.validation.skin_clips import load_skin_library
 from fusion.errors import FusionError
 from fusion.pose.calibrate import (
     TABLE_SWAY_DPS,
     find_still_stretches,
-    measure_asked,
     measure_stretch,
+    measure_window,
     reduce_recording,
 )
 from fusion.readers import read_recording
@@ -29,19 +29,19 @@ BODIES = ("upper_arm", "forearm", "hand", "upper_back", "lower_back", "hip", "he
 WINDOW_S, STEP_S, RATE_HZ = 3.0, 0.5, 100.0
 
 PROSE = f"""\
-The sway of a stillness is how far the angular rate, averaged over quarter seconds, typically lies from its
-median. Below {TABLE_SWAY_DPS:g} deg/s a stillness is a table and no candidate for the pose. *Desk*: real
-sensors that lay still (GT9X, another logger, the rests of BROAD). *Body*: the stillnesses of a standing
-person with 16 sensors (another part, 100 s). *Motion capture*: the calmest {WINDOW_S:g} s of each clip that
-rests, without the noise of a sensor: plates on the skin of seated people; of the 28 clips of walking and
-working people none rests. One worn person and a few clips are little evidence."""
+The sway of a still period is the typical distance of the angular rate, averaged over quarter seconds, from
+its median. With less than {TABLE_SWAY_DPS:g} deg/s a still period counts as a table and cannot be the pose.
+*Desk*: real sensors at rest (GT9X, another logger, the rests of BROAD). *Body*: the still periods of a
+standing person with 16 sensors (another model, 100 s). *Motion capture*: the calmest {WINDOW_S:g} s of each
+clip with a rest, without sensor noise: plates on the skin of seated people; the 28 clips of walking and
+working people have no rest. One person and a few clips are little evidence."""
 
 
 def compare_sway(folder: Path) -> Section:
     """Return the sway of desks, worn sensors and recorded motion."""
     title = "A table and a resting arm"
     if not (folder / "upper_arm").is_dir():
-        return Section(title, ("Skipped: upper_arm is not there.",))
+        return Section(title, ("Skipped: upper_arm is missing.",))
     desks = [sway for recording in _read_desks(folder) for sway in _measure_stills(recording)]
     bodies = {part: list(_measure_body(folder, part)) for part in BODIES}
     library = load_skin_library(folder / "skin_motion", is_rigid=False)
@@ -91,15 +91,15 @@ def _measure_stills(recording: Recording) -> list[float]:
 
 
 def _find_calmest(clip: Clip) -> float:
-    state = feel(clip, RATE_HZ)
+    state = compute_readings(clip, RATE_HZ)
     recording = _record(state.acc_g, state.gyr_dps, RATE_HZ)
     last_s = len(state.acc_g) / RATE_HZ - WINDOW_S
     return min((_measure(recording, start_s) for start_s in np.arange(0.0, last_s, STEP_S)), default=np.inf)
 
 
 def _measure(recording: Recording, start_s: float) -> float:
-    """Return the sway of a window; one that no pose can be in sways without limit."""
+    """Return the sway of a window; infinite if it cannot be a pose."""
     try:
-        return measure_asked(recording, (start_s, start_s + WINDOW_S)).sway_dps
+        return measure_window(recording, (start_s, start_s + WINDOW_S)).sway_dps
     except FusionError:
         return np.inf

@@ -24,27 +24,26 @@ SLOW_TASKS, FAST_TASKS = (1, 2, 4, 5, 7, 8, 9), (3, 6, 10)
 Results = dict[tuple[Device, MethodName, int], TaskFigures]
 
 PROSE = """\
-Five virtual people (seeds 1 to 5) do each task five times, throws nine times; rigid arm, exact truth,
-sensors with offset, scale, misalignment, drift, noise, resolution and range
-(`fusion/simulation/sensor.py`). Each repetition counts from the first movement until the arm hangs again;
-r, RMSE and mean absolute error are taken of a person's pooled repetitions, and the table gives their
-means over people. r is not given (NA) where elevation is quasi-static, as in the paper. All angles rest
-on the N-pose held for 10 s at the start; the simulated arm then hangs plumb, so that no error of the pose
-is in these figures.
+Five virtual people (seeds 1 to 5) do each task five times, throws nine times; rigid arm, exact truth, sensors
+with offset, scale, misalignment, drift, noise, resolution and range (`fusion/simulation/sensor.py`). Each
+repetition counts from the first movement until the arm hangs again. r, RMSE and mean absolute error are
+computed over a person's pooled repetitions, and the table shows their means over people. r is omitted (NA) if
+elevation is quasi-static, as in the paper. All angles depend on the N-pose held for 10 s at the start. The
+simulated arm then hangs plumb, so these figures include no error of the pose.
 
-**Not blind.** The paper gives tempi, not amplitudes. Two of ours were chosen after `published` had been
-seen beside Table 1: the range at 3 Hz was reduced from 45 to 30 deg, and the throws were made harder,
-twice. What agrees or not in size at 3 Hz and in throws is no evidence; the comparison of methods on the
-same motion is. The paper's errors also hold skin, muscle and the error of Xsens MVN itself.
+**Not blind.** The paper states tempos, not amplitudes. Two of our amplitudes were chosen after a comparison
+of `published` with Table 1: the range at 3 Hz was reduced from 45 to 30 deg, and the throws were made harder,
+twice. Agreement in size at 3 Hz and in throws is therefore not evidence; the comparison of methods on the
+same motion is. The paper's errors also include skin, muscle and the error of Xsens MVN itself.
 
 **Three protocols.** *Seated*: all ten tasks of a person are one recording: the pose, then the tasks, and
 after each 20 to 40 s of sitting with the arm in the lap or on a table (our assumption; the paper does not
-say). *Standing*: the same, with the arm hanging in between. *Separate*: each task is a recording of about
-a minute with its own pose. *Seated* is nearest to a session, and the main tables show it: its still
-moments point in several directions, so that the accelerometer can calibrate itself. In the other two the
-arm nearly always hangs when it is still; only the part of the offset along the arm can be found, hence
-their larger errors. *Seated* was added after `smoothed` had exceeded 1 deg in *separate*; the goals are
-judged for all three."""
+state it). *Standing*: the same, with the arm hanging in between. *Separate*: each task is a recording of
+about a minute with its own pose. *Seated* is nearest to a session and is shown in the main tables: its still
+moments have several directions, so the accelerometer can calibrate itself. In the other two the arm nearly
+always hangs when it is still. Only the part of the offset along the arm can then be found, so their errors
+are larger. *Seated* was added after `smoothed` had exceeded 1 deg in *separate*; the goals are judged for all
+three."""
 
 
 def compare_on_tasks() -> Section:
@@ -73,7 +72,7 @@ def wear_sessions(device: Device, *, seated: bool) -> tuple[Worn, ...]:
 
 
 def play_sessions(*, seated: bool) -> Iterable[Results]:
-    """Return each person's results for each device."""
+    """Yield each person's results for each device."""
     for device in DEVICES:
         for worn in wear_sessions(device, seated=seated):
             yield measure(worn, {number: f"repetition {number}" for number in TASKS})
@@ -101,7 +100,7 @@ def measure(worn: Worn, names: Mapping[int, str]) -> Results:
 
 
 def summarise(recordings: Iterable[Results]) -> Results:
-    """Mean over people."""
+    """Return the mean over people."""
     pooled: dict[tuple[Device, MethodName, int], list[TaskFigures]] = {}
     for results in recordings:
         for key, agreement in results.items():
@@ -110,7 +109,7 @@ def summarise(recordings: Iterable[Results]) -> Results:
 
 
 def draw_with_paper(results: Results, device: Device, method: MethodName) -> dict[int, list[str]]:
-    """Three cells for each task: ours, the paper's in brackets."""
+    """Return three cells for each task: ours, the paper's in brackets."""
     cells = {}
     for number in TASKS:
         ours, paper = results[device, method, number], TABLE_1[device][number]
@@ -150,7 +149,7 @@ def judge_smoothed(protocol: str, results: Results) -> tuple[Goal, ...]:
 
 
 def _compare_pattern(results: Results) -> str:
-    """RMSE of `published` beside that of the paper, slow and fast tasks; no goal, as amplitudes are ours."""
+    """Return the RMSE of `published` and of the paper; no goal, because the amplitudes are ours."""
     rows = []
     for device in DEVICES:
         for what, tasks in (("slow tasks", SLOW_TASKS), ("3 Hz and throws", FAST_TASKS)):

@@ -25,15 +25,15 @@ VARIANTS: Mapping[str, PublishedParameters] = {
 }
 
 PROSE = f"""\
-The paper does not give the weight of its slerp. Here is `published` on the GT9X sessions with other time
-constants (a share of 1 - exp(-period / time constant) in each step; the default of the software is
+The paper does not state the weight of its slerp. This table shows `published` on the GT9X sessions with other
+time constants (a share of 1 - exp(-period / time constant) in each step; the default of the software is
 {PublishedParameters().time_constant_s:g} s), and once without the 0.002 Hz high-pass: RMSE in degrees, r in
 brackets. The last line is the root mean square, over the ten tasks, of the difference between this RMSE and
 the paper's."""
 
 
 def draw_sweep(sessions: Sequence[Worn], device: Device) -> str:
-    """Every variant on every task, mean over people, beside the paper."""
+    """Return every variant on every task, mean over people, with the paper's figures."""
     found = {name: _average(sessions, how) for name, how in VARIANTS.items()}
     paper = TABLE_1[device]
     rows = [

@@ -1,4 +1,4 @@
-"""From a simulated wearing of the sensor to a recording, its truth, and what is compared in both."""
+"""Simulated recordings with their truth, and comparisons of both."""
 
 from dataclasses import dataclass
 from datetime import datetime
@@ -30,7 +30,7 @@ class Worn:
 
 
 def wear(shift: SimulatedShift) -> Worn:
-    """Play it and put the samples, as the device rounds and clips them, into a recording."""
+    """Return a recording of the samples, rounded and clipped as by the device."""
     arrays = play_shift(shift)
     segment = Segment(0, arrays.rate_hz, arrays.acc_g, arrays.gyr_dps)
     return Worn(shift, _record(shift.part, shift.device, arrays.start, segment), arrays.elevation_deg)
@@ -46,7 +46,7 @@ def _record(part: Part, device: Device, start: datetime, segment: Segment) -> Re
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WornDay:
-    """A recording, the truth and where it was worn, both (n,), the pose windows, and the first axis (3,)."""
+    """A recording, the truth (n,), whether it was worn (n,), the pose windows, and the first axis (3,)."""
 
     recording: Recording
     truth_deg: Float64Array
@@ -65,7 +65,7 @@ def record_motion(
     worn: BoolArray | None = None,
     first: int = 0,
 ) -> WornDay:
-    """Return what a specimen of the device records from row ``first`` on; without ``worn``, it always is."""
+    """Return the recording of a specimen of the device from row ``first`` on; by default always worn."""
     part, time_s = PARTS[device], np.arange(len(state.elevation_deg)) / rate_hz
     errors = draw_errors(part, rate_hz, time_s[-1], chance)
     readings = sense(state, errors, time_s, chance)
@@ -80,7 +80,7 @@ def record_motion(
 
 
 def at_rows(values: NDArray[Any], count: int) -> NDArray[np.float64]:
-    """Values, one for each sample, at the stamps of ``count`` rows of angle that share the samples evenly."""
+    """Return values, one per sample, at the times of ``count`` rows that share the samples evenly."""
     if len(values) == count:
         return np.asarray(values, np.float64)
     places = np.arange(count) * (len(values) / count)
@@ -97,7 +97,7 @@ def find_rmse_deg(error_deg: NDArray[np.float64]) -> float:
 
 
 def find_rows(worn: Worn, name: str) -> NDArray[np.bool_]:
-    """Rows of all entries of the plan with this name, each until the arm hangs again."""
+    """Return the rows of all entries of the plan with this name, each until the arm hangs again."""
     rows = np.zeros(len(worn.truth_deg), dtype=np.bool_)
     for entry in worn.shift.plan:
         if entry.name == name:

@@ -1,6 +1,6 @@
-"""Files whose angle needs no fusion of ours: motion capture, orientations, ready angles.
+"""Files with an angle or an orientation that need no sensor fusion: motion capture and ready angles.
 
-They serve as the reference of a comparison and, those of motion capture, as recordings of their own.
+They are the reference in a comparison. Motion capture files can also be analysed as recordings.
 """
 
 from collections.abc import Callable
@@ -33,7 +33,7 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class AngleReader:
-    """A format: how it is recognised by its bytes, how it is read."""
+    """A file format: how to recognise it by its bytes, and how to read it."""
 
     layout: str
     recognise: Callable[[Source], bool]
@@ -47,7 +47,7 @@ ANGLE_READERS = (
     AngleReader("dot", tables.recognise_dot, tables.read_dot),
     AngleReader("csv", tables.recognise_named, tables.read_named),
 )
-"""In the order in which they are asked."""
+"""In the order in which they are tried."""
 
 SAMPLES = (
     *(frozenset({"acc_x"}), frozenset({"acc_y"}), frozenset({"acc_z"})),
@@ -57,11 +57,11 @@ NO_OPTIONS = AngleFileOptions()
 
 
 def read_angle_file(file: BinaryIO, file_name: str = "", options: AngleFileOptions = NO_OPTIONS) -> AngleFile:
-    """Read an angle or an orientation, whatever its format.
+    """Read an angle or an orientation from a file of any supported format.
 
     ``file``: binary; can be rewound.
-    ``file_name``: used only to recognise an extension; by default the file object's own name.
-    ``options``: what the person says about the file.
+    ``file_name``: used only for its extension; by default the file object's own name.
+    ``options``: what the person states about the file.
 
     Returns
     -------
@@ -83,14 +83,14 @@ def read_angle_file(file: BinaryIO, file_name: str = "", options: AngleFileOptio
 
 
 def recognise_layout(file: BinaryIO, file_name: str = "") -> str:
-    """Name the format of a file by its first bytes; "" for none of them. The file is rewound."""
+    """Return the format of a file from its first bytes; "" if unknown. The file is rewound."""
     reader = _find_reader(open_source(file, file_name, is_hashed=False))
     file.seek(0)
     return reader.layout if reader else ""
 
 
 def holds_samples(file: BinaryIO) -> bool:
-    """Whether a table also names acceleration and angular rate, and so is to be fused. It is rewound."""
+    """Return whether a table also has acceleration and angular rate, and is therefore fused; rewinds it."""
     source = open_source(file, is_hashed=False)
     file.seek(0)
     return tables.find_layout(source, SAMPLES) is not None

@@ -1,4 +1,4 @@
-"""Ready angles on even grids: our own table of angles, and what any file of angles or orientations holds."""
+"""Ready angles on even grids: the CSV of angles, and the rows of any file of angles or orientations."""
 
 import hashlib
 from collections.abc import Mapping
@@ -29,12 +29,13 @@ from fusion.readers.source import Source, hash_source
 from fusion.recording import MICROSECONDS, Float64Array, FloatArray, IntArray, QualityFlag, Recording, Segment
 from fusion.runs import find_runs
 
-# A ready angle series: a CSV with the columns ``time_s`` and ``elevation_deg``, empty where missing.
+# A ready angle series: a CSV with the columns ``time_s`` and ``elevation_deg``; an empty cell is missing.
 #
-# Delimited by commas, semicolons or tabs; between the latter two, decimals may have a comma (French Excel).
+# Separated by commas, semicolons or tabs. With semicolons or tabs the decimal mark may be a comma (French
+# Excel).
 #
-# Nothing is filled: a hole is a step of more than 1.5 sample periods. Up to 50 ms it is
-# bridged for the filter only, and the bridge is not valid; longer, the segment ends.
+# Missing values are not filled. A step of more than 1.5 sample periods is a gap. A gap of up to 50 ms is
+# bridged for the filter only, and the bridge is not valid; a longer gap ends the segment.
 
 COLUMNS = ("time_s", "elevation_deg")
 LONGEST_BRIDGE_S = 0.05
@@ -49,7 +50,7 @@ MISSING = ["", "NaN", "nan", "NA", "null"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Rows:
-    """The table, shape (n,): NaN where an angle is empty or no number; ``line`` is the place in the file."""
+    """The table, shape (n,): NaN if an angle is empty or not a number; ``line`` is the line in the file."""
 
     time_s: Float64Array
     elevation_deg: Float64Array
@@ -60,7 +61,7 @@ class _Rows:
 
 @dataclass(frozen=True, slots=True)
 class _Layout:
-    """How the table is written."""
+    """The layout of the table."""
 
     names: tuple[str, ...]
     delimiter: str
@@ -69,7 +70,7 @@ class _Layout:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AngleRows:
-    """The rows that hold an angle, shape (n,), and the stamps of the first and the last row of all."""
+    """The rows with an angle, shape (n,), and the times of the first and last of all rows."""
 
     time_s: Float64Array
     elevation_deg: Float64Array
@@ -78,18 +79,18 @@ class AngleRows:
 
 
 def read_angle_series(file: BinaryIO) -> tuple[Recording, Elevation]:
-    """Read a ready angle series, given as an open binary file that can be rewound.
+    """Read a ready angle series from an open binary file that can be rewound.
 
-    The recording's segments carry start and rate but no samples: shape (0, 3).
+    The segments of the recording have a start and a rate but no samples: shape (0, 3).
 
     Raises
     ------
     UnknownFormat
         Not a text table, or without the two columns.
     UnreadableRows
-        More than 5 % of the rows without a time or with something that is not a number.
+        More than 5 % of the rows have no time or a value that is not a number.
     UnusableTime
-        Stamps that do not rise, or are too few for a rate.
+        The times do not increase, or are too few for a rate.
     WrongAngle
         An elevation more than 0.5 deg outside 0 to 180.
     TooShort
@@ -123,14 +124,14 @@ def read_angle_series(file: BinaryIO) -> tuple[Recording, Elevation]:
 
 
 def resample_angles(recording: Recording, series: AngleRows) -> tuple[Recording, Elevation]:
-    """Lay rows of angles on even grids, cut at holes, and give the recording its length, rate and holes.
+    """Resample rows of angles on even grids, split at gaps, and set the recording's length, rate and gaps.
 
     Raises UnusableTime: too few rows for a rate.
     """
     steps_s = np.diff(series.time_s)
     if len(steps_s) == 0:
         raise UnusableTime(why="rows")
-    # the mean of the steps within 1.5 medians, so that rounded stamps average out
+    # the mean of the steps within 1.5 medians, so that rounding of the times averages out
     period_s = float(steps_s[steps_s <= HOLE_PERIODS * np.median(steps_s)].mean())
     longest_s = max(HOLE_PERIODS * period_s, LONGEST_BRIDGE_S + 1e-9)
     edges = [0, *(np.flatnonzero(steps_s > longest_s) + 1).tolist(), len(series.time_s)]
@@ -156,7 +157,8 @@ def _read_rows(file: BinaryIO) -> _Rows:
     if b"\0" in start:
         raise UnknownFormat(kind="binary")
     header = start.decode("utf-8-sig", "replace").splitlines()[0]
-    delimiter = max((",", ";", "\t"), key=header.count)  # between others, a comma is the decimal mark
+    # if another delimiter is used, a comma is the decimal mark
+    delimiter = max((",", ";", "\t"), key=header.count)
     names = tuple(name.strip().strip('"') for name in header.split(delimiter))
     layout = _Layout(names, delimiter, "," if delimiter != "," and b"," in start else ".")
     if not set(COLUMNS) <= set(layout.names):
@@ -165,9 +167,9 @@ def _read_rows(file: BinaryIO) -> _Rows:
 
 
 def _parse(file: BinaryIO, layout: _Layout) -> _Rows:
-    """Read the columns as numbers; where one is none, read them as text and count what is unreadable.
+    """Read the columns as numbers; if that fails, read them as text and count unreadable cells.
 
-    Rows without a time are left out; the file is refused where more than 5 % cannot be read.
+    Rows without a time are skipped. Raises UnreadableRows if more than 5 % cannot be read.
     """
     from pyarrow import compute as pc  # noqa: PLC0415  slow to load, and only this needs it
 
@@ -190,7 +192,7 @@ def _parse(file: BinaryIO, layout: _Layout) -> _Rows:
 
 
 def _parse_columns(file: BinaryIO, layout: _Layout, kind: pa.DataType) -> tuple[pa.Table, int]:
-    """Return the two columns and how many lines had too many or too few values."""
+    """Return the two columns and the number of lines with too many or too few values."""
     broken: list[int | None] = []
 
     def skip_row(row: csv.InvalidRow) -> str:
@@ -236,7 +238,7 @@ def _check_rows(rows: _Rows) -> None:
 
 
 def _make_segment(series: AngleRows, rows: slice, period_s: float) -> ElevationSegment:
-    """Lay a run on an even grid; grid rows inside a short hole are interpolated and not valid."""
+    """Put a run on an even grid; grid rows within a short gap are interpolated and not valid."""
     time_s, elevation_deg = series.time_s[rows], series.elevation_deg[rows]
     steps = np.diff(time_s)
     periods = np.maximum(np.rint(steps / period_s).astype(np.int64), 2)
@@ -252,7 +254,7 @@ def _make_segment(series: AngleRows, rows: slice, period_s: float) -> ElevationS
 
 
 def _flag_missing(segments: tuple[ElevationSegment, ...], duration_us: int) -> tuple[QualityFlag, ...]:
-    """Flag what is missing between the first and the last stamp."""
+    """Return the flag of the time missing between the first and the last timestamp."""
     present_us = sum(int(segment.valid.sum()) * MICROSECONDS / segment.rate_hz for segment in segments)
     missing_s = (duration_us - present_us) / MICROSECONDS
     if missing_s < 0.5 / segments[0].rate_hz:
@@ -260,11 +262,11 @@ def _flag_missing(segments: tuple[ElevationSegment, ...], duration_us: int) -> t
     return (QualityFlag(Caveat.GAP, max(len(segments) - 1, 1), round(missing_s, 6)),)
 
 
-# What a file holds that gives angles without a fusion of ours, and its elevation on even grids.
+# The content of a file with angles or orientations, and its elevation on even grids.
 #
-# An orientation R turns the segment's frame into a world frame whose z points to the zenith, as Xsens exports
-# it (MVN: global frame z up; MT Manager and DOT: ENU). The zenith in the segment's frame is then the third
-# row of R, whatever the heading: elevation needs no more of an orientation than that.
+# An orientation R rotates the segment's frame into a world frame with z up, as Xsens exports it (MVN: global
+# frame z up; MT Manager and DOT: ENU). The zenith in the segment's frame is the third row of R, for any
+# heading. Elevation needs nothing else of the orientation.
 
 Up = NDArray[np.float32]
 """The unit vector to the zenith in the frame of the segment or sensor, shape (n, 3)."""
@@ -272,18 +274,18 @@ Up = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AngleFile:
-    """Rows in the file's own clock, missing ones absent.
+    """Rows in the file's own clock, without missing rows.
 
     ``device``: "mvn", "dot", "other" (MT Manager) or "angles".
-    ``time_s``: shape (n,), rising. The file's own time column; where it has none, seconds from its first row.
-    ``first_s``, ``last_s``: the file's clock at its first and its last row, missing ones counted.
-    ``elevation_deg``: shape (n,), float32: 0 hanging, 90 level, 180 overhead; None as long as the arm's axis
-    is not known.
-    ``up``: shape (n, 3), float32: the unit vector to the zenith in the frame of the segment or sensor; None
-    where the file holds ready angles.
-    ``axis``: shape (3,), unit: along the upper arm towards the shoulder in that frame; None where it is not
+    ``time_s``: shape (n,), increasing. The file's own time column; if it has none, seconds from its first
+    row.
+    ``first_s``, ``last_s``: the file's clock at its first and last row, including missing rows.
+    ``elevation_deg``: shape (n,), float32: 0 hanging, 90 level, 180 overhead; None until the arm axis is
     known.
-    ``understood``: what the reader took the file for, for people.
+    ``up``: shape (n, 3), float32: the unit vector to the zenith in the frame of the segment or sensor; None
+    if the file contains ready angles.
+    ``axis``: shape (3,), unit vector along the upper arm towards the shoulder in that frame; None if unknown.
+    ``understood``: the reader's interpretation of the file, for people.
     """
 
     device: str
@@ -301,16 +303,17 @@ class AngleFile:
 
 @dataclass(frozen=True, slots=True)
 class AngleFileOptions:
-    """What the person says about a file.
+    """The person's statements about a file.
 
-    ``side``: which arm of an MVNX, the right one where nothing is said; ``rate_hz``: for files without time.
+    ``side``: which arm of an MVNX; the right one by default.
+    ``rate_hz``: for files without time.
     """
 
     side: str | None = None
     rate_hz: float | None = None
 
 
-def keep_orientation(
+def build_orientation_file(
     device: str,
     source: Source,
     time_s: Float64Array,
@@ -318,7 +321,7 @@ def keep_orientation(
     understood: Mapping[str, str],
     start: datetime | None = None,
 ) -> AngleFile:
-    """Keep the rows, times (n,) and zenith (n, 3), that hold an orientation."""
+    """Return the rows with an orientation, from times (n,) and zenith vectors (n, 3)."""
     present = np.isfinite(up).all(axis=1)
     return AngleFile(
         device=device,
@@ -332,31 +335,33 @@ def keep_orientation(
     )
 
 
-# From the rows of a file to an elevation; the arm's axis from the pose where it is unknown.
+# From the rows of a file to an elevation; the arm axis comes from a still period if it is unknown.
 
 SHORTEST_QUATERNION = 0.5
-"""Quaternions shorter than this are no rotation: the row is missing. Xsens writes unit ones to 1e-6."""
+"""A shorter quaternion is not a rotation: the row is missing. Xsens writes unit quaternions to 1e-6."""
 STILL_S, STILL_DEG, LEAST_ROWS = 2.0, 3.0, 10
 STEADY = 0.99
-"""Length of the mean vertical over the calibration: below it the sensor turned by about 8 deg or more."""
+"""Length of the mean vertical over the calibration; a lower value means that the sensor turned by about 8 deg
+or more.
+"""
 
 
-def take_up_of_quaternion(quaternion_wxyz: Float64Array) -> Up:
-    """Return the third row of R for each quaternion (n, 4), segment to world; NaN where it is none."""
+def compute_up_from_quaternion(quaternion_wxyz: Float64Array) -> Up:
+    """Return the third row of R for each quaternion (n, 4), segment to world; NaN if it is not a rotation."""
     w, x, y, z = _scale_to_unit(quaternion_wxyz).T
     up = np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=1)
     return up.astype(np.float32)
 
 
-def take_up_of_euler(roll_deg: Float64Array, pitch_deg: Float64Array) -> Up:
+def compute_up_from_euler(roll_deg: Float64Array, pitch_deg: Float64Array) -> Up:
     """Return the third row of R = Rz(yaw) Ry(pitch) Rx(roll), Xsens's order (aerospace sequence)."""
     roll, pitch = np.radians(roll_deg), np.radians(pitch_deg)
     up = [-np.sin(pitch), np.cos(pitch) * np.sin(roll), np.cos(pitch) * np.cos(roll)]
     return np.stack(up, axis=1).astype(np.float32)
 
 
-def take_up_of_row(third_row: Float64Array) -> Up:
-    """Return the third row of R, (n, 3), at length one; NaN where it has none."""
+def compute_up_from_row(third_row: Float64Array) -> Up:
+    """Return the third row of R, (n, 3), at unit length; NaN if it is missing."""
     return _scale_to_unit(third_row).astype(np.float32)
 
 
@@ -367,12 +372,12 @@ def _scale_to_unit(rows: Float64Array) -> Float64Array:
 
 
 def measure_from_up(up: Up, axis: Float64Array) -> NDArray[np.float32]:
-    """Return the elevation of an axis that points to the shoulder: 0 where it points to the zenith."""
+    """Return the elevation of an axis that points to the shoulder: 0 if it points to the zenith."""
     return measure_elevation(np.ascontiguousarray(up), axis)
 
 
 def resample_file(file: AngleFile, values: FloatArray) -> tuple[Recording, Elevation]:
-    """Resample values, one for each row, on even grids, cut at holes; as a recording without samples."""
+    """Resample values, one per row, on even grids, split at gaps, as a recording without samples."""
     rows = AngleRows(file.time_s, np.asarray(values, np.float64), file.first_s, file.last_s)
     zone = file.start.tzname() if file.start else None
     empty = Recording(
@@ -382,7 +387,7 @@ def resample_file(file: AngleFile, values: FloatArray) -> tuple[Recording, Eleva
 
 
 def calibrate_file(file: AngleFile, window_s: tuple[float, float]) -> AngleFile:
-    """Take the direction of the vertical while the arm hung (file's clock) as the arm's axis.
+    """Use the direction of the vertical while the arm hung (file's clock) as the arm axis.
 
     Raises UnknownAxis: no row in that time, or the sensor turned.
     """
@@ -398,9 +403,9 @@ def calibrate_file(file: AngleFile, window_s: tuple[float, float]) -> AngleFile:
 
 
 def calibrate_alone(file: AngleFile, windows_s: tuple[tuple[float, float], ...]) -> AngleFile:
-    """Return an orientation with its arm axis: at the time asked for, else in its first still 2 s.
+    """Return an orientation with its arm axis, from the requested time or from its first still 2 s.
 
-    Raises UnknownAxis: the sensor did not hang still in the time asked for, or never.
+    Raises UnknownAxis: the sensor did not hang still in the requested time, or never did.
     """
     if file.elevation_deg is not None:
         return file
@@ -412,7 +417,7 @@ def calibrate_alone(file: AngleFile, windows_s: tuple[tuple[float, float], ...])
 
 
 def _find_still(file: AngleFile) -> tuple[float, float]:
-    """Find the first 2 s in which the vertical stays within 3 deg of its mean; from the first row."""
+    """Return the first 2 s with the vertical within 3 deg of its mean, in seconds from the first row."""
     if file.up is None:
         raise UnknownAxis
     time_s = file.time_s - file.first_s

@@ -1,7 +1,7 @@
-"""Our own ``elevation.parquet``, both versions, and ``truth.parquet``, which has no ``valid``.
+"""Read ``elevation.parquet`` in both versions, and ``truth.parquet``, which has no ``valid``.
 
-``acromion.elevation/2`` holds whole numbers: ``time_us`` from the first sample, ``elevation_cdeg`` (0.01 deg,
-so that an angle is at most 0.005 deg off; null where no angle was measured) and ``valid``. Version 1 held
+``acromion.elevation/2`` contains integers: ``time_us`` from the first sample, ``elevation_cdeg`` (0.01 deg,
+so the rounding error is at most 0.005 deg; null if no angle was measured) and ``valid``. Version 1 contained
 ``time_s``, ``elevation_deg`` and ``valid``.
 """
 
@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from fusion.angle_files.angle_series import HOLE_PERIODS, AngleFile, AngleFileOptions
-from fusion.angle_files.tables import check_times, keep_angles
+from fusion.angle_files.tables import build_angle_file, check_times
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import UnknownColumns, UnreadableFile
 from fusion.readers import RecordingFile
@@ -33,7 +33,7 @@ STEPS_PER_DEG = 100
 
 @dataclass(frozen=True, slots=True)
 class Form:
-    """How a version writes time and angle: its columns, and how many of their units make 1 s and 1 deg."""
+    """Columns of a version, and how many of their units make 1 s and 1 deg."""
 
     time: str
     angle: str
@@ -46,9 +46,9 @@ FORMS = (
     Form("time_s", "elevation_deg", 1, 1),
 )
 UNREADABLE = (pa.ArrowException, OSError, UnicodeDecodeError)
-"""What Parquet's own reader raises over a damaged file; the last where a name is no text."""
+"""Exceptions that Parquet's reader raises for a damaged file; the last one if a name is not text."""
 LEAST_ANGLE_BYTES = 0.1
-"""What a row takes of the file at least, beyond two days of them; one of a worn arm takes 0.5 to 1."""
+"""Least size of a row in the file, beyond two days of rows; a row of a worn arm takes 0.5 to 1 byte."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,9 +56,9 @@ class ElevationRows:
     """The rows of a file.
 
     ``time_s``: shape (n,), from the first sample.
-    ``elevation_deg``: shape (n,), float32: NaN where none was measured.
+    ``elevation_deg``: shape (n,), float32; NaN if not measured.
     ``valid``: shape (n,). Fused and trusted.
-    ``column``: what the file calls the angle.
+    ``column``: the name of the angle column.
     """
 
     time_s: Float64Array
@@ -71,7 +71,7 @@ class ElevationRows:
 
 
 def recognise(source: Source) -> bool:
-    """Parquet with our two columns; a Parquet of samples is for the readers of recordings."""
+    """Return whether it is Parquet with our two columns; Parquet with samples is read as a recording."""
     if not source.head.startswith(b"PAR1"):
         return False
     try:
@@ -81,18 +81,18 @@ def recognise(source: Source) -> bool:
 
 
 def read(source: Source, _options: AngleFileOptions) -> AngleFile:
-    """Read the angle; what is not valid is missing.
+    """Read the angle; rows that are not valid are missing.
 
-    Raises FusionError: as :func:`read_rows`; times that do not rise, an angle that cannot be.
+    Raises FusionError: as :func:`read_rows`; times that do not increase, or an impossible angle.
     """
     rows = _read_source(source)
     elevation_deg = np.where(rows.valid, rows.elevation_deg, np.nan).astype(np.float64)
     understood = {"layout": "Parquet", "source": rows.column}
-    return keep_angles(source, check_times(rows.time_s), elevation_deg, understood)
+    return build_angle_file(source, check_times(rows.time_s), elevation_deg, understood)
 
 
 def read_elevation(file: RecordingFile) -> Elevation:
-    """Read the angle series that an analysis left as ``elevation.parquet``, of whatever version.
+    """Read the angle series that an analysis saved as ``elevation.parquet``, in any version.
 
     Parameters
     ----------
@@ -102,15 +102,15 @@ def read_elevation(file: RecordingFile) -> Elevation:
     Returns
     -------
     Elevation
-        Runs of even rows, a new one after each hole; NaN where a row has no angle. The file holds neither
-        method nor uncertainty.
+        Runs of even rows, a new run after each gap; NaN if a row has no angle. The file contains neither
+        the method nor the uncertainty.
 
     Raises
     ------
     fusion.errors.FusionError
-        As :func:`read_rows`; times that do not rise.
+        As :func:`read_rows`; times that do not increase.
     OSError
-        A path that cannot be opened.
+        The path cannot be opened.
     """
     rows = read_rows(file)
     if len(rows) > 1:
@@ -132,15 +132,15 @@ def read_elevation(file: RecordingFile) -> Elevation:
 
 
 def read_rows(file: RecordingFile) -> ElevationRows:
-    """Read the rows of an angle series as they stand in the file.
+    """Read the rows of an angle series without changes.
 
     Raises
     ------
     UnknownColumns, UnreadableFile
     fusion.errors.UnsafeArchive, fusion.errors.TooLong
-        More is packed in it than any angle series holds.
+        The compressed data is larger than any angle series.
     OSError
-        A path that cannot be opened.
+        The path cannot be opened.
     """
     if isinstance(file, str | PathLike):
         with Path(file).open("rb") as opened:

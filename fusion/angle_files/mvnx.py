@@ -1,11 +1,11 @@
-"""Xsens MVN's export, MVNX (XML), from MVN 2018 on: the upper arm's segment orientation, frame by frame.
+"""Read MVNX, the XML export of Xsens MVN from MVN 2018 on: the orientation of the upper arm, frame by frame.
 
-The file is read as a stream; a document type and entities are refused. The arm's axis is the file's own: from
-the elbow's point to the shoulder's in the frame of the upper-arm segment (``points/pos_b``), else the
-segment's y axis, which MVN lays along the arm (towards the left of the body, so that it points to the
-shoulder on the right side). Where an export leaves the orientations out, the joint positions give the same
-angle: the direction from the elbow (origin of the forearm) to the shoulder (origin of the upper arm).
-Joint angles are of no use here: MVN's shoulder angles are taken against the trunk, not against gravity.
+The file is read as a stream; a document type and entities are rejected. The arm axis comes from the file:
+from the elbow point to the shoulder point in the frame of the upper-arm segment (``points/pos_b``). Without
+these points it is the segment's y axis, which MVN aligns with the arm (towards the left of the body, so it
+points to the shoulder on the right side). If an export omits the orientations, the joint positions give the
+same angle: the direction from the elbow (origin of the forearm) to the shoulder (origin of the upper arm).
+MVN's joint angles cannot be used: its shoulder angles are relative to the trunk, not to gravity.
 
 Source: Xsens MVN User Manual, chapter on the MVNX format (version 4).
 """
@@ -25,10 +25,10 @@ from fusion.angle_files.angle_series import (
     AngleFile,
     AngleFileOptions,
     Up,
-    keep_orientation,
+    build_orientation_file,
+    compute_up_from_quaternion,
+    compute_up_from_row,
     measure_from_up,
-    take_up_of_quaternion,
-    take_up_of_row,
 )
 from fusion.caveats import Caveat
 from fusion.errors import MissingSegment, RefusedXml, TooShort, UnknownRate
@@ -43,14 +43,15 @@ MOST_LABELS = 4096
 MOST_DEPTH = 64
 MOST_TEXT_SIGNS = 1 << 20
 MOST_SILENT_BYTES = 16 << 20
-"""What MVN writes has a few hundred names and points, is nine elements deep, holds some kilobytes of numbers
-in one element, and no name or comment that goes on for megabytes."""
+"""MVN files have a few hundred names and points, nine levels of elements, some kilobytes of numbers in one
+element, and no name or comment of megabytes.
+"""
 TOWARDS_SHOULDER = {"right": (0.0, 1.0, 0.0), "left": (0.0, -1.0, 0.0)}
-"""MVN lays the segment's y axis along the arm, to the left of the body, in the T-pose."""
+"""MVN aligns the segment's y axis with the arm, towards the left of the body, in the T-pose."""
 
 
 def recognise(source: Source) -> bool:
-    """XML whose root is ``mvnx``, or that may hide one behind a document type."""
+    """Return whether the root of the XML is ``mvnx``, or a document type may hide it."""
     head = source.head.lstrip(b"\xef\xbb\xbf \t\r\n")
     return head.startswith(b"<") and (MARK in source.head or source.extension == ".mvnx")
 
@@ -61,14 +62,14 @@ def read(source: Source, options: AngleFileOptions) -> AngleFile:
     Raises
     ------
     RefusedXml
-        A document type, entities, cut off, not MVNX, or an element that no export holds.
+        A document type, entities, cut off, not MVNX, or an element that no export contains.
     fusion.errors.TooLong
     MissingSegment
         No upper arm of that side, or neither its orientation nor its position.
     UnknownRate
         Neither a frame rate nor times.
     TooShort
-        No frame of a movement.
+        No movement frame.
     """
     side = options.side or DEFAULT_SIDE
     frames = _Frames(side)
@@ -79,7 +80,7 @@ def read(source: Source, options: AngleFileOptions) -> AngleFile:
     since_ms = frames.times[2]  # since 1970, UTC, at the first frame
     start = datetime.fromtimestamp(since_ms / 1000.0, UTC) if 0 < since_ms < LATEST_MS else None
     time_s, understood = _find_times(frames), _describe(frames, side, axis)
-    file = keep_orientation("mvn", source, time_s, up, understood, start)
+    file = build_orientation_file("mvn", source, time_s, up, understood, start)
     assert file.up is not None
     return replace(
         file,
@@ -90,10 +91,10 @@ def read(source: Source, options: AngleFileOptions) -> AngleFile:
 
 
 class _Frames(ContentHandler):
-    """Takes the elements as they come and keeps the numbers of one arm only, packed.
+    """XML handler that stores the numbers of one arm only, packed.
 
-    ``times`` holds three numbers for each frame (index, milliseconds since the start, milliseconds since
-    1970), ``orientation`` four, ``towards`` three (elbow to shoulder, m; only while there is no orientation).
+    ``times`` has three numbers per frame (index, milliseconds since the start, milliseconds since 1970),
+    ``orientation`` four, ``towards`` three (elbow to shoulder, m; only while there is no orientation).
     """
 
     def __init__(self, side: str) -> None:
@@ -113,7 +114,7 @@ class _Frames(ContentHandler):
         self._point = ""
 
     def startElement(self, name: str, attrs: Any) -> None:  # noqa: N802  the name that SAX calls
-        """Note where we are."""
+        """Track the current element."""
         if not self._path and name != "mvnx":
             raise RefusedXml(reason="not MVNX")
         self._path.append(name)
@@ -131,7 +132,7 @@ class _Frames(ContentHandler):
             self._point = attrs.get("label", "")
 
     def characters(self, content: str) -> None:
-        """Keep the text of the few elements that are read."""
+        """Store the text of the few elements that are read."""
         self.events += 1
         if self._path[-1] in {"orientation", "position", "pos_b"}:
             self._text.append(content)
@@ -143,7 +144,7 @@ class _Frames(ContentHandler):
             raise RefusedXml(reason="broken")
 
     def endElement(self, name: str) -> None:  # noqa: N802
-        """Take the numbers of an element that is complete."""
+        """Parse the numbers of a complete element."""
         self.events += 1
         self._path.pop()
         if name == "orientation":
@@ -174,7 +175,7 @@ class _Frames(ContentHandler):
         return "".join(self._text).split()
 
     def _cut(self, label: str, count: int) -> list[float]:
-        """Return the numbers of one segment; none where the frame is shorter than its list of segments."""
+        """Return the numbers of one segment; none if the frame has fewer values than segments."""
         if label not in self.labels:
             return []
         first = self.labels.index(label) * count
@@ -190,7 +191,7 @@ def _to_numbers(words: list[str]) -> list[float]:
 
 
 def _parse(source: Source, frames: _Frames) -> None:
-    """Feed the parser piece by piece; it expands nothing and follows nothing."""
+    """Feed the parser in chunks; it expands no entity and follows no reference."""
     from defusedxml.expatreader import create_parser  # noqa: PLC0415  slow to load, and only this needs it
 
     parser = create_parser(forbid_dtd=True, forbid_entities=True, forbid_external=True)
@@ -214,16 +215,17 @@ def _parse(source: Source, frames: _Frames) -> None:
 
 
 def _find_up(frames: _Frames, side: str) -> tuple[Up, Float64Array]:
-    """Find the zenith in the segment's frame (n, 3) and the axis towards the shoulder."""
+    """Return the zenith in the segment's frame (n, 3) and the axis towards the shoulder."""
     orientation = np.asarray(frames.orientation).reshape(-1, 4)
     if np.isfinite(orientation).any():
-        return take_up_of_quaternion(orientation), _find_axis(frames, side)
+        return compute_up_from_quaternion(orientation), _find_axis(frames, side)
     towards = np.asarray(frames.towards).reshape(-1, 3)
     if not np.isfinite(towards).any():
         raise MissingSegment(segment=frames.arm)
-    # In a frame whose z axis is the arm the zenith leans from z by the elevation, in the x-z plane.
+    # In a frame whose z axis is the arm, the angle between the zenith and z is the elevation, in the x-z
+    # plane.
     across = np.hypot(towards[:, 0], towards[:, 1])
-    up = take_up_of_row(np.stack([across, np.zeros(len(across)), towards[:, 2]], axis=1) * 10.0)
+    up = compute_up_from_row(np.stack([across, np.zeros(len(across)), towards[:, 2]], axis=1) * 10.0)
     return up, np.array([0.0, 0.0, 1.0])
 
 
@@ -236,7 +238,7 @@ def _find_axis(frames: _Frames, side: str) -> Float64Array:
 
 
 def _find_times(frames: _Frames) -> Float64Array:
-    """Return seconds from the first frame: frame numbers over the rate, which nothing rounds."""
+    """Return seconds from the first frame: frame numbers over the rate, because they are not rounded."""
     index, since_ms, _ = np.asarray(frames.times).reshape(-1, 3).T
     rate_hz = float(frames.header.get("subject_frameRate") or "nan")
     if rate_hz > 0 and np.isfinite(index).all() and (np.diff(index) > 0).all():
@@ -259,6 +261,6 @@ def _describe(frames: _Frames, side: str, axis: Float64Array) -> dict[str, str]:
         "rate_hz": frames.header.get("subject_frameRate", ""),
     }
     if frames.pose_orientation is not None:
-        pose_up = take_up_of_quaternion(np.array([frames.pose_orientation]))
+        pose_up = compute_up_from_quaternion(np.array([frames.pose_orientation]))
         understood["t_pose_elevation_deg"] = f"{float(measure_from_up(pose_up, axis)[0]):.1f}"
     return understood

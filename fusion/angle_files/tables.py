@@ -1,4 +1,4 @@
-"""Text tables of angles or orientations: MT Manager, Xsens DOT, and any CSV with a time column."""
+"""Read text tables of angles or orientations: MT Manager, Xsens DOT, and any CSV with a time column."""
 
 import re
 from array import array
@@ -14,10 +14,10 @@ from fusion.angle_files.angle_series import (
     AngleFile,
     AngleFileOptions,
     Up,
-    keep_orientation,
-    take_up_of_euler,
-    take_up_of_quaternion,
-    take_up_of_row,
+    build_orientation_file,
+    compute_up_from_euler,
+    compute_up_from_quaternion,
+    compute_up_from_row,
 )
 from fusion.errors import EmptyFile, MissingSegment, UnknownRate, UnreadableRows, UnusableTime, WrongAngle
 from fusion.readers.samples import check_rows
@@ -33,7 +33,7 @@ NUMBER = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Where the header is and how its fields are separated; ``before`` are the lines above it."""
+    """The position of the header and the delimiter of its fields; ``before`` contains the lines above it."""
 
     header_line: int
     delimiter: str
@@ -43,7 +43,7 @@ class Layout:
 
 
 def find_layout(source: Source, needed: Sequence[frozenset[str]]) -> Layout | None:
-    """Find the line that names at least one of each set of columns (lower case, without spaces)."""
+    """Return the layout whose header has at least one of each set of columns (lower case, without spaces)."""
     lines = source.head.decode("utf-8-sig", "replace").splitlines()[:LINES_LOOKED_AT]
     for number, line in enumerate(lines):
         for delimiter in DELIMITERS:
@@ -63,7 +63,7 @@ def _get_layout(source: Source, needed: Sequence[frozenset[str]]) -> Layout:
 
 
 def read_columns(source: Source, layout: Layout, wanted: Sequence[str]) -> Mapping[str, Float64Array]:
-    """Read columns as numbers, piece by piece; NaN where a field is empty or no number.
+    """Read columns as numbers, in batches; NaN if a field is empty or not a number.
 
     Raises
     ------
@@ -80,7 +80,7 @@ def read_columns(source: Source, layout: Layout, wanted: Sequence[str]) -> Mappi
         return "skip"
 
     source.file.seek(0)
-    # Of columns that are named twice the first keeps its name.
+    # If a column name occurs twice, the first column keeps it.
     names = [
         name if layout.names.index(name) == at and name else f"{name}#{at}"
         for at, name in enumerate(layout.names)
@@ -118,9 +118,10 @@ def _to_numbers(column: pa.Array, decimal: str) -> Float64Array:
     return np.asarray(numbers.to_numpy(zero_copy_only=False), np.float64)
 
 
-# Which columns hold an orientation, by the names that Xsens and others give them.
+# Columns that contain an orientation, by the names of Xsens and others.
 #
-# A matrix before a quaternion before Euler angles, where an export holds several: they are equivalent.
+# If an export has several equivalent forms, a matrix is used before a quaternion, and that before Euler
+# angles.
 
 ORIENTATIONS: Sequence[tuple[str, tuple[str, ...]]] = (
     ("matrix", ("mat31", "mat32", "mat33")),
@@ -139,16 +140,16 @@ ORIENTATIONS: Sequence[tuple[str, tuple[str, ...]]] = (
 
 
 def _find_orientation(layout: Layout) -> tuple[str, tuple[str, ...]] | None:
-    """Find the columns that give the vertical, and in which form."""
+    """Return the form of the orientation and its columns."""
     return next((one for one in ORIENTATIONS if set(one[1]) <= set(layout.names)), None)
 
 
 def _read_up(
     source: Source, layout: Layout, others: Sequence[str], lacking: str = ""
 ) -> tuple[Up, str, Mapping[str, Float64Array]]:
-    """Read the zenith in the sensor's frame (n, 3), the form of the orientation, and other columns beside it.
+    """Read the zenith in the sensor's frame (n, 3), the form of the orientation, and the columns ``others``.
 
-    Raises MissingSegment: an export without orientation; ``lacking`` names what it could hold.
+    Raises MissingSegment: an export without orientation; ``lacking`` names the possible columns.
     """
     orientation = _find_orientation(layout)
     if orientation is None:
@@ -157,15 +158,15 @@ def _read_up(
     values = read_columns(source, layout, [*columns, *others])
     numbers = [values[name] for name in columns]
     if kind == "euler":
-        return take_up_of_euler(numbers[0], numbers[1]), kind, values
+        return compute_up_from_euler(numbers[0], numbers[1]), kind, values
     stacked = np.stack(numbers, axis=1)
-    return (take_up_of_row if kind == "matrix" else take_up_of_quaternion)(stacked), kind, values
+    return (compute_up_from_row if kind == "matrix" else compute_up_from_quaternion)(stacked), kind, values
 
 
 def _unwrap_counter(counter: Float64Array, span: float) -> Float64Array:
-    """Undo the wraps of a counter that starts over at ``span``; a large step back is one.
+    """Undo the wraps of a counter that restarts at ``span``; a large step back is a wrap.
 
-    Raises UnusableTime: a counter that goes back without wrapping, or is missing.
+    Raises UnusableTime: the counter goes back without wrapping, or is missing.
     """
     if not np.isfinite(counter).all():
         raise UnusableTime(why="missing")
@@ -177,11 +178,11 @@ def _unwrap_counter(counter: Float64Array, span: float) -> Float64Array:
     return np.asarray(wrapped - wrapped[0])
 
 
-# MT Manager's text export, 4.x and 2022: one tracker, tab, comma, semicolon or space between the fields.
+# MT Manager's text export, 4.x and 2022: one tracker, fields separated by tab, comma, semicolon or space.
 #
 # The orientation is that of the sensor to the world (ENU, z up), as a matrix, a quaternion or Euler angles.
-# Time: ``SampleTimeFine`` (0.1 ms) where it is filled; else the packet counter over the update rate, which
-# 4.x writes above the table and 2022 leaves to the person.
+# Time: ``SampleTimeFine`` (0.1 ms) if it is filled; otherwise the packet counter over the update rate.
+# Version 4.x writes this rate above the table; for 2022 the person has to enter it.
 #
 # Source: MT Manager User Manual, chapter on ASCII export; checked on exports of both versions.
 
@@ -194,19 +195,19 @@ VERSION = re.compile(r"MT Manager version:\s*([\w.]+)")
 
 
 def recognise_mt_manager(source: Source) -> bool:
-    """Return whether lines with // stand above a table with a packet counter."""
+    """Return whether the file starts with // lines above a table with a packet counter."""
     return source.head.startswith(b"//") and find_layout(source, NEEDED_BY_MT_MANAGER) is not None
 
 
 def read_mt_manager(source: Source, options: AngleFileOptions) -> AngleFile:
-    """Read the tracker's orientation; how the arm lies in it is not in the file.
+    """Read the tracker's orientation; the file does not state the arm axis.
 
     Raises
     ------
     MissingSegment
         An export without orientation.
     UnknownRate
-        Neither time nor rate in the file, and none given.
+        Neither time nor rate in the file, and no rate entered.
     """
     layout = _get_layout(source, NEEDED_BY_MT_MANAGER)
     others = [name for name in (PACKETS, FINE) if name in layout.names]
@@ -227,13 +228,14 @@ def read_mt_manager(source: Source, options: AngleFileOptions) -> AngleFile:
         "source": kind,
         "rate_hz": rate,
     }
-    return keep_orientation("other", source, time_s, up, understood)
+    return build_orientation_file("other", source, time_s, up, understood)
 
 
-# Xsens (Movella) DOT's CSV with an orientation: metadata lines, then a table with ``SampleTimeFine`` in us.
+# The CSV of Xsens (Movella) DOT with an orientation: metadata lines, then a table with ``SampleTimeFine`` in
+# us.
 #
-# The orientation is that of the sensor to a local earth frame with z up. A DOT file that holds acceleration
-# and angular rate is a recording like any other and is fused by us.
+# The orientation is that of the sensor to a local earth frame with z up. A DOT file with acceleration and
+# angular rate is read as a recording and fused.
 #
 # Source: Xsens DOT User Manual, chapter on the CSV export; checked on an export of app 2021.0.
 
@@ -251,12 +253,12 @@ def recognise_dot(source: Source) -> bool:
 
 
 def read_dot(source: Source, _options: AngleFileOptions) -> AngleFile:
-    """Read the sensor's orientation; how the arm lies in it is not in the file."""
+    """Read the sensor's orientation; the file does not state the arm axis."""
     layout = _get_layout(source, NEEDED_BY_DOT)
     up, kind, values = _read_up(source, layout, [FINE])
     time_s = _unwrap_counter(values[FINE], FINE_SPAN) * DOT_TICK_S
     understood = {"layout": "DOT", "source": kind}
-    return keep_orientation("dot", source, time_s, up, understood, _find_dot_start(layout.before))
+    return build_orientation_file("dot", source, time_s, up, understood, _find_dot_start(layout.before))
 
 
 def _find_dot_start(text: str) -> datetime | None:
@@ -272,10 +274,11 @@ def _find_dot_start(text: str) -> datetime | None:
         return None
 
 
-# Any CSV of ``time, angle`` or ``time, quaternion``, known by the names of its columns.
+# Any CSV of ``time, angle`` or ``time, quaternion``, recognised by its column names.
 #
-# Time in seconds, or in the unit that its name ends in (``_ms``, ``_us``). The angle in degrees, 0 hanging;
-# an empty one is missing. A quaternion (w first) turns the sensor's or segment's frame into one with z up.
+# Time is in seconds, or in the unit at the end of its name (``_ms``, ``_us``). The angle is in degrees, 0
+# hanging; an empty cell is missing. A quaternion (w first) rotates the sensor's or segment's frame into one
+# with z up.
 
 TIMES = {
     **dict.fromkeys(("time_s", "time", "t", "t_s", "times", "seconds", "timestamp", "temps", "temps_s"), 1.0),
@@ -289,7 +292,7 @@ ANGLE_TOLERANCE_DEG = 0.5
 
 
 def recognise_named(source: Source) -> bool:
-    """Return whether a header names a time, and an angle or an orientation."""
+    """Return whether a header has a time, and an angle or an orientation."""
     if find_layout(source, NEEDED_ANGLE) is not None:
         return True
     layout = find_layout(source, NEEDED_TIME)
@@ -297,31 +300,31 @@ def recognise_named(source: Source) -> bool:
 
 
 def read_named(source: Source, _options: AngleFileOptions) -> AngleFile:
-    """Read an angle or, where there is none, an orientation.
+    """Read an angle or, if there is none, an orientation.
 
-    Raises FusionError: unreadable rows, no usable time, an angle that cannot be.
+    Raises FusionError: unreadable rows, no usable time, an impossible angle.
     """
     layout = find_layout(source, NEEDED_ANGLE)
     if layout is not None:
         time_name, angle_name = _find_name(layout, TIMES), _find_name(layout, ANGLES)
         values = read_columns(source, layout, [time_name, angle_name])
         time_s = check_times(values[time_name] * TIMES[time_name])
-        return keep_angles(source, time_s, values[angle_name], {"layout": "CSV", "source": angle_name})
+        return build_angle_file(source, time_s, values[angle_name], {"layout": "CSV", "source": angle_name})
     layout = _get_layout(source, NEEDED_TIME)
     time_name = _find_name(layout, TIMES)
     up, kind, values = _read_up(source, layout, [time_name])
     time_s = check_times(values[time_name] * TIMES[time_name])
-    return keep_orientation("angles", source, time_s, up, {"layout": "CSV", "source": kind})
+    return build_orientation_file("angles", source, time_s, up, {"layout": "CSV", "source": kind})
 
 
 def _find_name(layout: Layout, names: Container[str]) -> str:
     return next(name for name in layout.names if name in names)
 
 
-def keep_angles(
+def build_angle_file(
     source: Source, time_s: Float64Array, elevation_deg: Float64Array, understood: Mapping[str, str]
 ) -> AngleFile:
-    """Keep the rows that hold an angle.
+    """Return the rows with an angle.
 
     Raises WrongAngle: more than 0.5 deg outside 0 to 180.
     """
@@ -342,7 +345,7 @@ def keep_angles(
 
 
 def check_times(time_s: Float64Array) -> Float64Array:
-    """Return times that rise; raises UnusableTime."""
+    """Return the times if they increase; raises UnusableTime otherwise."""
     if len(time_s) < 2:
         raise UnusableTime(why="rows")
     steps = np.diff(time_s)

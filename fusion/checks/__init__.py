@@ -1,1 +1,1 @@
-"""Is what was read believable? Stuck channels, scale, axes, clipping."""
+"""Check the plausibility of the samples: stuck channels, scale, axes, clipping."""

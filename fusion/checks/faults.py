@@ -1,8 +1,8 @@
-"""Rows that are no readings: not measured, of a channel that is dead or stuck for a time, isolated spikes.
+"""Find rows that are not readings: not measured, from a dead or stuck channel, or isolated spikes.
 
-What was not measured is missing time; the faults of a sensor are excluded from the analysed time and flagged.
-A held arm, an impact and a sensor on a table are no faults: at these limits none of the recordings in hand,
-taps on the sensor included, gives a false alarm.
+Time that was not measured is missing. Sensor faults are excluded from the analysed time and flagged. A held
+arm, an impact and a sensor on a table are not faults: with these limits no recording of the project gives a
+false alarm, including taps on the sensor.
 """
 
 from collections.abc import Sequence
@@ -34,11 +34,11 @@ Values = NDArray[np.float32]
 Pair = tuple[int, int]
 
 
-# Ranges of rows: found, placed in time, and taken out of a segment.
+# Ranges of rows: find them, convert them to time, and remove them from a segment.
 
 
 def find_held_runs(acc: SensorSummary, gyr: SensorSummary, shortest_rows: int, axes: Pair = (0, 3)) -> Rows:
-    """Return the runs in which some axes (first, first after) of both sensors keep their values."""
+    """Return the runs in which the axes (first, first after) of both sensors keep their values."""
     if not all(sensor.keeps(axis, shortest_rows) for sensor in (acc, gyr) for axis in range(*axes)):
         return np.empty((0, 2), np.int64)
     runs = np.empty((len(acc.samples) // max(shortest_rows - 1, 1) + 1, 2), np.int64)
@@ -47,7 +47,7 @@ def find_held_runs(acc: SensorSummary, gyr: SensorSummary, shortest_rows: int, a
 
 @kernel
 def _find_held(acc: Any, gyr: Any, shortest_rows: int, axes: Any, runs: Any) -> int:  # pragma: no cover
-    """Such a run holds one of any ``shortest - 1`` repeats that follow each other: look around these only."""
+    """Such a run contains one of any ``shortest - 1`` consecutive repeats: only check rows around these."""
     stride = max(shortest_rows - 1, 1)
     found, k = 0, stride
     while k < len(acc):
@@ -65,7 +65,7 @@ def _find_held(acc: Any, gyr: Any, shortest_rows: int, axes: Any, runs: Any) -> 
 
 @inner
 def _is_repeat(acc: Any, gyr: Any, row: int, axes: Any) -> bool:  # pragma: no cover
-    """Whether a row equals the one before on some axes of both sensors."""
+    """Return whether a row equals the previous one on some axes of both sensors."""
     for axis in range(axes[0], axes[1]):
         if acc[row, axis] != acc[row - 1, axis] or gyr[row, axis] != gyr[row - 1, axis]:
             return False
@@ -81,9 +81,9 @@ def place_rows(segment: Segment, first_row: int, stop_row: int, reason: str = ""
 
 
 def cut_rows(segment: Segment, ranges: Sequence[Pair]) -> list[Segment]:
-    """Return what is left of a segment without some of its rows.
+    """Return the pieces of a segment without some of its rows.
 
-    Pieces begin at whole microseconds, yet none lasts beyond the end of the segment.
+    Pieces begin at whole microseconds, but none ends after the segment.
     """
     if not ranges:
         return [segment]
@@ -104,32 +104,34 @@ def cut_rows(segment: Segment, ranges: Sequence[Pair]) -> list[Segment]:
     return pieces
 
 
-# Rows in which nothing was measured: zeros on all six channels, and values that were carried forward.
+# Rows that were not measured: zeros on all six channels, and repeated last values.
 #
-# A sensor that measures never reads zero on all channels at once: at rest there is gravity, in free fall
-# there is noise. Nor does it read one and the same on the axes of both sensors, at a size that gravity does
-# not have, as -1 (all bits set) of a chip that does not answer. Such rows fill a hole, however short, as
-# repeats do that a program wrote. Their time is missing: up to 50 ms it is bridged for the filters only, like
-# any hole; longer, the segment ends.
+# A measuring sensor never reads zero on all channels at once: at rest there is gravity, in free fall there is
+# noise. It also never reads the same value on the axes of both sensors at a size that gravity cannot have,
+# such as -1 (all bits set) from a chip that does not answer. A program wrote such rows, or repeats of the
+# last value, into a gap of any length. Their time is missing: up to 50 ms it is bridged for the filters only,
+# like any gap; a longer one ends the segment.
 
 HELD_S, HELD_ROWS = 0.5, 50
-"""Identical readings on six channels for so long and so often: no sensor of this kind is that quiet."""
+"""A sensor of this kind is never this quiet: identical readings on six channels for this long and this many
+rows.
+"""
 BLIND_S, BLIND_ROWS = 0.05, 5
-"""Three exact zeros of an accelerometer alone, for so long and so often, are no free fall: it has noise."""
+"""Three exact zeros of an accelerometer alone, for this long, are not free fall, because it has noise."""
 LEAST_PART, MOST_TIMES = 0.1, 3.0
-"""An axis reads 0.58 of gravity where all read alike."""
+"""If all axes read the same, each reads 0.58 of gravity."""
 COARSE_STEPS = 5.0
 LOOKED_AT_ROWS = 10_000
 MOST_RUNS_SHARE, FREE_RUNS = 0.1, 100
-"""One row in ten that begins a hole is no sampling, as with stamps (fusion.readers.time.grid)."""
+"""If more than one row in ten starts a gap, the file is not evenly sampled (see fusion.readers.time.grid)."""
 
 
 def leave_out_zeros(recording: Recording) -> Recording:
-    """Take rows that are zero on all six channels, or otherwise no reading, for missing (W-STUCK-PART).
+    """Treat rows that are zero on all six channels, or otherwise not readings, as missing (W-STUCK-PART).
 
-    Where no row is left, the recording comes back as it is: the sensor is dead.
+    If no row is left, the recording is returned unchanged: the sensor is dead.
 
-    Raises UnusableTime: one row in ten begins such a hole.
+    Raises UnusableTime: one row in ten starts such a gap.
     """
     usual = max(measure_usual(segment.acc_g) for segment in recording.segments)
     found = [_find_fillers(segment, usual) for segment in recording.segments]
@@ -137,7 +139,7 @@ def leave_out_zeros(recording: Recording) -> Recording:
 
 
 def leave_out_held(recording: Recording) -> Recording:
-    """Take rows that only repeat the last measured one, for long, for missing (W-STUCK-PART)."""
+    """Treat long runs of rows that repeat the last measured one as missing (W-STUCK-PART)."""
     found = []
     for segment in recording.segments:
         runs = find_held_runs(*summarise(segment), max(HELD_ROWS, round(HELD_S * segment.rate_hz)))
@@ -154,18 +156,19 @@ def measure_usual(acc: Values) -> float:
 
 
 def mark_fillers(acc: Values, gyr: Values, usual_g: float) -> NDArray[np.bool_]:
-    """Mark rows with one size on all axes of each sensor, of the first one that gravity cannot have, (n,).
+    """Mark rows with the same absolute value on all axes of each sensor, if gravity cannot have it, (n,).
 
-    ``usual_g``: length of the acceleration as a rule. So reads a sensor that does not answer: 0, or -1 count.
+    ``usual_g``: usual length of the acceleration. A sensor that does not answer reads like this: 0, or -1
+    count.
     """
     marked = _mark_equal(acc, LEAST_PART * usual_g, MOST_TIMES * usual_g)
-    if marked.any():  # few files have such
+    if marked.any():  # few files have such rows
         marked &= _mark_equal(gyr, np.inf, np.inf)
     return marked
 
 
 def _mark_equal(values: Values, low: float, high: float) -> NDArray[np.bool_]:
-    """Mark the rows that show one size on all axes, under ``low`` or over ``high``, shape (n,)."""
+    """Mark the rows with the same absolute value on all axes, under ``low`` or over ``high``, shape (n,)."""
     marked = np.empty(len(values), np.bool_)
     _fill_equal(values, low, high, marked)
     return marked
@@ -180,10 +183,10 @@ def _fill_equal(values: Any, low: float, high: float, marked: Any) -> None:  # p
 
 
 def _find_fillers(segment: Segment, usual_g: float) -> Rows:
-    """Find rows of both sensors, however few; of one of them, for 50 ms.
+    """Return such rows of both sensors, in any number, or of one sensor for at least 50 ms.
 
-    A gyroscope of coarse counts rests at zero, or next to it; any other value on all its axes at once it does
-    not keep.
+    A gyroscope with coarse counts rests at zero or next to it; it does not keep any other value on all axes
+    at once.
     """
     acc, gyr = segment.acc_g, segment.gyr_dps
     shortest = max(BLIND_ROWS, round(BLIND_S * segment.rate_hz))
@@ -204,7 +207,7 @@ def _find_fillers(segment: Segment, usual_g: float) -> Rows:
 
 
 def is_too_frequent(runs: int, rows: int) -> bool:
-    """Return whether so many runs of rows are no holes of a sampling."""
+    """Return whether this many runs are too frequent to be gaps."""
     return runs > MOST_RUNS_SHARE * rows + FREE_RUNS
 
 
@@ -215,15 +218,15 @@ def _leave_out(recording: Recording, found: Sequence[Rows], filled: str) -> Reco
         return recording
     pairs = list(zip(recording.segments, found, strict=True))
     spans = [place_rows(segment, int(a), int(b)) for segment, runs in pairs for a, b in runs]
-    segments = tuple(piece for segment, runs in pairs for piece in _open_hole(segment, runs))
+    segments = tuple(piece for segment, runs in pairs for piece in _remove_rows(segment, runs))
     flags = tuple(flag for flag in recording.flags if flag.code != Caveat.GAP)
     flags += flag_gaps(segments, recording.duration_us, recording.excluded)
     flags += flag_spans(Caveat.STUCK_PART, spans, filled=filled)
     return replace(recording, segments=segments, flags=flags)
 
 
-def _open_hole(segment: Segment, runs: Rows) -> list[Segment]:
-    """Return what is left of a segment without some runs of rows; the short ones are bridged, in place."""
+def _remove_rows(segment: Segment, runs: Rows) -> list[Segment]:
+    """Return the pieces of a segment without some runs of rows; short runs are bridged in place."""
     if len(runs) == 0:
         return [segment]
     bridged = set(segment.bridged)
@@ -239,30 +242,34 @@ def _open_hole(segment: Segment, runs: Rows) -> list[Segment]:
     return cut_rows(kept, [pair for pair in holes if pair not in short])
 
 
-# Stretches in which a channel, or a whole sensor, stuck: found, and taken out of the analysed time.
+# Stretches in which a channel or a whole sensor was stuck: find them, and exclude them from the analysis.
 
 SENSORS = ("accelerometer", "gyroscope")
 STUCK_S, STUCK_ROWS = 0.5, 40
-"""An axis keeps one value so long, while something moves and the sensor's others show noise: it stuck."""
+"""An axis is stuck if it keeps one value this long while something moves and the sensor's other axes show
+noise.
+"""
 LONG_S = 2.0
-"""So long, it is enough that any other moves."""
+"""After this long it is enough that any other axis moves."""
 SILENT_S = 0.5
-"""So long a whole sensor keeps its three values only where it does not answer, while the other moves."""
+"""A sensor that keeps its three values this long while the other one moves does not respond."""
 COARSE_PART, LIVE_PART = 0.5, 0.25
-"""How many of its rows a coarse channel repeats, at least, and one with noise, at most."""
+"""Least share of repeated rows of a coarse channel, and the most of one with noise."""
 MOVING_G, MOVING_DPS = 0.15, 30.0
 MOVED_G, MOVED_DPS = 0.05, 5.0
 
 
 def exclude_stuck(recording: Recording) -> Recording:
-    """Exclude the stretches in which a channel stuck from the analysed time, and flag them (W-STUCK-PART).
+    """Exclude stretches with a stuck channel from the analysed time, and flag them (W-STUCK-PART).
 
-    Each ends the segment. The search may be repeated once the units are known.
+    Each stretch ends the segment. The search may be repeated once the units are known.
     """
     segments = recording.segments
     pairs = list(zip(segments, _find_stuck(segments), strict=True))
     stuck = [
-        place_rows(segment, *rows, "stuck") for segment, some in pairs for rows in _leave_holes(segment, some)
+        place_rows(segment, *rows, "stuck")
+        for segment, some in pairs
+        for rows in _exclude_bridged(segment, some)
     ]
     if not stuck:
         return recording
@@ -278,8 +285,8 @@ def exclude_stuck(recording: Recording) -> Recording:
     return replace(recording, segments=kept or segments[:1], excluded=excluded, flags=flags)
 
 
-def _leave_holes(segment: Segment, stuck: Sequence[Pair]) -> list[Pair]:
-    """Return the rows of ``stuck`` without the holes that were bridged before: those stay missing time."""
+def _exclude_bridged(segment: Segment, stuck: Sequence[Pair]) -> list[Pair]:
+    """Return the rows of ``stuck`` outside gaps that were already bridged: those stay missing time."""
     is_stuck = np.zeros(len(segment) if stuck else 0, np.bool_)
     for first, stop in stuck:
         is_stuck[first:stop] = True
@@ -289,7 +296,7 @@ def _leave_holes(segment: Segment, stuck: Sequence[Pair]) -> list[Pair]:
 
 
 def _find_stuck(segments: Sequence[Segment]) -> list[list[Pair]]:
-    """Find the rows of each segment, apart and in order, in which a channel, or a whole sensor, stuck."""
+    """Return the rows of each segment, in order, in which a channel or a whole sensor was stuck."""
     found: list[list[Pair]] = [[] for _ in segments]
     for sensor in range(2):
         samples = [_read(segment, sensor) for segment in segments]
@@ -314,7 +321,7 @@ def _read(segment: Segment, sensor: int) -> Values:
 
 
 def _is_stuck(segment: Segment, sensor: int, axes: tuple[int, ...], rows: Pair) -> bool:
-    """Whether what keeps its value should not: a sensor while anything moves, an axis as STUCK_S says.
+    """Return whether a constant value is a fault: of a sensor if anything moves, of an axis as in STUCK_S.
 
     An axis is not stuck if coarse steps explain it: another axis of the sensor changes in the same rows, but
     seldom.
@@ -333,24 +340,24 @@ def _is_stuck(segment: Segment, sensor: int, axes: tuple[int, ...], rows: Pair) 
 
 
 def _is_coarse(samples: Sequence[Values], axis: int, runs: Sequence[Rows]) -> bool:
-    """Whether a channel repeats its value so often elsewhere too that flat stretches prove nothing."""
+    """Return whether a channel repeats its value so often elsewhere that flat stretches prove nothing."""
     inside = sum(int((some[:, 1] - some[:, 0] - 1).sum()) for some in runs)
     elsewhere = sum(len(values) - 1 for values in samples) - inside
     repeats = sum(int(np.count_nonzero(values[1:, axis] == values[:-1, axis])) for values in samples)
     return repeats - inside > COARSE_PART * elsewhere
 
 
-# Channels with one value throughout, and readings far outside of their neighbours.
+# Channels with a single value, and readings far outside their neighbours.
 
 DEAD_US = 10 * MICROSECONDS
 SPIKE_RATIO = 20.0
-"""A spike stands out of the steps around it by this factor: hard taps on a sensor reach 10."""
+"""A spike exceeds the steps around it by this factor; hard taps on a sensor reach 10."""
 LEAST_SPIKE_G, LEAST_SPIKE_DPS = 1.0, 150.0
 AROUND_ROWS = 5
 
 
 def refuse_dead(recording: Recording) -> Recording:
-    """Return the recording unless a channel has one value throughout; raises DeadSensor."""
+    """Return the recording; raises DeadSensor if a channel has one value throughout."""
     if sum(segment.duration_us for segment in recording.segments) < DEAD_US:
         return recording
     for sensor, name in enumerate(SENSORS):
@@ -365,10 +372,10 @@ def refuse_dead(recording: Recording) -> Recording:
 
 
 def exclude_faults(recording: Recording, searched: Recording | None = None) -> Recording:
-    """Exclude spikes, and stretches in which a channel stuck, from the analysed time, and flag them.
+    """Exclude spikes and stretches with a stuck channel from the analysed time, and flag them.
 
-    Spikes are replaced by the mean of their neighbours, for the filters only, in place. ``searched``: the
-    recording as the last search for stuck channels left it; it is not searched again without a new flag.
+    Spikes are replaced in place by the mean of their neighbours, for the filters only. ``searched``: the
+    recording after the last search for stuck channels; it is only searched again if it has a new flag.
     """
     spikes: list[Span] = []
     segments = []
@@ -377,10 +384,11 @@ def exclude_faults(recording: Recording, searched: Recording | None = None) -> R
         for sensor, least in zip(summarise(segment), (LEAST_SPIKE_G, LEAST_SPIKE_DPS), strict=True):
             blocks = np.flatnonzero((sensor.step >= least).any(axis=0))
             if len(blocks):
-                _mend_blocks(sensor.samples, least, blocks, marked)
+                _repair_blocks(sensor.samples, least, blocks, marked)
         rows = np.flatnonzero(marked).tolist()
         spikes += [place_rows(segment, row, row + 1, "spikes") for row in rows]
-        segments.append(replace(segment) if rows else segment)  # other samples, another object
+        # the samples changed, so the segment must be a new object
+        segments.append(replace(segment) if rows else segment)
     if spikes:
         flags = (*recording.flags, *flag_spans(Caveat.SPIKE, spikes))
         excluded = (*recording.excluded, *spikes)
@@ -394,11 +402,11 @@ def _find_notes(recording: Recording) -> tuple[object, object]:
 
 
 @kernel
-def _mend_blocks(values: Any, least: float, blocks: Any, marked: Any) -> None:  # pragma: no cover
-    """Replace single readings far outside of their neighbours, in the blocks with such a step; mark the rows.
+def _repair_blocks(values: Any, least: float, blocks: Any, marked: Any) -> None:  # pragma: no cover
+    """Replace single readings far outside their neighbours, in the blocks with such a step; mark the rows.
 
-    Compared to Hampel's filter (median and MAD of a window): the reading must leave both neighbours the same
-    way, they must agree, and every step of the five rows on either side must be far smaller.
+    Compared to Hampel's filter (median and MAD of a window): the reading must differ from both neighbours in
+    the same direction, these must agree, and every step of the five rows on either side must be far smaller.
     """
     last = len(values) - AROUND_ROWS - 1
     for block in blocks:
@@ -416,7 +424,7 @@ def _mend_blocks(values: Any, least: float, blocks: Any, marked: Any) -> None:  
 
 @inner
 def _measure_step(values: Any, row: int, axis: int) -> Any:  # pragma: no cover
-    """The largest step among the five rows on either side, and from the one side to the other."""
+    """Return the largest step among the five rows on either side, and across the row."""
     largest = abs(values[row + 1, axis] - values[row - 1, axis])
     for k in range(1, AROUND_ROWS + 1):
         before = abs(values[row - k, axis] - values[row - k - 1, axis])

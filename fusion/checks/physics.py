@@ -1,10 +1,10 @@
-"""What every recording must obey: 1 g at rest, and gravity that turns as the gyroscope says.
+"""Check every recording against physics: 1 g at rest, and gravity that turns as the gyroscope indicates.
 
-What a known device's header states is never changed: a contradiction is a caveat or a refusal. Where only the
-names of columns state a unit, a slip of unit (9.81, 57.3, 1000) or a left-handed frame is put right on strong
-evidence from both halves of the movement, and flagged. Where nothing is stated, rest and motion settle the
-unit, or the recording is refused: nothing is assumed. A scale is never changed. Nothing follows from a
-recording without rest.
+A statement in a known device's header is never changed: a contradiction gives a caveat or an error. If only
+column names state a unit, a wrong unit (9.81, 57.3, 1000) or a left-handed frame is corrected on strong
+evidence from both halves of the movement, and flagged. If nothing is stated, rest and motion determine the
+unit, or the recording is rejected; nothing is assumed. A scale is never changed. A recording without rest
+gives no evidence.
 """
 
 from collections.abc import Sequence
@@ -43,33 +43,31 @@ from fusion.recording import (
     gyr_scale_dps,
 )
 
-# Which unit and hand of the gyroscope makes gravity stand still, and whether the two sensors agree at all.
+# Find the unit and handedness of the gyroscope that keep gravity constant, and check that both sensors agree.
 #
-# Angles are measured from a pose, so that what is done to both sensors alike does not matter: it is enough to
-# make the gyroscope agree with the accelerometer. A left-handed frame is the gyroscope turned about: a
-# negative factor on its rates.
+# Angles are relative to a pose, so an error common to both sensors has no effect. It is enough that the
+# gyroscope agrees with the accelerometer. A left-handed frame appears as a reversed gyroscope: a negative
+# factor on its rates.
 #
-# A recording is left alone unless another factor is far better, fits well by itself in both halves of the
-# movement, and has no rival. Odds are in nats: the logarithm of how much likelier one factor makes what was
-# seen than another.
+# A recording is changed only if another factor is far better, fits well by itself in both halves of the
+# movement, and has no rival. Odds are in nats: the logarithm of the likelihood ratio of two factors.
 
-# The evidence: does gravity, carried along the gyroscope for eight seconds, stay where it was?
+# The evidence: is gravity, rotated by the gyroscope for eight seconds, still in the same place?
 #
-# Within a window the acceleration of every row is turned into the frame of the first row by what the
-# gyroscope says. There the mean of the second half must be that of the first: gravity stands still, and an
-# arm's own acceleration averages to its change of speed, a few hundredths of g over four seconds. What is
-# missing is the evidence for unit, sign, order and scale of the gyroscope's axes. Unlike moments picked
-# because they look still, whole windows are not drawn to the turning points of a swing, where the arm's own
-# acceleration would pass for a scale error of 10 %.
+# Within a window the acceleration of every row is rotated into the frame of the first row with the gyroscope.
+# The means of the two halves must then agree: gravity is constant, and an arm's own acceleration averages to
+# its change of speed, a few hundredths of g over four seconds. The difference is the evidence for unit, sign,
+# order and scale of the gyroscope's axes. Whole windows are used, because moments selected for stillness tend
+# to be the turning points of a swing, where the arm's own acceleration looks like a scale error of 10 %.
 
 WINDOW_S = 8.0
 SHORTEST_WINDOW_S = 0.8
-"""Of a segment shorter than a window, the whole is one if it lasts so long."""
+"""A segment shorter than a window counts as one window if it has at least this length."""
 ROW_S = 0.02
 PLAIN_G = 0.05
 MOST_WINDOWS = 150
 LIKELY_GAIN, LIKELY_DRIFT_DPS, LIKELY_OFFSET_G = 1.0, 15.0, 0.04
-"""How far a fit may stray from where it began (a gain, as a share of it), one standard deviation."""
+"""Expected deviation of a fit from its start (of a gain, relative), one standard deviation."""
 LEAST_SPREAD_G = 0.005
 RADIANS = np.pi / 180.0
 
@@ -78,8 +76,11 @@ RADIANS = np.pi / 180.0
 class GravityWindows:
     """Rows of about 20 ms of all windows, one after the other.
 
-    ``acc_g`` (m, 3); ``turn`` (m, 3): the gyroscope's reading times the period, from each row to the next, in
-    rad if it reads deg/s; ``first`` (n + 1,): where the windows begin; ``period_s`` (n,).
+    ``acc_g`` (m, 3): acceleration.
+    ``turn`` (m, 3): the gyroscope's reading times the period, from each row to the next; in rad if it reads
+    deg/s.
+    ``first`` (n + 1,): first row of each window.
+    ``period_s`` (n,): period of the rows.
     """
 
     acc_g: Float64Array
@@ -101,10 +102,10 @@ class GyroModel:
 
 
 def cut_windows(segments: Sequence[Segment]) -> GravityWindows:
-    """Return windows of 8 s, each half over the one before, spread over the recording.
+    """Return windows of 8 s that overlap by half, spread over the recording.
 
-    Those in which the gyroscope is cut off, or in which a channel stuck, are left out: what was cut off, or
-    stood still while the arm turned, passes for a scale or for columns mixed up.
+    Windows in which the gyroscope is clipped or a channel is stuck are excluded, because this looks like
+    another scale or mixed-up columns.
     """
     cut_off = find_flat_range([summarise(segment)[1] for segment in segments])
     places = []
@@ -112,14 +113,14 @@ def cut_windows(segments: Sequence[Segment]) -> GravityWindows:
         rows = min(round(WINDOW_S * segment.rate_hz), len(segment))
         if rows >= max(8, SHORTEST_WINDOW_S * segment.rate_hz):
             places += [(segment, first, rows) for first in range(0, len(segment) - rows + 1, rows // 2)]
-    if cut_off:  # a gyroscope that reads 0 throughout, of a short recording, is not cut off
+    if cut_off:  # a gyroscope that reads 0 throughout a short recording is not clipped
         places = [
             (segment, first, rows)
             for segment, first, rows in places
             if float(np.abs(segment.gyr_dps[first : first + rows]).max()) < RANGE_SHARE * cut_off
         ]
     chosen = places[:: max(1, -(-len(places) // MOST_WINDOWS))]
-    # A channel that never changes is dead; :mod:`fusion.checks.faults` refuses it.
+    # A channel that never changes is dead; :mod:`fusion.checks.faults` rejects it.
     flat = np.array([_find_flat(*place) for place in chosen], np.bool_).reshape(-1, 6)
     is_stuck = np.asarray((flat & ~flat.all(axis=0)).any(axis=1))
     cut = [_cut_window(*place) for place, stuck in zip(chosen, is_stuck, strict=True) if not stuck]
@@ -131,7 +132,7 @@ def cut_windows(segments: Sequence[Segment]) -> GravityWindows:
 
 
 def _find_flat(segment: Segment, first_row: int, rows: int) -> NDArray[np.bool_]:
-    """Return which of the six channels keep one value in a window; most do not even at first."""
+    """Return which of the six channels keep one value in a window; check the first rows before the rest."""
     flat = []
     for samples in (segment.acc_g, segment.gyr_dps):
         values = samples[first_row : first_row + rows]
@@ -141,7 +142,7 @@ def _find_flat(segment: Segment, first_row: int, rows: int) -> NDArray[np.bool_]
 
 
 def _cut_window(segment: Segment, first_row: int, rows: int) -> tuple[Float64Array, Float64Array, float]:
-    """Means of 20 ms; the rate between two rows is a straight line."""
+    """Return means of 20 ms; the rate is linear between two rows."""
     width = max(1, round(ROW_S * segment.rate_hz))
     means = np.empty((2, rows // width // 2 * 2, 3))
     _average(segment.acc_g[first_row:], width, means[0])
@@ -155,7 +156,7 @@ def _cut_window(segment: Segment, first_row: int, rows: int) -> tuple[Float64Arr
 
 @kernel
 def _average(samples: Any, width: int, means: Any) -> None:  # pragma: no cover
-    """Mean of each ``width`` rows."""
+    """Compute the mean of each ``width`` rows."""
     for k in range(len(means)):
         for axis in range(3):
             total = 0.0
@@ -165,7 +166,7 @@ def _average(samples: Any, width: int, means: Any) -> None:  # pragma: no cover
 
 
 def pick_windows(windows: GravityWindows, numbers: NDArray[np.int64]) -> GravityWindows:
-    """Some of the windows."""
+    """Return some of the windows."""
     lengths = np.diff(windows.first)[numbers]
     rows = np.concatenate(
         [np.arange(windows.first[k], windows.first[k + 1]) for k in numbers] or [np.zeros(0, np.int64)]
@@ -175,7 +176,7 @@ def pick_windows(windows: GravityWindows, numbers: NDArray[np.int64]) -> Gravity
 
 
 def measure_speed_dps(windows: GravityWindows) -> Float64Array:
-    """Root mean square of the angular rate in each window, deg/s if it reads deg/s, shape (n,)."""
+    """Return the root mean square of the angular rate in each window, deg/s if it reads deg/s, shape (n,)."""
     if len(windows) == 0:
         return np.zeros(0)
     square = np.add.reduceat((windows.turn**2).sum(axis=1), windows.first[:-1])
@@ -183,7 +184,7 @@ def measure_speed_dps(windows: GravityWindows) -> Float64Array:
 
 
 def find_plain(windows: GravityWindows) -> NDArray[np.bool_]:
-    """In which windows the acceleration keeps the length of gravity in both halves, shape (n,)."""
+    """Return which windows have an acceleration as long as gravity in both halves, shape (n,)."""
     if len(windows) == 0:
         return np.zeros(0, np.bool_)
     length_g = np.linalg.norm(windows.acc_g, axis=1)
@@ -193,7 +194,7 @@ def find_plain(windows: GravityWindows) -> NDArray[np.bool_]:
 
 
 def measure_miss(windows: GravityWindows, model: GyroModel) -> Float64Array:
-    """How far, in g, gravity of the second half is from that of the first, shape (n,)."""
+    """Return the distance, in g, between gravity in the second half and in the first, shape (n,)."""
     miss, _ = _carry(windows, model, has_slope=False)
     return np.asarray(np.linalg.norm(miss, axis=1))
 
@@ -201,11 +202,11 @@ def measure_miss(windows: GravityWindows, model: GyroModel) -> Float64Array:
 def fit_model(
     windows: GravityWindows, start: GyroModel, shape: Float64Array, factor: float = 1.0, rounds: int = 8
 ) -> tuple[GyroModel, Float64Array, Float64Array]:
-    """Return the fitted model, its free values less where they began, (p,), and their standard errors.
+    """Return the fitted model, the change of its free values from the start, (p,), and their standard errors.
 
-    Gauss-Newton with Cauchy weights from ``start`` along the columns of ``shape``, (15, p).
-    Rows of the shape: the gain row by row in units of ``factor``, the drift in units of 100 deg/s, and the
-    offset of the accelerometer in g. Without the last, an offset of 0.04 g passes for a scale error of 5 %.
+    Gauss-Newton with Cauchy weights from ``start`` along the columns of ``shape``, (15, p). Rows of the
+    shape: the gain row by row in units of ``factor``, the drift in units of 100 deg/s, and the offset of the
+    accelerometer in g. Without the last, an offset of 0.04 g looks like a scale error of 5 %.
     """
     origin = np.concatenate([start.gain.ravel(), start.drift_dps / 100.0, start.offset_g])
     basis = shape * np.repeat([factor, 1.0], (9, 6))[:, None]
@@ -228,7 +229,7 @@ def fit_model(
         values = values - step
         if np.abs(step).max() < 1e-4:
             break
-    errors = np.sqrt(2.0 * np.diag(np.linalg.inv(normal)))  # windows lie half over each other
+    errors = np.sqrt(2.0 * np.diag(np.linalg.inv(normal)))  # windows overlap by half
     return _unpack(origin + basis @ values), values, errors
 
 
@@ -239,7 +240,7 @@ def _unpack(numbers: Float64Array) -> GyroModel:
 def _carry(
     windows: GravityWindows, model: GyroModel, *, has_slope: bool
 ) -> tuple[Float64Array, Float64Array]:
-    """Misses (n, 3) and, if asked for, their slopes (n, 3, 15)."""
+    """Return the misses (n, 3) and, if requested, their slopes (n, 3, 15)."""
     miss = np.zeros((len(windows), 3))
     slope = np.zeros((len(windows) if has_slope else 0, 3, 15))
     drift = model.drift_dps * RADIANS
@@ -257,8 +258,9 @@ def _carry_windows(
 ) -> None:  # pragma: no cover
     """Sum the accelerations in the frame of the first row, minus in the first half, plus in the second.
 
-    ``frame`` takes vectors of the present row to the first; ``lean`` (3, 12) is the turn of that frame for
-    each unit of gain and drift. Exact sine and cosine: a unit may be wrong by a factor of thousands.
+    ``frame`` takes vectors of the present row to the first; ``lean`` (3, 12) is the rotation of that frame
+    per unit of gain and drift. Uses exact sine and cosine, because a unit may be wrong by a factor of
+    thousands.
     """
     frame, lean = room
     for w in range(len(period)):
@@ -292,7 +294,7 @@ def _carry_windows(
 def _turn_frame(
     frame: Any, lean: Any, turn: Any, gain: Any, drift: Any, period_s: float, has_slope: Any
 ) -> None:  # pragma: no cover
-    """One row on: ``frame @ exp([turn]x)`` (Rodrigues)."""
+    """Advance one row: ``frame @ exp([turn]x)`` (Rodrigues)."""
     x = gain[0, 0] * turn[0] + gain[0, 1] * turn[1] + gain[0, 2] * turn[2] + drift[0] * period_s
     y = gain[1, 0] * turn[0] + gain[1, 1] * turn[1] + gain[1, 2] * turn[2] + drift[1] * period_s
     z = gain[2, 0] * turn[0] + gain[2, 1] * turn[1] + gain[2, 2] * turn[2] + drift[2] * period_s
@@ -302,7 +304,7 @@ def _turn_frame(
     cosine = (1.0 - cos(angle)) / square if angle > 1e-4 else 0.5
     for i in range(3):
         u, v, w = frame[i, 0], frame[i, 1], frame[i, 2]
-        # u x turn, and once more
+        # u x turn, and its cross product with turn
         p, q, r = v * z - w * y, w * x - u * z, u * y - v * x
         frame[i, 0] = u + sine * p + cosine * (q * z - r * y)
         frame[i, 1] = v + sine * q + cosine * (r * x - p * z)
@@ -317,37 +319,38 @@ def _turn_frame(
 # The verdict.
 
 LIVELY_G = 0.1
-"""A window tells something if its halves would be so far apart without a gyroscope."""
+"""A window is evidence if its halves would be this far apart without a gyroscope."""
 LEAST_MISS_G = 0.02
 MOST_DPS = 4500.0
-"""No part in use reads more than 4000 deg/s."""
+"""No sensor in use reads more than 4000 deg/s."""
 FEWEST_WINDOWS = 3
 GOOD_SCORE = 0.35
 BAD_SCORE, BAD_MISS_G, BAD_WINDOWS = 0.5, 0.15, 6
-"""No right recording of a body in hand has a score over 0.5 and misses by more than 0.10 g, or a score over
-0.25 in slow movement.
+"""No correct recording of the project has a score over 0.5 with a miss over 0.10 g, or a score over 0.25 in
+slow movement.
 """
 CLEAR_NATS, CLEAR_RATIO = 12.0, 0.6
 UNIT_NATS = 8.0
 """Enough for a factor that then fits well."""
 USUAL_ERROR, MOST_FACTOR_NATS = 0.1, 8.0
-"""By what share factors are off as a rule, and the most that an odd one counts against an arrangement."""
+"""Usual relative error of factors, and the largest penalty for an odd factor."""
 CERTAIN_NATS, KNOWN_RATIO = 25.0, 0.75
-"""A factor may fit less well where the recording is poor."""
+"""A factor may fit less well if the recording is poor."""
 RIVAL_NATS = 4.0
 SCALES = (0.25, 0.5, 0.7, 1.4, 2.0, 4.0)
 SCALE_TOLERANCE, SCALE_ERRORS = 0.05, 6.0
-"""Parts are up to 3 % off, which the fusion finds and corrects by itself (fusion.sensor)."""
+"""Sensors are up to 3 % off; the fusion estimates and corrects this (fusion.sensor)."""
 SLOW_DPS = 45.0
-"""Windows up to this rate (root mean square) judge the scale: an arm of 0.3 m then feels 0.02 g outwards. On
-fast movement that force imitates a scale: right gyroscopes seemed to need factors of 0.77 to 1.14.
+"""Windows up to this rate (root mean square) are used for the scale: at 0.3 m from the axis, the centripetal
+acceleration is then 0.02 g. In fast movement it imitates a scale: correct gyroscopes seemed to need factors
+of 0.77 to 1.14.
 """
 FEWEST_SLOW = 6
 FAST_DPS = 135.0
-"""Over this, a window turns three times round: an error of 1 % of scale has grown to 10 deg."""
+"""Above this rate a window contains three full turns: an error of 1 % of scale grows to 10 deg."""
 MOST_SEARCHED, MOST_REFINED = 50, 16
 OFFSET_BASIS = np.eye(15)[:, 9:]
-"""Shape of a fit of nothing but the offsets."""
+"""Shape of a fit of the offsets only."""
 SCALE_BASIS = np.column_stack([np.append(np.eye(3).ravel(), np.zeros(6)), OFFSET_BASIS])
 """Shape of a fit of one factor on all axes, and the offsets."""
 BLIND = GyroModel(np.zeros((3, 3)), np.zeros(3), np.zeros(3))
@@ -355,9 +358,10 @@ BLIND = GyroModel(np.zeros((3, 3)), np.zeros(3), np.zeros(3))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Arrangement:
-    """True rate = ``factor`` times the reading, less an offset; negative for a left-handed frame.
+    """True rate = ``factor`` times the reading, minus an offset; negative for a left-handed frame.
 
-    ``miss_g`` (n,) of the windows, and ``score``: 0 explains everything, 1 no better than no gyroscope.
+    ``miss_g`` (n,): misses of the windows.
+    ``score``: 0 explains everything, 1 is as bad as without a gyroscope.
     """
 
     model: GyroModel
@@ -366,36 +370,37 @@ class Arrangement:
 
     @property
     def factor(self) -> float:
-        """On all axes alike."""
+        """The factor common to all axes."""
         return float(np.trace(self.model.gain) / 3.0)
 
     def is_like(self, other: "Arrangement") -> bool:
-        """Whether both say the same, but perhaps for a scale that is measured afterwards."""
+        """Return whether both agree, apart from a scale that is measured later."""
         return 0.5 < self.factor / (other.factor or 1e-12) < 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scale:
-    """What is left to multiply the rates by, on all axes alike, with its standard error."""
+    """The remaining scale error of the rates, common to all axes, with its standard error."""
 
     overall: float
     error: float
 
     @property
     def is_off(self) -> bool:
-        """Surely by more than parts are."""
+        """Whether it exceeds the usual error of sensors with certainty."""
         return abs(self.overall - 1.0) > max(SCALE_TOLERANCE, SCALE_ERRORS * self.error)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameEvidence:
-    """What the motion says: how it is as read, what fits best, and whether that is beyond doubt.
+    """The evidence of the motion: the fit as read, the best fit, and whether it is beyond doubt.
 
-    ``lively``: windows that tell something; ``plain``: how many of them turn slowly and keep the length of
-    gravity, and ``plain_score``: how much is left of these. Only these are evidence enough to refuse: not a
-    car, and not a fast spin.
-    ``chosen`` is another than ``as_read`` if a unit or a left-handed frame surely is to be put right.
-    ``has_better``: another factor fits far better, and it is not sure which.
+    ``lively``: number of windows that are evidence.
+    ``plain``: how many of them turn slowly and keep the length of gravity.
+    ``plain_score``: the unexplained part of these. Only these are enough evidence for an error: a car or a
+    fast spin is not.
+    ``chosen``: differs from ``as_read`` if a unit or a left-handed frame has to be corrected with certainty.
+    ``has_better``: another factor fits far better, but which one is uncertain.
     """
 
     lively: int
@@ -407,7 +412,7 @@ class FrameEvidence:
 
     @property
     def is_doubtful(self) -> bool:
-        """As read it does not fit, and nothing that could be put right was found."""
+        """Whether it does not fit as read, and no correction was found."""
         if self.chosen is not self.as_read:
             return False
         miss_g = float(np.sqrt(np.mean(np.minimum(self.as_read.miss_g, 2.0) ** 2)))
@@ -415,12 +420,12 @@ class FrameEvidence:
 
     @property
     def is_settled(self) -> bool:
-        """Whether the motion bears out what was chosen."""
+        """Whether the motion supports the chosen factor."""
         return self.chosen is not self.as_read or (self.as_read.score <= BAD_SCORE and not self.is_doubtful)
 
     @property
     def is_wrong(self) -> bool:
-        """The same, on evidence enough to refuse."""
+        """Whether it is doubtful, with enough evidence for an error."""
         if self.chosen is not self.as_read:
             return False
         is_unlike = self.plain >= BAD_WINDOWS and self.plain_score > BAD_SCORE
@@ -430,17 +435,17 @@ class FrameEvidence:
 def judge_frame(
     windows: GravityWindows, offset_dps: Float64Array, factors: Sequence[float]
 ) -> FrameEvidence | None:
-    """Find the unit factor and the hand; None if there is too little motion to tell.
+    """Return the evidence on unit factor and handedness; None if there is too little motion.
 
-    ``offset_dps``: what the gyroscope reads at rest. ``factors``: units that come into question, the first
-    unless another is surely right.
+    ``offset_dps``: the gyroscope's reading at rest. ``factors``: possible units; the first is used unless
+    another one is clearly right.
     """
     search = _Search(windows, offset_dps, factors, measure_miss(windows, BLIND))
     is_lively = search.blind_g > LIVELY_G
     lively = int(is_lively.sum())
     if lively < FEWEST_WINDOWS:
         return None
-    as_read = search.refine(search.try_out(factors[0]), OFFSET_BASIS)
+    as_read = search.refine(search.try_factor(factors[0]), OFFSET_BASIS)
     if as_read.score <= GOOD_SCORE:
         return FrameEvidence(lively, lively, as_read.score, as_read, as_read)
     plain = is_lively & (measure_speed_dps(windows) * factors[0] < FAST_DPS) & find_plain(windows)
@@ -453,13 +458,13 @@ def judge_frame(
     is_sure = nats > CERTAIN_NATS and best.score < min(BAD_SCORE, KNOWN_RATIO * as_read.score)
     if is_sure or (nats > UNIT_NATS and is_clear and best.score < GOOD_SCORE):
         rivals = (one for one in ranked if search.weigh(one, best, best) < RIVAL_NATS)
-        if search.holds_in_halves(as_read, best) and all(one.is_like(best) for one in rivals):
+        if search.is_supported_by_halves(as_read, best) and all(one.is_like(best) for one in rivals):
             return replace(seen, chosen=best)
     return replace(seen, has_better=nats > CLEAR_NATS and is_clear and not as_read.is_like(best))
 
 
 def measure_scale(windows: GravityWindows, chosen: Arrangement, factor: float) -> Scale | None:
-    """Return what is left of the scale once ``factor`` is applied; None if too few slow windows tell."""
+    """Return the remaining scale after ``factor`` is applied; None if there are too few slow windows."""
     is_slow = measure_speed_dps(windows) * abs(chosen.factor) < SLOW_DPS
     slow = np.flatnonzero((measure_miss(windows, BLIND) > LIVELY_G) & is_slow)
     if len(slow) < FEWEST_SLOW:
@@ -471,20 +476,20 @@ def measure_scale(windows: GravityWindows, chosen: Arrangement, factor: float) -
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Search:
-    """Windows, the offset at rest, units in question; ``blind_g`` (n,): their misses without a gyroscope."""
+    """Windows, offset at rest and possible units; ``blind_g`` (n,): misses without a gyroscope."""
 
     windows: GravityWindows
     offset_dps: Float64Array
     factors: Sequence[float]
     blind_g: Float64Array
 
-    def holds_in_halves(self, as_read: Arrangement, best: Arrangement) -> bool:
-        """Whether both halves of the movement bear out what fits better."""
+    def is_supported_by_halves(self, as_read: Arrangement, best: Arrangement) -> bool:
+        """Return whether both halves of the movement support the better fit."""
         left_g = [np.minimum(one.miss_g, self.blind_g) for one in (best, as_read)]
         halves = np.array_split(np.flatnonzero(self.blind_g > LIVELY_G), 2)
         return all(left_g[0][half].sum() < KNOWN_RATIO * left_g[1][half].sum() for half in halves)
 
-    def try_out(self, factor: float) -> Arrangement:
+    def try_factor(self, factor: float) -> Arrangement:
         gain = factor * np.eye(3)
         return self.measure(GyroModel(gain, -gain @ self.offset_dps, np.zeros(3)))
 
@@ -493,37 +498,37 @@ class _Search:
         return Arrangement(model, miss_g, self.score(miss_g, np.ones(len(miss_g), np.bool_)))
 
     def score(self, miss_g: Float64Array, chosen: NDArray[np.bool_]) -> float:
-        """What some windows leave unexplained: 0 nothing, 1 all."""
+        """Return the unexplained share of some windows: 0 none, 1 all."""
         left_g = np.minimum(miss_g, self.blind_g)[chosen].sum()
         return float(left_g / max(self.blind_g[chosen].sum(), 1e-9))
 
     def refine(self, one: Arrangement, basis: Float64Array) -> Arrangement:
-        """Fit the offset, or more, and keep it only if better."""
+        """Fit the offset, or more, and keep the result only if it is better."""
         fitted = self.measure(fit_model(self.windows, one.model, basis, one.factor, rounds=4)[0])
         return fitted if fitted.score < one.score else one
 
     def doubt(self, one: Arrangement) -> float:
-        """Nats against a factor before anything is seen."""
+        """Return the prior nats against a factor."""
         size = max(abs(one.factor), 1e-12)
         odd = min(abs(np.log(size / named)) for named in self.factors)
         return min(0.5 * float(odd / USUAL_ERROR) ** 2, MOST_FACTOR_NATS)
 
     def weigh(self, one: Arrangement, other: Arrangement, best: Arrangement) -> float:
-        """Nats in favour of the other (Cauchy with the best's spread; windows lie half over each other)."""
+        """Return the nats in favour of ``other`` (Cauchy with the best's spread; windows overlap by half)."""
         spread_g = max(float(np.median(best.miss_g)) / 0.8, LEAST_MISS_G)
         first, second = (np.log1p((some.miss_g / spread_g) ** 2).sum() for some in (one, other))
         return float(first - second) / 2.0 + self.doubt(one) - self.doubt(other)
 
     def rank(self, lively: NDArray[np.intp]) -> list[Arrangement]:
-        """Both hands at each possible factor by their score on some of the windows; the best ones fitted."""
+        """Rank both signs of each possible factor by score on some of the windows, and fit the best ones."""
         rates = np.abs(self.windows.turn).max(axis=1)
         rates /= np.repeat(self.windows.period_s, np.diff(self.windows.first))
-        fastest_dps = float(np.degrees(np.quantile(rates, 0.999)))  # but one reading in a thousand
+        fastest_dps = float(np.degrees(np.quantile(rates, 0.999)))  # ignores one reading in a thousand
         few = lively[:: max(1, -(-len(lively) // MOST_SEARCHED))]
         small = _Search(pick_windows(self.windows, few), self.offset_dps, self.factors, self.blind_g[few])
         possible = [factor for factor in self.factors if factor * fastest_dps < MOST_DPS]
         possible += [self.factors[0] * scale for scale in SCALES]
-        tried = [small.try_out(sign * factor) for factor in possible for sign in (1.0, -1.0)]
+        tried = [small.try_factor(sign * factor) for factor in possible for sign in (1.0, -1.0)]
         tried.sort(key=lambda one: one.score)
         fitted = [small.refine(one, SCALE_BASIS) for one in tried[:MOST_REFINED]]
         return [self.measure(one.model) for one in fitted if abs(one.factor) * fastest_dps < MOST_DPS]
@@ -532,57 +537,58 @@ class _Search:
 # The checks, in order.
 
 LIVELY_RATIO, MORE_TIMES = 5.0, 3.0
-"""Long readings over short ones. In the recordings in hand, an accelerometer's are at most 1.8 times as long,
-in throws 7, and the gyroscope's beside them at least a hundred times; with an offset at rest five times.
+"""Ratio of long to short readings. In the recordings of the project it is at most 1.8 for an accelerometer, 7
+in throws, and at least a hundred for the gyroscope, or five with an offset at rest.
 """
 USUAL_UNITS_G = (1.0, 1e-3, 1 / STANDARD_GRAVITY)
-"""g, mg, m/s2: what one of them is under the name of another."""
+"""g, mg, m/s2: the units that may be confused with each other."""
 REST_TOLERANCE, MOST_DOUBTED = 0.10, 0.25
-"""So far from 1 g at rest an accelerometer is believed, and used with a caveat."""
+"""Up to this far from 1 g at rest an accelerometer is used, with a caveat."""
 MOVING_TOLERANCE, MOVING_TIMES = 0.20, 5.0
-"""Without rest, the median of the movement decides between ranges, a factor of 2 apart, and between units."""
+"""Without rest, the median of the movement distinguishes ranges, a factor of 2 apart, and units."""
 LEAST_REST_PART = 0.1
-"""The acceleration at rest, over the longest: 0.20 (shaken by hand) and more in the recordings in hand, 0.03
-without gravity."""
+"""Acceleration at rest relative to the longest: at least 0.20 (shaken by hand) in the recordings of the
+project, 0.03 without gravity.
+"""
 LEAST_USUAL_G = 0.05
-"""Less in a stated unit is no gravity: one that is read in the wrong unit, g for m/s2, is twice as long."""
+"""In a stated unit less than this is not gravity: m/s2 read in place of g is twice as long."""
 RANGES_G = {0.000061: 2.0, 0.000122: 4.0, 0.000244: 8.0, 0.000732: 16.0}
 """LSM9DS1: full scale by g per count (ST, lsm9ds1_reg.c)."""
 RANGES_DPS = {0.00875: 245.0, 0.0175: 500.0, 0.07: 2000.0}
 """LSM9DS1: full scale by deg/s per count (ST, lsm9ds1_reg.c)."""
 WIDE_RANGE_FACTOR = 1.5
-"""Code that takes 16/32768 for one count of the 16 g range (0.732 mg) reads 2/3 g at rest."""
+"""Programs that use 16/32768 for one count of the 16 g range (0.732 mg) read 2/3 g at rest."""
 SHORTEST_S = 10.0
-"""Less is too short for a report, and tells nothing of a unit."""
+"""A shorter recording is too short for a report, and not enough to determine a unit."""
 FEWEST_RESTS, UNEVEN_G = 10, 0.15
 """Ten simulated LSM9DS1, with offsets of 0.04 g on each axis, spread by 0.10 g at most."""
 UNSEEN_SCALE = 1.5
-"""Fast movement, which alone is there, imitates a scale by less."""
+"""With fast movement only, a false scale is smaller than this."""
 
 
 def check_physics(recording: Recording) -> Recording:
-    """Settle unit and frame where the evidence is strong, in place, and flag what contradicts itself.
+    """Correct unit and frame in place on strong evidence, and flag contradictions.
 
     Raises
     ------
     WrongScale
-        At rest the accelerometer reads something that no known unit makes 1 g, or not the same all round.
+        The accelerometer's reading at rest is not 1 g in any known unit, or differs between directions.
     NoGravity
-        At rest it reads next to nothing.
+        The reading at rest is almost zero.
     UnknownUnit
-        Neither header nor rest and motion settle a unit.
+        Neither header nor rest and motion determine a unit.
     MixedColumns
-        The two sensors contradict each other; or they were not read at one moment.
+        The two sensors contradict each other, or were not read at the same moment.
     ExchangedSensors
         Each sensor reads like the other.
     TooShort
-        Less than ten seconds, where a unit is to be found.
+        Less than ten seconds, if a unit has to be determined.
     """
     if not recording.stated.is_known and are_exchanged(recording.segments):
         raise ExchangedSensors
     rests = find_rests(recording.segments)
     checked = _check_gravity(recording, rests)
-    # What made 1 g of the rests made it of the samples: they are found again where these were changed.
+    # The samples may have been rescaled, so the rests are searched again if they were.
     if len(checked.flags) > len(recording.flags) or recording.stated.acc_unit == "registers":
         rests = find_rests(checked.segments)
     checked = _check_rates(_check_rest_length(checked, rests.acc), rests)
@@ -593,9 +599,8 @@ def check_physics(recording: Recording) -> Recording:
 def are_exchanged(segments: Sequence[Segment]) -> bool:
     """Return whether the angular rate keeps the length of gravity, and the acceleration does not.
 
-    An accelerometer on an arm reads about the length of gravity all the time; a gyroscope reads next to
-    nothing at rest and a hundred times as much in movement. Where the columns show the opposite, they stand
-    under each other's names.
+    An accelerometer on an arm always reads about the length of gravity. A gyroscope reads almost zero at rest
+    and a hundred times as much in movement. If the columns show the opposite, their names are exchanged.
     """
     accelerations = _measure_spread(measure_lengths(segments))
     if accelerations < LIVELY_RATIO:
@@ -612,17 +617,17 @@ def _measure_spread(lengths: Float64Array) -> float:
 
 
 def are_units_stated(recording: Recording) -> bool:
-    """Return whether both units are stated in words that say how large they are."""
+    """Return whether both units are stated in words with a known scale."""
     units = {_drop_unknown(recording.stated.acc_unit), _drop_unknown(recording.stated.gyr_unit)}
     return not {"", "registers"} & units
 
 
 def _drop_unknown(unit: str) -> str:
-    """Return a unit, "" for a word that does not say how large it is ("raw", "lsb")."""
+    """Return a unit, or "" for a word without a scale ("raw", "lsb")."""
     return unit if unit == "registers" or acc_scale_g(unit) or gyr_scale_dps(unit) else ""
 
 
-# Corrections of samples, in place (a shift is too large to be held twice), and their flags.
+# Corrections of samples, in place (a shift is too large for a copy), and their flags.
 
 
 def add_flags(recording: Recording, *flags: QualityFlag) -> Recording:
@@ -637,7 +642,7 @@ def _flag_correction(recording: Recording, what: str, evidence: str, **facts: st
 
 
 def _flag_doubt(recording: Recording, sensor: str, **facts: float) -> Recording:
-    """Flag a scale that the readings contradict and that is left as it is (W-SCALE-DOUBT)."""
+    """Flag a scale that the readings contradict but that stays unchanged (W-SCALE-DOUBT)."""
     return add_flags(recording, QualityFlag(Caveat.SCALE_DOUBT, facts={"sensor": sensor, **facts}))
 
 
@@ -646,7 +651,7 @@ def _multiply(
 ) -> Recording:
     """Multiply the samples, all axes alike or each by its own factor, in place.
 
-    The segments become other objects: what was summarised of these samples holds no more.
+    The segments become new objects, because summaries of the old samples are invalid.
     """
     for segment in recording.segments:
         for samples, factors in ((segment.acc_g, acc), (segment.gyr_dps, gyr)):
@@ -659,10 +664,10 @@ def _multiply(
 
 
 def _check_gravity(recording: Recording, rests: Rests) -> Recording:
-    """Make 1 g of what is read at rest, by a unit; without rest, by the movement where no unit is stated."""
+    """Find the unit that makes the reading at rest 1 g; without rest and a stated unit, use the movement."""
     unit = _drop_unknown(recording.stated.acc_unit)
     if len(rests) == 0:
-        return _settle_moving(recording, unit)
+        return _check_moving_gravity(recording, unit)
     off = abs(rests.length - 1.0)
     if unit != "registers" and off <= REST_TOLERANCE:
         return recording
@@ -671,14 +676,14 @@ def _check_gravity(recording: Recording, rests: Rests) -> Recording:
         return _set_acc_unit(recording, unit, factor, "rest", rests.length)
     if off <= MOST_DOUBTED:
         return _flag_doubt(recording, "accelerometer", g=round(rests.length, 3))
-    _refuse_no_gravity(recording)
+    _check_gravity_present(recording)
     _refuse_short(recording)
     raise WrongScale(g=round(rests.length, 3))
 
 
-def _settle_moving(recording: Recording, unit: str) -> Recording:
-    """Without rest: a unit that is stated stays unless it is out of the question."""
-    part = _refuse_no_gravity(recording)
+def _check_moving_gravity(recording: Recording, unit: str) -> Recording:
+    """Handle a recording without rest: a stated unit is kept unless it is impossible."""
+    part = _check_gravity_present(recording)
     lengths = measure_lengths(recording.segments)
     usual = float(np.median(lengths)) if len(lengths) else 0.0
     if part is not None and acc_scale_g(unit) and usual < LEAST_USUAL_G:
@@ -698,7 +703,7 @@ def _settle_moving(recording: Recording, unit: str) -> Recording:
 
 
 def _find_acc_factor(rest: float, unit: str) -> float | None:
-    """Find what makes 1 g of a reading at rest in a unit; one that is stated is set aside for slips only."""
+    """Return the factor that makes a rest reading 1 g; replaces a stated unit only for typical mistakes."""
     tolerance, candidates = REST_TOLERANCE, tuple(RANGES_G)
     if unit == "":
         candidates = (1 / STANDARD_GRAVITY, 1e-3, WIDE_RANGE_FACTOR, *RANGES_G)
@@ -717,8 +722,8 @@ def _set_acc_unit(recording: Recording, unit: str, factor: float, evidence: str,
     return _flag_correction(scaled, "acceleration", evidence, factor=factor, g=round(read_g, 3))
 
 
-def _refuse_no_gravity(recording: Recording) -> float | None:
-    """Refuse an acceleration that reads next to nothing at rest; see :func:`measure_rest_part`."""
+def _check_gravity_present(recording: Recording) -> float | None:
+    """Raise NoGravity if the acceleration at rest is almost zero; see :func:`measure_rest_part`."""
     part = measure_rest_part(recording.segments)
     if part is not None and part < LEAST_REST_PART:
         raise NoGravity
@@ -732,7 +737,7 @@ def _refuse_short(recording: Recording) -> None:
 
 
 def _check_rest_length(recording: Recording, rests_g: Float64Array) -> Recording:
-    """Doubt what the accelerometer surely reads too long or too short; refuse what reads unlike all round."""
+    """Flag an accelerometer that reads too long or too short; reject it if the length is uneven."""
     scale = measure_rest_scale(rests_g)
     if scale is not None and scale.is_even:
         is_off = scale.is_off
@@ -746,7 +751,7 @@ def _check_rest_length(recording: Recording, rests_g: Float64Array) -> Recording
     return recording
 
 
-# The gyroscope: unit and hand, by the gravity that it turns.
+# The gyroscope: unit and handedness, from the rotation of gravity.
 
 
 def _check_rates(recording: Recording, rests: Rests) -> Recording:
@@ -756,9 +761,9 @@ def _check_rates(recording: Recording, rests: Rests) -> Recording:
     is_cut = find_flat_range([summarise(segment)[1] for segment in recording.segments]) is not None
     evidence = judge_frame(windows, offset_dps, _list_rate_factors(unit))
     if evidence is not None:
-        _refuse_mixed(recording, evidence)
+        _check_mixed(recording, evidence)
     if evidence is not None and evidence.is_settled:
-        recording = _arrange(recording, unit, windows, evidence)
+        recording = _apply_arrangement(recording, unit, windows, evidence)
     elif unit in ("", "registers"):
         _refuse_short(recording)
         raise UnknownUnit(sensor="gyroscope")
@@ -775,8 +780,8 @@ def _list_rate_factors(unit: str) -> tuple[float, ...]:
     return (1.0, DEG_PER_RAD, 1 / DEG_PER_RAD, 1e-3, 1e3)
 
 
-def _refuse_mixed(recording: Recording, evidence: FrameEvidence) -> None:
-    """Refuse what contradicts a known header, and what nothing explains."""
+def _check_mixed(recording: Recording, evidence: FrameEvidence) -> None:
+    """Raise MixedColumns if a known header is contradicted, or if nothing explains the motion."""
     is_other = evidence.chosen is not evidence.as_read and evidence.lively >= BAD_WINDOWS
     if recording.stated.is_known and is_other:
         raise MixedColumns(**_describe_mixed(evidence), factor=float(f"{evidence.chosen.factor:.3g}"))
@@ -788,8 +793,10 @@ def _describe_mixed(evidence: FrameEvidence) -> dict[str, int]:
     return {"percent": round(100.0 * evidence.as_read.score), "turns": evidence.lively}
 
 
-def _arrange(recording: Recording, unit: str, windows: GravityWindows, evidence: FrameEvidence) -> Recording:
-    """Apply what the motion says: unit and hand; then doubt a scale that is left."""
+def _apply_arrangement(
+    recording: Recording, unit: str, windows: GravityWindows, evidence: FrameEvidence
+) -> Recording:
+    """Apply the unit and handedness from the motion, then flag a remaining scale error."""
     chosen = evidence.chosen
     size = max(abs(chosen.factor), 1e-12)
     factor = min(_list_rate_factors(unit), key=lambda named: abs(np.log(size / named)))
@@ -798,7 +805,7 @@ def _arrange(recording: Recording, unit: str, windows: GravityWindows, evidence:
         if unit == "registers":
             recording = replace(recording, gyr_range_dps=RANGES_DPS[factor])
         recording = _flag_correction(recording, "angular rate", "motion", factor=factor)
-    if chosen.factor < 0.0:  # left-handed: x of both sensors is turned over
+    if chosen.factor < 0.0:  # left-handed: reverse x of both sensors
         mirror = np.array([-1.0, 1.0, 1.0])
         recording = _multiply(recording, mirror, mirror)
         recording = _flag_correction(recording, "left-handed", "motion", turned="x")
@@ -818,7 +825,8 @@ def _arrange(recording: Recording, unit: str, windows: GravityWindows, evidence:
 def _doubt_scale(recording: Recording, overall: float) -> Recording:
     """Flag a scale that the movement contradicts.
 
-    A wrong rate looks like a gyroscope of another scale: if the rows have no time, the rate is doubted.
+    A wrong sampling rate looks like a gyroscope of another scale. If the rows have no time, the rate is
+    flagged instead.
     """
     if not recording.stated.is_counted:
         return _flag_doubt(recording, "gyroscope", factor=round(overall, 3))
@@ -831,9 +839,9 @@ def _doubt_scale(recording: Recording, overall: float) -> Recording:
 
 
 def _narrow_ranges(recording: Recording, *, is_cut: bool) -> Recording:
-    """Take the size at which the samples are cut off for the full scale, where that is less than stated.
+    """Set the full scale to the level at which the samples are clipped, if it is lower than stated.
 
-    ``is_cut``: the gyroscope's flat tops were seen, in whatever unit it was.
+    ``is_cut``: flat tops of the gyroscope were found, in any unit.
     """
     acc, gyr = zip(*map(summarise, recording.segments), strict=True)
     acc_g = find_flat_range(acc, LEAST_ACC_TOP_G)
@@ -846,7 +854,7 @@ def _narrow_ranges(recording: Recording, *, is_cut: bool) -> Recording:
 
 
 def refuse_impossible_rates(recording: Recording) -> Recording:
-    """Return the recording unless it holds rates that no such part can read; raises WrongScale."""
+    """Return the recording; raises WrongScale if it contains rates that no such sensor can read."""
     for segment in recording.segments:
         size = summarise(segment)[1].find_extreme()
         if size > MOST_DPS:

@@ -1,4 +1,4 @@
-"""What the checks know of the samples: a summary of every block, and short looks at where nothing moves."""
+"""Data for the checks: a summary of every block of samples, and short stretches at rest."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -16,10 +16,10 @@ from fusion.numerics import weigh_cauchy
 from fusion.recording import Float64Array, QualityFlag, Recording, Segment
 from fusion.still_limits import MOMENT, POSE
 
-# What the samples hold, sixty-four rows at a time: found in one pass, and read by every check of a sensor.
+# Summary of the samples, sixty-four rows at a time: computed in one pass, used by every check of a sensor.
 #
-# Most checks look for what few rows of a shift show: a leap, a value that is kept, the very extreme. They
-# look only into the blocks that hold one.
+# Most checks look for events in a few rows of a shift: a jump, a repeated value, the extreme. They only
+# examine the blocks that contain one.
 
 BLOCK_ROWS = 64
 
@@ -28,9 +28,10 @@ BLOCK_ROWS = 64
 class SensorSummary:
     """One sensor of a segment, by axis and block of rows; the last block may be shorter.
 
-    ``samples`` (n, 3) are what it was made from. ``low``, ``high``, ``step`` (3, m): the lowest and the
-    highest reading, and the largest step from one row to the next, into a block's first row too. ``kept``
-    (3, m): the most rows after each other, up to one of the block, that repeat the value of the row before.
+    ``samples`` (n, 3): the source.
+    ``low``, ``high`` (3, m): minimum and maximum.
+    ``step`` (3, m): largest step from one row to the next, including the step into the first row of a block.
+    ``kept`` (3, m): most consecutive rows, up to one in the block, that repeat the previous value.
     """
 
     samples: NDArray[np.float32]
@@ -40,11 +41,11 @@ class SensorSummary:
     kept: NDArray[np.int32]
 
     def find_extreme(self) -> float:
-        """Return the largest size that any axis reads; 0 without rows."""
+        """Return the largest absolute reading of any axis; 0 without rows."""
         return float(max(self.high.max(initial=0.0), -self.low.min(initial=0.0)))
 
     def keeps(self, axis: int, rows: int) -> bool:
-        """Return whether an axis keeps a value for so many rows anywhere."""
+        """Return whether an axis keeps one value for this many rows anywhere."""
         return bool(self.kept[axis].max(initial=0) >= rows - 1)
 
 
@@ -54,7 +55,7 @@ _SUMMARIES: WeakKeyDictionary[Segment, tuple[SensorSummary, SensorSummary]] = We
 def summarise(segment: Segment) -> tuple[SensorSummary, SensorSummary]:
     """Return the summaries of accelerometer and gyroscope.
 
-    They are made once for each object: whoever changes the samples makes another segment of them.
+    They are computed once per object; code that changes the samples must create a new segment.
     """
     if segment not in _SUMMARIES:
         _SUMMARIES[segment] = summarise_sensor(segment.acc_g), summarise_sensor(segment.gyr_dps)
@@ -62,13 +63,13 @@ def summarise(segment: Segment) -> tuple[SensorSummary, SensorSummary]:
 
 
 def forget_summaries(recording: Recording) -> None:
-    """Free the summaries of a recording once its checks are over: they take a sixteenth of its samples."""
+    """Free the summaries of a recording after its checks: they take a sixteenth of its samples."""
     for segment in recording.segments:
         _SUMMARIES.pop(segment, None)
 
 
 def summarise_sensor(samples: NDArray[np.float32]) -> SensorSummary:
-    """Walk once over samples, shape (n, 3)."""
+    """Summarise samples, shape (n, 3), in one pass."""
     blocks = -(-len(samples) // BLOCK_ROWS)
     ends, step = np.empty((6, blocks), np.float32), np.empty((3, blocks), np.float32)
     kept = np.empty((3, blocks), np.int32)
@@ -78,7 +79,7 @@ def summarise_sensor(samples: NDArray[np.float32]) -> SensorSummary:
 
 @kernel
 def _walk(samples: Any, ends: Any, steps: Any, kept: Any) -> None:  # pragma: no cover
-    """Fill the blocks; all three axes side by side, three times as fast as one after the other."""
+    """Fill the blocks; all three axes in one loop, three times as fast as one after the other."""
     run_x, run_y, run_z = 0, 0, 0
     for block in range(len(steps[0])):
         first, stop = block * BLOCK_ROWS, min((block + 1) * BLOCK_ROWS, len(samples))
@@ -108,29 +109,29 @@ def _walk(samples: Any, ends: Any, steps: Any, kept: Any) -> None:  # pragma: no
         kept[0, block], kept[1, block], kept[2, block] = kept_x, kept_y, kept_z
 
 
-# Where a sensor is cut off, by its flat tops, whatever range the file states.
+# Where a sensor is clipped, by its flat tops, independent of the range that the file states.
 #
-# A signal that is cut off rests at its very extreme, sample after sample, again and again. A sensor that is
-# not reaches its extreme once: the next movement, or the next bit of noise, makes another value.
+# A clipped signal stays at its extreme, sample after sample, again and again. Otherwise a sensor reaches its
+# extreme once: the next movement or noise gives another value.
 
 RANGE_SHARE = 0.999
-"""A sample is cut off from this share of a full scale or of the extreme on: the two ends of a signed range
+"""A sample is clipped from this share of the full scale or of the extreme: the two ends of a signed range
 differ by one count.
 """
 FLAT_ROWS, FEWEST_TOPS = 3, 5
-"""An axis rests at one value for so many rows; so often, where nothing states the range."""
+"""An axis keeps one value for this many rows; required this often if the range is not stated."""
 LEAST_ACC_RANGE_G, LEAST_GYR_RANGE_DPS = 1.9, 240.0
-"""No sensor has a smaller range (2 g, 245 deg/s): a lower extreme is not the end of one."""
+"""No sensor has a smaller range (2 g, 245 deg/s): a lower extreme is not the end of a range."""
 LEAST_ACC_TOP_G, LEAST_GYR_TOP_DPS = 1.5, 50.0
-"""Of a sensor with a range narrower than stated. At rest, in coarse counts, one rests at its extreme as well;
-under these it may.
+"""For a sensor with a narrower range than stated. Below these, coarse counts at rest may also stay at the
+extreme.
 """
 
 
 def find_flat_range(sensors: Sequence[SensorSummary], least: float = 0.0) -> float | None:
-    """Return the size at which samples are cut off, or None where nothing is.
+    """Return the level at which samples are clipped, or None.
 
-    It holds for all axes: an axis cut off below what another reads is not found.
+    It applies to all axes: an axis that is clipped below another axis's readings is not found.
     """
     extreme = max((sensor.find_extreme() for sensor in sensors), default=0.0)
     if not least <= extreme < np.inf:
@@ -141,7 +142,7 @@ def find_flat_range(sensors: Sequence[SensorSummary], least: float = 0.0) -> flo
 
 
 def _count_tops(sensor: SensorSummary, limit: np.float32) -> int:
-    """Count how often an axis rests at one value past the limit for three rows or more."""
+    """Count how often an axis keeps one value past the limit for three rows or more."""
     count = 0
     for axis in range(3):
         for sign, ends in ((1, sensor.high), (-1, -sensor.low)):
@@ -157,18 +158,19 @@ def _count_tops(sensor: SensorSummary, limit: np.float32) -> int:
     return count
 
 
-# Readings so coarse that a held arm looks as if it moved, or a moving one as if a channel stuck.
+# Resolution so coarse that a held arm seems to move, or a channel of a moving arm seems stuck.
 
 COARSE_G, COARSE_DPS = 1.5 * POSE.acc_sd_g, 2.0 * MOMENT.gyro_sd_dps
-"""Between two values, readings at rest scatter by half a step: with an arm's own sway, or alone, past the
-limit of stillness. Parts in use have 0.1 to 2.5 mg and 0.004 to 0.6 deg/s; ten bits of 16 g and 2000 deg/s
-are 31 mg and 3.9 deg/s."""
+"""Readings at rest between two values scatter by half a step. Alone or with an arm's own sway, this exceeds
+the limit of stillness. Sensors in use have 0.1 to 2.5 mg and 0.004 to 0.6 deg/s; ten bits of 16 g and 2000
+deg/s are 31 mg and 3.9 deg/s.
+"""
 SMALLEST_PART = 0.01
 LOOKED_AT_ROWS = 20_000
 
 
 def flag_resolution(recording: Recording) -> tuple[QualityFlag, ...]:
-    """Flag steps from one value to the next that hide stillness (W-RESOLUTION)."""
+    """Return the flag of steps so coarse that they hide stillness (W-RESOLUTION)."""
     acc_g = _measure_step([segment.acc_g for segment in recording.segments])
     gyr_dps = _measure_step([segment.gyr_dps for segment in recording.segments])
     facts: dict[str, str | int | float] = {}
@@ -180,9 +182,9 @@ def flag_resolution(recording: Recording) -> tuple[QualityFlag, ...]:
 
 
 def _measure_step(samples: Sequence[NDArray[np.float32]]) -> float:
-    """Return the smallest change from row to row, but for one in a hundred, of the coarsest axis.
+    """Return the smallest change from row to row, ignoring one in a hundred, of the coarsest axis.
 
-    Rows that a program put in between are few; noise that was not rounded changes by far less.
+    Few rows are interpolated by a program. Unrounded noise has far smaller changes.
     """
     stride = max(2, sum(map(len, samples)) // LOOKED_AT_ROWS)
     pairs = [(values[1::stride], values[: len(values) - 1 : stride]) for values in samples]
@@ -192,7 +194,7 @@ def _measure_step(samples: Sequence[NDArray[np.float32]]) -> float:
     )
 
 
-# Short looks, spread over a recording: where nothing moves, and what the sensors read of gravity then.
+# Short stretches spread over a recording: find those without movement, and their readings of gravity.
 
 Marks = NDArray[np.bool_]
 PROBED_BLOCKS = 150
@@ -201,17 +203,15 @@ REST_S, FEWEST_RESTS = 1.0, 2
 REST_PART = 0.015
 """At rest the acceleration scatters by less than this part of its length."""
 RESTING_PART, ROUGH = 0.02, 0.3
-"""The gyroscope rests where it scatters by less than this part of its liveliest stretch, or where each
-reading is nearly independent of the one before: noise is, movement is not.
+"""The gyroscope is at rest if it scatters by less than this part of its liveliest stretch, or if successive
+readings are nearly independent: noise is, movement is not.
 """
 STEADY_PART, SAME_DEG = 0.04, 10.0
-"""The middle half of all rests in one direction read lengths within this part of each other: on a boat they
-do not.
-"""
+"""At rest in one direction, the middle half of the lengths agree within this part; on a boat they do not."""
 
 
 def probe_blocks(segments: Sequence[Segment]) -> list[tuple[Segment, int, int]]:
-    """Blocks of 8 s spread over the recording: all of a short one, 150 of a long one."""
+    """Return blocks of 8 s spread over the recording: all of a short one, 150 of a long one."""
     blocks = []
     for segment in segments:
         n, rows = max(8, round(BLOCK_S * segment.rate_hz)), len(segment)
@@ -222,9 +222,9 @@ def probe_blocks(segments: Sequence[Segment]) -> list[tuple[Segment, int, int]]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rests:
-    """Mean readings, (n, 3) each, of seconds in which nothing moves, in whatever unit they are read.
+    """Mean readings, (n, 3) each, of seconds without movement, in the unit as read.
 
-    None (n = 0) is a separate state: a recording without rest tells nothing of gravity.
+    An empty table (n = 0) is a separate state: a recording without rest shows nothing about gravity.
     """
 
     acc: Float64Array
@@ -240,11 +240,11 @@ class Rests:
 
 
 def find_rests(segments: Sequence[Segment]) -> Rests:
-    """Find the seconds in which neither sensor shows movement; none where fewer than two do, or where they
-    differ in length as they do on a boat.
+    """Return the seconds in which neither sensor shows movement.
 
-    A channel that keeps one value measures nothing (a hole filled with zeros, an axis that stuck), unless
-    most of the rests look so: then the readings are that coarse.
+    Returns none if there are fewer than two, or if they differ in length as on a boat. A channel that keeps
+    one value measures nothing (a gap filled with zeros, a stuck axis), unless most of the rests look like
+    that: then the resolution is that coarse.
     """
     looks = _look(segments)
     if looks is None:
@@ -257,7 +257,7 @@ def find_rests(segments: Sequence[Segment]) -> Rests:
     rests = Rests(acc[is_resting], gyr[is_resting])
     if len(rests) < FEWEST_RESTS:
         return Rests(acc[:0], gyr[:0])
-    # the middle half of them reads one length wherever it reads one direction
+    # the middle half of them have the same length in the same direction
     length = np.linalg.norm(rests.acc, axis=1)
     place = number_directions(rests.acc / np.maximum(length, 1e-12)[:, None], SAME_DEG)
     usual = np.array([np.median(length[place == k]) for k in range(place.max() + 1)])
@@ -266,10 +266,10 @@ def find_rests(segments: Sequence[Segment]) -> Rests:
 
 
 def measure_rest_part(segments: Sequence[Segment]) -> float | None:
-    """Length of the acceleration while the gyroscope rests, over the longest of the recording.
+    """Return the length of the acceleration while the gyroscope is at rest, relative to the longest.
 
-    Gravity is also there at rest, whatever the unit. An acceleration from which it was taken out reads almost
-    nothing then. None if the gyroscope never rests.
+    Gravity is present at rest, in any unit. If it was removed, the acceleration is almost zero then. None if
+    the gyroscope is never at rest.
     """
     looks, lengths = _look(segments), measure_lengths(segments)
     if looks is None or len(lengths) == 0:
@@ -284,10 +284,10 @@ def measure_rest_part(segments: Sequence[Segment]) -> float | None:
 def _look(
     segments: Sequence[Segment],
 ) -> tuple[Float64Array, Float64Array, Float64Array, Marks, Marks] | None:
-    """Look at stretches of a second; None where there are none.
+    """Measure stretches of a second; return None if there are none.
 
-    Returns mean (m, 3) and scatter (m,) of the acceleration, mean rate (m, 3), whether the gyroscope rests,
-    and whether a channel is stuck.
+    Returns mean (m, 3) and scatter (m,) of the acceleration, mean rate (m, 3), whether the gyroscope is at
+    rest, and whether a channel is stuck.
     """
     liveliest = 0.0
     for segment, first, stop in probe_blocks(segments):
@@ -310,7 +310,7 @@ def _look(
 def _place_stretches(
     segments: Sequence[Segment], length_s: float, fewest_rows: int
 ) -> Iterator[tuple[Segment, NDArray[np.int64], int]]:
-    """Cut the blocks of each segment into stretches: their first rows (m,), and how many rows each has."""
+    """Split the blocks of each segment into stretches; yield their first rows (m,) and number of rows."""
     for segment, some in groupby(probe_blocks(segments), key=lambda block: block[0]):
         width = max(fewest_rows, round(length_s * segment.rate_hz))
         firsts = [np.arange(first, stop - width + 1, width) for _, first, stop in some]
@@ -320,7 +320,7 @@ def _place_stretches(
 def _measure_stretches(
     samples: NDArray[np.float32], firsts: NDArray[np.int64], width_rows: int
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Mean, standard deviation and mean square step, (m, 3) each, of stretches of ``width_rows`` rows."""
+    """Return mean, standard deviation and mean square step, (m, 3) each, of stretches of rows."""
     means, scatter, steps = (np.empty((len(firsts), 3)) for _ in range(3))
     _reduce_stretches(samples, firsts, width_rows, means, scatter, steps)
     return means, scatter, steps
@@ -333,7 +333,7 @@ def _reduce_stretches(
     for k in range(len(firsts)):
         start, stop = firsts[k], firsts[k] + width
         for axis in range(3):
-            first = samples[start, axis]  # deviations from it are exactly 0 where nothing changes
+            first = samples[start, axis]  # deviations from it are exactly 0 if nothing changes
             mean, square, step, last = 0.0, 0.0, 0.0, float(first)
             for row in range(start, stop):
                 mean += (samples[row, axis] - first) / width
@@ -346,7 +346,7 @@ def _reduce_stretches(
 
 
 def measure_lengths(segments: Sequence[Segment], *, is_rate: bool = False) -> Float64Array:
-    """Lengths, (n,), of means over 50 ms (3 rows at least): of the acceleration, or of the angular rate."""
+    """Return lengths, (n,), of means over 50 ms (at least 3 rows), of acceleration or angular rate."""
     lengths = [np.zeros(0)]
     for segment, firsts, width in _place_stretches(segments, MEAN_S, 3):
         means, _, _ = _measure_stretches(segment.gyr_dps if is_rate else segment.acc_g, firsts, width)
@@ -355,7 +355,7 @@ def measure_lengths(segments: Sequence[Segment], *, is_rate: bool = False) -> Fl
 
 
 def number_directions(unit: Float64Array, near_deg: float) -> NDArray[np.intp]:
-    """Number the directions: each moment belongs to the first, in order of time, that is near it."""
+    """Number the directions: each moment gets the number of the first earlier direction that is near it."""
     number, found = np.full(len(unit), -1, dtype=np.intp), 0
     left = np.arange(len(unit))
     while len(left):
@@ -366,31 +366,31 @@ def number_directions(unit: Float64Array, near_deg: float) -> NDArray[np.intp]:
     return number
 
 
-# Scale of the accelerometer: how long gravity reads at rest, in all the directions that were seen.
+# Scale of the accelerometer: the length of gravity at rest, in all directions of the recording.
 #
-# A part's own few per cent belong to the fusion (:mod:`fusion.sensor.self_calibration`), whose fit is held to
-# what parts have. A factor past that, as a wrong sensitivity leaves, makes it give up, or pass the factor off
-# as an offset, which bends every angle. Offset and factor are told apart by rests in many directions only: at
-# one, both read alike.
+# The fusion corrects the usual few per cent of a sensor (:mod:`fusion.sensor.self_calibration`). A larger
+# factor, for example from a wrong sensitivity, makes its fit fail, or looks like an offset, which distorts
+# every angle. Only rests in many directions separate offset and factor: in a single direction both look the
+# same.
 
 CELL_DEG, FEWEST_DIRECTIONS = 10.0, 6
 CELL_SD_G, REST_SD_G = 0.002, 0.004
-"""Standard deviation of the length at a direction, and of a single rest."""
+"""Standard deviation of the length in one direction, and of a single rest."""
 OFFSET_G = 0.04
-"""What parts have, one standard deviation (LSM9DS1: 90 mg at most)."""
+"""Usual offset of sensors, one standard deviation (LSM9DS1: 90 mg at most)."""
 SCALE_TOLERANCE = 0.03
-"""Simulated parts, ten of each device, come out within 0.015."""
+"""Ten simulated sensors of each device are within 0.015."""
 ERRORS = 6.0
 MOST_LEFT_G = 0.015
-"""What may be left unexplained: rests of a part read within this of 1 g once it is calibrated."""
+"""Largest unexplained rest: a calibrated sensor reads within this of 1 g."""
 ROUNDS = 12
 
 
 @dataclass(frozen=True, slots=True)
 class RestScale:
-    """What to multiply the acceleration by on all axes alike, with its standard error.
+    """The factor for the acceleration, common to all axes, with its standard error.
 
-    ``left_g``: how far from 1 g rests still read with it (root mean square over directions).
+    ``left_g``: remaining distance of rests from 1 g with it (root mean square over directions).
     """
 
     factor: float
@@ -399,17 +399,17 @@ class RestScale:
 
     @property
     def is_off(self) -> bool:
-        """Surely by more than parts are."""
+        """Whether it exceeds the usual error of sensors with certainty."""
         return self.is_even and abs(self.factor - 1.0) > max(SCALE_TOLERANCE, ERRORS * self.error)
 
     @property
     def is_even(self) -> bool:
-        """Whether a factor and an offset explain what is read at rest."""
+        """Whether a factor and an offset explain the readings at rest."""
         return self.left_g < MOST_LEFT_G
 
 
 def measure_rest_scale(rests_g: Float64Array) -> RestScale | None:
-    """Fit a factor and three offsets to mean accelerations at rest, (n, 3); None from too few directions.
+    """Fit a factor and three offsets to mean accelerations at rest, (n, 3); None with too few directions.
 
     Gauss-Newton with Cauchy weights.
     """
@@ -418,8 +418,8 @@ def measure_rest_scale(rests_g: Float64Array) -> RestScale | None:
     cell = number_directions(rests_g / length_g[:, None], CELL_DEG)
     if len(cell) == 0 or cell.max() + 1 < FEWEST_DIRECTIONS:
         return None
-    # One reading for each direction, so that no pose outvotes the others: the median length in the mean
-    # direction, as the mean itself is too short by the spread of the directions.
+    # One reading per direction, so that no pose dominates: the median length in the mean direction, because
+    # the mean vector itself is too short if the directions spread.
     count = np.bincount(cell)
     mean_g = np.array([rests_g[cell == k].mean(axis=0) for k in range(len(count))])
     median_g = np.array([np.median(length_g[cell == k]) for k in range(len(count))])

@@ -1,1 +1,1 @@
-"""One measurement beside another: two methods on one arm, both arms, several days, before and after."""
+"""Compare measurements: two methods on one arm, both arms, several days, before and after."""

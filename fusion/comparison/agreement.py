@@ -1,4 +1,4 @@
-"""How far two measurements of one arm agree: the source paper's validation, for everybody's own people."""
+"""Agreement of two measurements of one arm: the source paper's validation, for your own participants."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -18,12 +18,12 @@ from fusion.comparison.alignment import (
     Runs,
     align,
     align_roughly,
-    find_r,
+    compute_pearson_r,
+    get_valid_runs,
+    get_vertical_paths,
     join_pairs,
     measure_path,
     pair,
-    take_paths,
-    take_runs,
 )
 from fusion.diary import TaskWindow
 from fusion.errors import NotAligned, NothingInCommon, UnknownAxis
@@ -32,16 +32,16 @@ from fusion.exposure.types import Exposure
 from fusion.pipeline import FusedRecording
 from fusion.recording import Float64Array, FloatArray, join_overlapping
 
-# How far two angles agree. ``ours`` and ``reference`` are always shape (n,), deg, at the same moments.
+# Agreement of two angles. ``ours`` and ``reference`` are always shape (n,), deg, at the same moments.
 #
 # Pearson's r, root mean square and mean absolute error: as in Table 1 of the source paper. Bias and limits of
 # agreement: Bland and Altman 1986; with repeated measures, Bland and Altman 2007, section 3 (the true value
 # varies). ICC(A,1): McGraw and Wong 1996, two-way, absolute agreement, one measurement (Shrout and Fleiss's
 # ICC(2,1)). Concordance: Lin 1989.
 #
-# r, ICC and concordance compare the error with the spread of the angle. Where the angle hardly moves they
-# do not measure the error, so they are not given (NaN) where the reference is quasi-static: its standard
-# deviation below 5 deg. The paper leaves r out of its quasi-static tasks without naming a rule.
+# r, ICC and concordance compare the error with the spread of the angle. If the angle hardly moves they do not
+# measure the error, so they are NaN if the reference is quasi-static: standard deviation below 5 deg. The
+# paper omits r for its quasi-static tasks without stating a rule.
 
 QUASI_STATIC_DEG = 5.0
 LIMIT_SD = 1.96
@@ -49,7 +49,7 @@ LIMIT_SD = 1.96
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """Agreement over some rows; ``bias_deg`` is ours minus reference. NaN is "not computable"."""
+    """Agreement over some rows; ``bias_deg`` is ours minus reference. NaN means not computable."""
 
     count: int
     duration_s: float
@@ -78,38 +78,38 @@ def measure_agreement(ours_deg: Float64Array, reference_deg: Float64Array, durat
     if not len(ours_deg):
         return Agreement(0, 0.0, *([nan] * 10))
     error = ours_deg - reference_deg
-    bias, sd = float(error.mean()), find_sd(error)
-    reference_sd = find_sd(reference_deg)
+    bias, sd = float(error.mean()), compute_sd(error)
+    reference_sd = compute_sd(reference_deg)
     moves = reference_sd >= QUASI_STATIC_DEG
     return Agreement(
         count=len(error),
         duration_s=duration_s,
-        r=find_r(ours_deg, reference_deg) if moves else nan,
+        r=compute_pearson_r(ours_deg, reference_deg) if moves else nan,
         rmse_deg=float(np.sqrt(np.mean(error**2))),
         mean_absolute_error_deg=float(np.abs(error).mean()),
         bias_deg=bias,
         sd_deg=sd,
         loa_low_deg=bias - LIMIT_SD * sd,
         loa_high_deg=bias + LIMIT_SD * sd,
-        icc=find_icc(ours_deg, reference_deg) if moves else nan,
-        concordance=find_concordance(ours_deg, reference_deg) if moves else nan,
+        icc=compute_icc(ours_deg, reference_deg) if moves else nan,
+        concordance=compute_concordance(ours_deg, reference_deg) if moves else nan,
         reference_sd_deg=reference_sd,
     )
 
 
-def find_sd(values: Float64Array) -> float:
-    """Sample standard deviation; NaN of fewer than two."""
+def compute_sd(values: Float64Array) -> float:
+    """Return the sample standard deviation; NaN for fewer than two."""
     return float(values.std(ddof=1)) if len(values) > 1 else nan
 
 
-def find_concordance(a: Float64Array, b: Float64Array) -> float:
-    """Lin's coefficient: 2 s_ab / (s_a^2 + s_b^2 + (mean_a - mean_b)^2), variances over n."""
+def compute_concordance(a: Float64Array, b: Float64Array) -> float:
+    """Return Lin's coefficient: 2 s_ab / (s_a^2 + s_b^2 + (mean_a - mean_b)^2), variances over n."""
     apart = float(a.mean() - b.mean()) ** 2 + float(a.var()) + float(b.var())
     return 2.0 * float(np.mean((a - a.mean()) * (b - b.mean()))) / apart if apart > 0 else nan
 
 
-def find_icc(a: Float64Array, b: Float64Array) -> float:
-    """ICC(A,1): (MSR - MSE) / (MSR + MSE + 2 (MSC - MSE) / n), for two measurements of n moments."""
+def compute_icc(a: Float64Array, b: Float64Array) -> float:
+    """Return ICC(A,1): (MSR - MSE) / (MSR + MSE + 2 (MSC - MSE) / n), for two measurements of n moments."""
     n = len(a)
     if n < 2:
         return nan
@@ -133,12 +133,12 @@ class Limits:
     within_sd_deg: float
 
 
-def find_repeated_limits(groups: Sequence[Agreement]) -> Limits:
+def compute_repeated_limits(groups: Sequence[Agreement]) -> Limits:
     """Return limits of agreement for several people (or repetitions) with many rows each.
 
-    One-way analysis of variance of the differences: within = MSW, between = (MSB - MSW) / m0 with
-    m0 = (N^2 - sum m_i^2) / ((k - 1) N); limits = mean of all rows +- 1.96 sqrt(between + within). With one
-    group they are the plain limits. Groups without rows are left out.
+    One-way analysis of variance of the differences: within = MSW, between = (MSB - MSW) / m0 with m0 = (N^2 -
+    sum m_i^2) / ((k - 1) N); limits = mean of all rows +- 1.96 sqrt(between + within). With one group they
+    are the plain limits. Groups without rows are ignored.
     """
     groups = [group for group in groups if group.count > 0]
     if not groups:
@@ -173,7 +173,7 @@ class AgreementEntry:
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """Mean and sample standard deviation over people; ``people`` is how many have the figure."""
+    """Mean and sample standard deviation over people; ``people``: how many have the figure."""
 
     mean: float
     sd: float
@@ -196,7 +196,7 @@ class AgreementCell:
 
 
 def summarise_agreement_study(entries: Sequence[AgreementEntry]) -> tuple[AgreementCell, ...]:
-    """Return a cell for each task and device, tasks in the paper's order first, then as they come."""
+    """Return a cell for each task and device: tasks of the paper in its order, then the others."""
     keys = dict.fromkeys((entry.task, entry.device) for entry in entries)
     cells = [_summarise([entry for entry in entries if (entry.task, entry.device) == key]) for key in keys]
     return tuple(sorted(cells, key=lambda cell: cell.paper_task or 99))
@@ -214,29 +214,29 @@ def _summarise(entries: Sequence[AgreementEntry]) -> AgreementCell:
         spread(_average(own, "rmse_deg") for own in of),
         spread(_average(own, "mean_absolute_error_deg") for own in of),
         spread(_average(own, "bias_deg") for own in of),
-        find_repeated_limits([entry.agreement for entry in entries]),
+        compute_repeated_limits([entry.agreement for entry in entries]),
     )
 
 
 def _average(agreements: Sequence[Agreement], name: str) -> float:
-    """Return a person's own mean of a statistic, where several recordings hold the task."""
+    """Return a person's mean of a statistic, if several recordings contain the task."""
     known = [value for agreement in agreements if isfinite(value := float(getattr(agreement, name)))]
     return sum(known) / len(known) if known else nan
 
 
 def spread(values: Iterable[float]) -> Spread:
-    """Mean and sample standard deviation of what is known; NaN where most people do not have the figure.
+    """Return mean and sample standard deviation of the known values; NaN if most people lack the figure.
 
-    So r is not given for a task that is quasi-static for most, because one person moved a little more.
+    This omits r for a task that is quasi-static for most people, even if one person moved a little more.
     """
     every = list(values)
     known = np.array([value for value in every if isfinite(value)])
     if 2 * len(known) <= len(every):
         return Spread(nan, nan, len(known))
-    return Spread(float(known.mean()), find_sd(known), len(known))
+    return Spread(float(known.mean()), compute_sd(known), len(known))
 
 
-# The two sides of a comparison: a recording that we fused, or a file that holds its angle already.
+# The two sides of a comparison: a recording fused by Acromion, or a file that contains its angle.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -245,8 +245,8 @@ class Side:
 
     ``device``, ``sha256``, ``understood``: as in :class:`fusion.recording.Recording`.
     ``duration_s``: from the first to the last row.
-    ``runs``: the elevation, deg; empty as long as the arm's axis is not known.
-    ``paths``: the path of the vertical, deg; empty where only angles are known.
+    ``runs``: the elevation, deg; empty until the arm axis is known.
+    ``paths``: the path of the vertical, deg; empty if only angles are known.
     ``calibration_s``: when the arm hung still, (start, end); the other side is calibrated at the same moment.
     """
 
@@ -260,48 +260,48 @@ class Side:
 
 
 def take_recording(fused: FusedRecording) -> Side:
-    """Take a recording of ours; its clock counts from its first sample."""
+    """Return a fused recording as a side; its clock counts from its first sample."""
     recording, windows = fused.samples.recording, fused.samples.calibration.windows
     return Side(
         recording.device,
         recording.sha256,
         recording.duration_us / 1e6,
-        take_runs(fused.elevation),
-        take_paths(fused.elevation),
+        get_valid_runs(fused.elevation),
+        get_vertical_paths(fused.elevation),
         (windows[0].start_s, windows[0].end_s) if windows else None,
         recording.understood,
     )
 
 
 def take_angle_file(file: AngleFile, calibration_s: tuple[float, float] | None = None) -> Side:
-    """Take a file with its angle, or with an orientation only; its clock is its own."""
+    """Return a file with its angle, or with an orientation only, as a side, in its own clock."""
     return Side(
         file.device,
         file.sha256,
         file.last_s - file.first_s,
-        _lay(file, file.elevation_deg),
-        _lay(file, None if file.up is None else measure_path(file.up)),
+        _resample(file, file.elevation_deg),
+        _resample(file, None if file.up is None else measure_path(file.up)),
         calibration_s,
         file.understood,
     )
 
 
-def _lay(file: AngleFile, values: FloatArray | None) -> Runs:
-    return () if values is None else take_runs(resample_file(file, values)[1], file.first_s)
+def _resample(file: AngleFile, values: FloatArray | None) -> Runs:
+    return () if values is None else get_valid_runs(resample_file(file, values)[1], file.first_s)
 
 
-# The error by elevation and by speed, both as the reference measured them.
+# The error by elevation and by speed, both as measured by the reference.
 
 
 ELEVATION_EDGES_DEG = (0.0, 30.0, 60.0, 90.0, 120.0, 180.0)
 SPEED_EDGES_DPS = (0.0, 10.0, 30.0, 90.0, 180.0, float("inf"))
 SPEED_SPAN_S = 0.1
-"""The speed is taken over a tenth of a second, which averages the noise of single samples."""
+"""The speed is computed over a tenth of a second, which averages the noise of single samples."""
 
 
 @dataclass(frozen=True, slots=True)
 class Stratum:
-    """Rows with ``lower <= value < upper``; the last class holds its upper edge too."""
+    """Rows with ``lower <= value < upper``; the upper edge of the last class also belongs to it."""
 
     lower: float
     upper: float
@@ -310,7 +310,7 @@ class Stratum:
 
 
 def measure_speed(run: PairedRun) -> Float64Array:
-    """Size of the change over a tenth of a second about each row, deg/s; at the ends over what there is."""
+    """Return the absolute change over a tenth of a second around each row, deg/s; shorter at the ends."""
     reach = max(1, round(SPEED_SPAN_S * run.rate_hz / 2))
     rows = np.arange(len(run))
     first, last = np.maximum(rows - reach, 0), np.minimum(rows + reach, len(run) - 1)
@@ -338,7 +338,7 @@ PERCENTILES = (10, 50, 90)
 
 @dataclass(frozen=True, slots=True)
 class FigureDifference:
-    """One exposure figure on both sides, under its name in the summary; ``difference`` = ours - reference."""
+    """One exposure figure on both sides, with its name in the summary; ``difference`` = ours - reference."""
 
     name: str
     ours: float
@@ -346,7 +346,7 @@ class FigureDifference:
 
     @property
     def difference(self) -> float:
-        """Ours less the reference's."""
+        """Ours minus the reference."""
         return self.ours - self.reference
 
 
@@ -363,7 +363,7 @@ Axis = Literal["angle", "segment", "common pose"]
 
 @dataclass(frozen=True, slots=True)
 class ComparisonSettings:
-    """What a person may decide about a comparison."""
+    """Options of a comparison."""
 
     clock: ClockSettings = field(default_factory=ClockSettings)
     tasks: tuple[TaskWindow, ...] = ()
@@ -384,9 +384,9 @@ class TaskAgreement:
 class Comparison:
     """Two measurements of one arm, aligned and compared.
 
-    ``axis`` says where the reference's angle comes from: a ready angle, the arm's segment in the file, or an
-    orientation calibrated at the moment at which ours was. ``pairs`` is all that was compared: the tasks
-    where there is a list of them, else all common time.
+    ``axis``: the source of the reference's angle: a ready angle, the arm's segment in the file, or an
+    orientation calibrated at the same moment as our side.
+    ``pairs``: all compared rows: the tasks if there is a task list, otherwise all common time.
     """
 
     ours: Side
@@ -402,9 +402,9 @@ class Comparison:
 
 
 def compare_sides(ours: Side, reference: AngleFile, settings: ComparisonSettings) -> Comparison:
-    """Align the two, bring them to one rate, and compare.
+    """Align the two sides, resample them to one rate, and compare.
 
-    With a list of tasks, ``overall`` is over the tasks alone; else over all the time they have in common.
+    With a task list, ``overall`` covers the tasks only; otherwise all common time.
 
     Raises
     ------
@@ -423,7 +423,7 @@ def compare_sides(ours: Side, reference: AngleFile, settings: ComparisonSettings
     windows = tuple(_place(task, alignment) for task in settings.tasks)
     tasks = _compare_tasks(pairs, windows)
     counted = pairs
-    if windows:  # every moment that lies in a task, once, in time order
+    if windows:  # every moment within a task, once, in time order
         spans_s = join_overlapping((window.start_s, window.end_s) for window in windows)
         counted = join_pairs([pairs.cut(start_s, end_s) for start_s, end_s in spans_s])
     if not counted.runs:
@@ -445,7 +445,7 @@ def compare_sides(ours: Side, reference: AngleFile, settings: ComparisonSettings
 
 
 def _calibrate_together(ours: Side, reference: AngleFile, clock: ClockSettings) -> AngleFile:
-    """Align by how fast the vertical moves, then calibrate the reference when our side was calibrated."""
+    """Align by the speed of the vertical, then calibrate the reference at the moment of our calibration."""
     rough = align_roughly(ours.paths or ours.runs, take_angle_file(reference).paths, clock)
     if not rough.is_offset_given and not rough.r >= LEAST_R:
         raise NotAligned(r=round(rough.r, 2), least=LEAST_R)
@@ -456,7 +456,7 @@ def _calibrate_together(ours: Side, reference: AngleFile, clock: ClockSettings) 
 
 
 def _place(task: TaskWindow, alignment: Alignment) -> TaskWindow:
-    """Bring a task to the recording's clock."""
+    """Convert a task to the recording's clock."""
     if task.clock == "recording":
         return task
     start_s, end_s = alignment.to_recording(np.array([task.start_s, task.end_s])).tolist()
@@ -468,7 +468,7 @@ def _compare_tasks(pairs: Pairs, tasks: tuple[TaskWindow, ...]) -> tuple[TaskAgr
     for name in dict.fromkeys(task.name for task in tasks):
         windows = [task for task in tasks if task.name == name]
         parts = [pairs.cut(task.start_s, task.end_s) for task in windows]
-        limits = find_repeated_limits([_measure(part) for part in parts])
+        limits = compute_repeated_limits([_measure(part) for part in parts])
         pooled = _measure(join_pairs(parts))
         found.append(TaskAgreement(name, windows[0].paper_task, len(windows), pooled, limits))
     return tuple(found)

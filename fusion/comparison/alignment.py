@@ -1,7 +1,7 @@
-"""Two measurements of one arm on one clock: both angles at the same moments, offset and drift of the clocks.
+"""Align two measurements of one arm: both angles at the same moments, with offset and drift of the clocks.
 
-The slower side keeps its own samples, and the faster side is interpolated between its samples. So neither
-side gets samples at a rate that it was not measured at. Holes of either stay holes.
+The slower side keeps its own samples, and the faster side is interpolated between its samples. Neither side
+gets samples at a higher rate than it was measured at. Gaps of either side remain gaps.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -25,7 +25,7 @@ from fusion.runs import find_runs
 
 PATH_HZ = 50.0
 SHORTEST_ROWS = 4
-"""What a cubic needs; a shorter run holds nothing that could be compared."""
+"""A cubic needs this many rows; a shorter run cannot be compared."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,8 +53,8 @@ class Run:
 Runs = tuple[Run, ...]
 
 
-def take_runs(elevation: Elevation, first_s: float = 0.0) -> Runs:
-    """Take the valid rows; ``first_s`` is the clock at the recording's first sample."""
+def get_valid_runs(elevation: Elevation, first_s: float = 0.0) -> Runs:
+    """Return the valid rows as runs; ``first_s`` is the clock at the recording's first sample."""
     return tuple(
         Run(first_s + (segment.start_us / MICROSECONDS) + start / segment.rate_hz, segment.rate_hz, values)
         for segment in elevation.segments
@@ -62,11 +62,11 @@ def take_runs(elevation: Elevation, first_s: float = 0.0) -> Runs:
     )
 
 
-def take_paths(elevation: Elevation) -> Runs:
-    """Take the path of the vertical in the sensor's frame, deg, at about 50 Hz.
+def get_vertical_paths(elevation: Elevation) -> Runs:
+    """Return the path of the vertical in the sensor's frame, deg, at about 50 Hz.
 
-    Its rate of change is the same however the sensor sits on the arm: what aligns an orientation whose arm
-    axis is not known yet. Empty where the vertical is not known.
+    Its rate of change does not depend on the mounting of the sensor. It is used to align an orientation whose
+    arm axis is not known yet. Empty if the vertical is not known.
     """
     paths = []
     for segment in elevation.segments:
@@ -82,7 +82,7 @@ def take_paths(elevation: Elevation) -> Runs:
 
 
 def measure_path(up: FloatArray) -> Float64Array:
-    """Sum of the angles between successive unit vectors (n, 3), deg, shape (n,), from 0."""
+    """Return the sum of the angles between successive unit vectors (n, 3), deg, shape (n,), from 0."""
     chord = np.linalg.norm(np.diff(up.astype(np.float64), axis=0), axis=1)
     return np.concatenate([[0.0], np.cumsum(np.degrees(2.0 * np.arcsin(np.minimum(chord / 2.0, 1.0))))])
 
@@ -94,9 +94,9 @@ def _cut_valid(segment: ElevationSegment) -> Iterable[tuple[int, NDArray[np.floa
 
 
 def interpolate(run: Run, time_s: Float64Array) -> Float64Array:
-    """Value at each time, by the cubic through the four nearest values; times must lie within the run.
+    """Return the value at each time, by the cubic through the four nearest values; times within the run.
 
-    At 60 Hz they follow a swing of 3 Hz to 0.02 % of its amplitude (a straight line: to 1.2 %).
+    At 60 Hz it follows a swing of 3 Hz to 0.02 % of its amplitude (linear interpolation: to 1.2 %).
     """
     out = np.empty(len(time_s))
     _interpolate(run.values, (time_s - run.start_s) * run.rate_hz, out)
@@ -107,7 +107,7 @@ def interpolate(run: Run, time_s: Float64Array) -> Float64Array:
 def _interpolate(
     values: FloatArray, places: Float64Array, out: Float64Array
 ) -> None:  # pragma: no cover - compiled
-    """Lagrange's cubic on an even grid; at both ends the first and last four values are used."""
+    """Compute Lagrange's cubic on an even grid; both ends use the first or last four values."""
     last = len(values) - 4
     for k in range(len(places)):
         first = min(max(int(np.floor(places[k])) - 1, 0), last)
@@ -122,7 +122,7 @@ def _interpolate(
 
 
 def find_rate_hz(runs: Sequence[Run]) -> float:
-    """The rate of the longest run."""
+    """Return the rate of the longest run."""
     return max(runs, key=len).rate_hz
 
 
@@ -130,7 +130,7 @@ def find_rate_hz(runs: Sequence[Run]) -> float:
 
 
 TIMING_S = 0.01
-"""Uncertainty of the time between two samples where the stamps are of whole seconds (GT9X)."""
+"""Uncertainty of the time between two samples if the timestamps are whole seconds (GT9X)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,11 +144,11 @@ class WindowLag:
 
 @dataclass(frozen=True, slots=True)
 class Alignment:
-    """reference clock = ``offset_s`` + recording clock x (1 + ``drift_ppm`` / 1e6).
+    """The relation: reference clock = ``offset_s`` + recording clock x (1 + ``drift_ppm`` / 1e6).
 
-    ``r`` is the correlation of the speeds under this alignment. ``is_offset_given`` and ``is_drift_given``
-    are true where a person set it by hand; ``is_drift_fitted`` is False where the motion does not determine
-    a drift, which is then 0.
+    ``r``: correlation of the speeds with this alignment.
+    ``is_offset_given``, ``is_drift_given``: whether a person set the value.
+    ``is_drift_fitted``: False if the motion does not determine a drift, which is then 0.
     """
 
     offset_s: float
@@ -161,7 +161,7 @@ class Alignment:
 
     @property
     def drift_margin_ppm(self) -> float:
-        """How far a fitted drift may be off: 10 ms over the span of the stretches; nan where none is."""
+        """Uncertainty of a fitted drift: 10 ms over the span of the stretches; NaN if there is no fit."""
         if not self.is_drift_fitted:
             return nan
         starts_s = [window.start_s for window in self.windows]
@@ -173,11 +173,11 @@ class Alignment:
         return 1.0 + self.drift_ppm / 1e6
 
     def to_reference(self, time_s: Float64Array) -> Float64Array:
-        """Seconds of the recording's clock to the reference's."""
+        """Convert seconds of the recording's clock to the reference's."""
         return self.offset_s + time_s * self.pace
 
     def to_recording(self, time_s: Float64Array) -> Float64Array:
-        """Seconds of the reference's clock to the recording's."""
+        """Convert seconds of the reference's clock to the recording's."""
         return (time_s - self.offset_s) / self.pace
 
 
@@ -222,12 +222,12 @@ class Pairs:
 
     @property
     def duration_s(self) -> float:
-        """How long both were measured together."""
+        """Duration of the common time."""
         return sum(len(run) / run.rate_hz for run in self.runs)
 
     @property
     def rate_hz(self) -> float:
-        """Rows in a second."""
+        """Rows per second."""
         return max(self.runs, key=len).rate_hz if self.runs else float("nan")
 
     def cut(self, start_s: float, end_s: float) -> "Pairs":
@@ -245,7 +245,7 @@ class Pairs:
         return Pairs(tuple(parts))
 
     def to_elevations(self) -> tuple[Elevation, Elevation]:
-        """Return both sides for the exposure figures: same rows, same holes."""
+        """Return both sides for the exposure figures: same rows, same gaps."""
         first_s = self.runs[0].start_s if self.runs else 0.0
         ours: list[ElevationSegment] = []
         reference: list[ElevationSegment] = []
@@ -257,12 +257,12 @@ class Pairs:
 
 
 def join_pairs(parts: Sequence[Pairs]) -> Pairs:
-    """Put several cuts together, such as the repetitions of one task."""
+    """Join several cuts, such as the repetitions of one task."""
     return Pairs(tuple(run for part in parts for run in part.runs))
 
 
 def pair(ours: Runs, reference: Runs, alignment: Alignment) -> Pairs:
-    """Bring both to the recording's clock and to the rate of the slower one; raises NothingInCommon."""
+    """Convert both to the recording's clock and the rate of the slower one; raises NothingInCommon."""
     moved = tuple(move_run(run, alignment) for run in reference)
     if not ours or not moved:
         raise NothingInCommon(s=0.0)
@@ -277,13 +277,13 @@ def pair(ours: Runs, reference: Runs, alignment: Alignment) -> Pairs:
 
 
 def move_run(run: Run, alignment: Alignment) -> Run:
-    """Bring a run of the reference to the recording's clock."""
+    """Convert a run of the reference to the recording's clock."""
     start_s = float(alignment.to_recording(np.array([run.start_s]))[0])
     return Run(start_s, run.rate_hz * alignment.pace, run.values)
 
 
 def _find_common(slow: Runs, fast: Runs) -> Iterator[PairedRun]:
-    """Return the rows wherever two runs overlap, with the slower side as ours."""
+    """Yield the rows where two runs overlap, with the slower side as ours."""
     for run in slow:
         for other in fast:
             first = max(0, int(np.ceil((other.start_s - run.start_s) * run.rate_hz - 1e-6)))
@@ -295,45 +295,47 @@ def _find_common(slow: Runs, fast: Runs) -> Iterator[PairedRun]:
                 yield PairedRun(float(time_s[0]), run.rate_hz, values, within)
 
 
-def find_r(a: Float64Array, b: Float64Array) -> float:
-    """Pearson's correlation; NaN where one does not vary."""
+def compute_pearson_r(a: Float64Array, b: Float64Array) -> float:
+    """Return Pearson's correlation; NaN if one does not vary."""
     u, v = a - a.mean(), b - b.mean()
     size = sqrt(float(u @ u) * float(v @ v))
     return float(u @ v) / size if size > 0 else nan
 
 
-# Find offset and drift between the clocks of recording and reference, from the motion in both.
+# Estimate offset and drift between the clocks of recording and reference, from the motion in both.
 #
-# 1. Whole shift: normalised cross-correlation of the angles' rates of change (10 Hz grid, cut at 150 deg/s,
-#    zero in holes). A held pose has no rate of change, so quasi-static parts do not count, whatever their
-#    angle is; an error of the pose does not matter either.
-# 2. Drift: the same in stretches, each within 4 s of the first answer, placed to a fraction of a sample by
-#    the parabola through the peak; then the line that most stretches agree on (Theil and Sen). A drift is
-#    only fitted where the stretches that agree span 2 min or more; else it is 0, and said to be.
+# 1. Coarse offset: normalised cross-correlation of the angles' rates of change (10 Hz grid, limited to 150
+#    deg/s, zero in gaps). A held pose has no rate of change, so quasi-static parts do not count, at any
+#    angle. An error of the pose has no effect either.
+# 2. Drift: the same in stretches, each within 4 s of the first result, to a fraction of a sample by a
+#    parabola through the peak; then the line through most stretches (Theil and Sen). A drift is only fitted
+#    if the agreeing stretches span at least 2 min; otherwise it is 0, and reported as such.
 # 3. To the millisecond: least squares of the difference of the angles over offset, drift and bias together,
-#    the reference interpolated by cubics, with Huber's weights (1964) and a few steps of Gauss and Newton.
+#    the reference interpolated by cubics, with Huber's weights (1964) and a few Gauss-Newton steps.
 #
-# A constant delay of a filter on one side becomes a part of the offset and cannot be separated from it.
+# A constant delay of a filter on one side becomes part of the offset and cannot be separated from it.
 
 GRID_HZ = 10.0
 LEAST_R = 0.5
-"""Below this correlation the motions are not alike, and no alignment is given."""
+"""Below this correlation the motions do not match, and there is no alignment."""
 
 LEAST_ENERGY = 0.2
 """Least share of the lesser side's motion in the common time of a shift; with less, edges match by chance."""
 
 LEAST_MOTION_S, MOVING_DPS = 10.0, 5.0
-"""So long must the common time hold motion of both, each faster than this, for a shift to be searched for."""
+"""The common time must contain at least this much motion of both sides, faster than this, to search for a
+shift.
+"""
 
 SURE_MOTION_S, SURE_R = 30.0, 0.7
-"""So much motion matches so well by no chance: of 3e5 shifts of 60 independent values the best has r 0.65."""
+"""A match of this much motion is not chance: the best of 3e5 shifts of 60 independent values has r 0.65."""
 
 MOST_RIVAL = 0.95
-"""Short of that, what another shift more than ``REACH_S`` away may be worth beside the best."""
+"""Otherwise, the largest relative score of another shift more than ``REACH_S`` away."""
 
 OVERLAP_WORTH = 0.25
 FASTEST_DPS = 150.0
-"""Faster motion counts as this speed, so that no single throw decides."""
+"""Faster motion counts as this speed, so that no single throw dominates."""
 
 REACH_S = 4.0
 WINDOW_R = 0.7
@@ -342,15 +344,15 @@ MOST_WINDOWS, SHORTEST_WINDOW_S, LONGEST_WINDOW_S = 60, 20.0, 300.0
 STEPS = 25
 SLOPE_S = 0.2
 MOST_SHIFT_S = 1.0
-"""If the last step moves the offset by more than this, it has diverged, and the step before it is kept."""
+"""If the refinement moves the offset by more than this, it has diverged, and the previous result is kept."""
 
 
 @dataclass(frozen=True, slots=True)
 class ClockSettings:
-    """The alignment as far as a person sets it by hand.
+    """Alignment values that a person sets by hand.
 
-    ``offset_s``: the reference's clock at the recording's first sample; None: found from the motion.
-    ``drift_ppm``: how much faster the reference's clock runs; None: found from the motion.
+    ``offset_s``: the reference's clock at the recording's first sample; None: estimate it from the motion.
+    ``drift_ppm``: how much faster the reference's clock runs; None: estimate it from the motion.
     """
 
     offset_s: float | None = None
@@ -358,13 +360,13 @@ class ClockSettings:
 
 
 def align(ours: Runs, reference: Runs, clock: ClockSettings | None = None) -> Alignment:
-    """Find offset and drift, except what is given.
+    """Estimate offset and drift, except values that are given.
 
     Raises
     ------
     NotAligned
         Unless the offset is given: the rates of change correlate by less than 0.5 at the best shift, the
-        common time holds less than 10 s of motion there, or another shift is worth nearly as much.
+        common time has less than 10 s of motion there, or another shift has nearly the same score.
     NothingInCommon
         A side without any valid row.
     """
@@ -376,7 +378,7 @@ def align(ours: Runs, reference: Runs, clock: ClockSettings | None = None) -> Al
 
 
 def align_roughly(ours: Runs, reference: Runs, clock: ClockSettings) -> Alignment:
-    """Find offset and drift to some hundredths of a second, from any two curves whose slopes are alike.
+    """Estimate offset and drift to some hundredths of a second, from any two curves with similar slopes.
 
     Raises
     ------
@@ -389,7 +391,7 @@ def align_roughly(ours: Runs, reference: Runs, clock: ClockSettings) -> Alignmen
         raise NothingInCommon(s=0.0)
     if clock.offset_s is None:
         first = _find_shift(ours, reference)
-        middle_s = (ours[0].start_s + ours[-1].end_s) / 2.0  # where a shift found without the drift holds
+        middle_s = (ours[0].start_s + ours[-1].end_s) / 2.0  # the time to which a shift without drift applies
     else:
         first, middle_s = Alignment(clock.offset_s, 0.0, is_offset_given=True), 0.0
     if clock.drift_ppm is not None:
@@ -399,7 +401,7 @@ def align_roughly(ours: Runs, reference: Runs, clock: ClockSettings) -> Alignmen
 
 
 def _sample_rates(runs: Runs, start_s: float, sample_count: int) -> Float64Array:
-    """Rates of change on an even grid of 10 Hz: the change over one grid step; 0 where there is none."""
+    """Return rates of change on an even grid of 10 Hz: the change over one grid step; 0 if there is none."""
     rates = np.zeros(sample_count)
     for run in runs:
         first = max(0, int(np.ceil((run.start_s - start_s) * GRID_HZ)))
@@ -411,9 +413,9 @@ def _sample_rates(runs: Runs, start_s: float, sample_count: int) -> Float64Array
 
 
 def _find_shift(ours: Runs, reference: Runs) -> Alignment:
-    """Find the shift at which the rates of change of both match best; to about 0.05 s, drift taken as 0.
+    """Return the shift with the best match of the rates of change, to about 0.05 s, assuming no drift.
 
-    Raises NotAligned: too little motion in common there, or another shift is worth nearly as much.
+    Raises NotAligned: too little common motion there, or another shift has nearly the same score.
     """
     own_start_s, other_start_s = ours[0].start_s, reference[0].start_s
     own = _sample_rates(ours, own_start_s, _count_steps(ours))
@@ -441,9 +443,9 @@ def _count_steps(runs: Runs) -> int:
 
 
 def _score_shifts(own: Float64Array, other: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Correlation for every shift of ``other`` to the right, and its worth; index len(own) - 1 is none.
+    """Return correlation and score for every shift of ``other`` to the right; index len(own) - 1 is none.
 
-    Of two shifts that match alike, the one that leaves more of the motion in common is worth more.
+    Of two shifts with the same correlation, the one with more common motion has the higher score.
     """
     product = correlate(other, own, mode="full", method="fft")
     own_energy = correlate((other != 0).astype(float), own**2, mode="full", method="fft")
@@ -456,7 +458,7 @@ def _score_shifts(own: Float64Array, other: Float64Array) -> tuple[Float64Array,
 
 
 def _fit_windows(ours: Runs, reference: Runs, first: Alignment, clock: ClockSettings) -> Alignment:
-    """Place stretches one by one and lay the line that most of them agree on."""
+    """Align stretches one by one and fit the line through most of them."""
     windows = _place_windows(ours, reference, first)
     start_s = np.array([window.start_s for window in windows])
     lags_s = np.array([window.lag_s for window in windows])
@@ -478,7 +480,7 @@ def _fit_windows(ours: Runs, reference: Runs, first: Alignment, clock: ClockSett
 
 
 def _place_windows(ours: Runs, reference: Runs, first: Alignment) -> tuple[WindowLag, ...]:
-    """Return each stretch's own lag, for those that correlate by 0.7 or more."""
+    """Return the lag of each stretch with a correlation of at least 0.7."""
     start_s, end_s = ours[0].start_s, ours[-1].end_s
     length_s = float(np.clip((end_s - start_s) / MOST_WINDOWS, SHORTEST_WINDOW_S, LONGEST_WINDOW_S))
     count = int(length_s * GRID_HZ)
@@ -495,7 +497,7 @@ def _place_windows(ours: Runs, reference: Runs, first: Alignment) -> tuple[Windo
 
 
 def _place(own: Float64Array, other: Float64Array, reach_samples: int) -> tuple[float, float]:
-    """Return the lag in grid steps, to a fraction by the parabola through the peak, and its correlation."""
+    """Return the lag in grid steps, to a fraction by a parabola through the peak, and its correlation."""
     energy = float(own @ own)
     if energy <= 0:
         return 0.0, 0.0
@@ -513,7 +515,7 @@ def _place(own: Float64Array, other: Float64Array, reach_samples: int) -> tuple[
 
 
 def _refine(ours: Runs, reference: Runs, placed: Alignment) -> Alignment:
-    """Least squares over offset, drift (where it is fitted) and bias; what was given stays."""
+    """Solve least squares over offset, drift (if fitted) and bias; given values stay fixed."""
     free = [not placed.is_offset_given, placed.is_drift_fitted]
     now = placed
     for _ in range(STEPS):
@@ -531,7 +533,7 @@ def _refine(ours: Runs, reference: Runs, placed: Alignment) -> Alignment:
 def _find_step(
     ours: Runs, reference: Runs, now: Alignment, free: Sequence[bool]
 ) -> tuple[float, float] | None:
-    """One step of Gauss and Newton; None where the common time does not determine one."""
+    """Return one Gauss-Newton step; None if the common time does not determine it."""
     if not any(free):
         return 0.0, 0.0
     pairs = pair(ours, reference, now)
@@ -554,7 +556,7 @@ def _find_step(
 
 
 def _find_slopes(run: PairedRun) -> Float64Array:
-    """Slope of the reference over a fifth of a second: noise in it would make every step too short."""
+    """Return the slope of the reference over a fifth of a second: noise would make every step too short."""
     reach = max(1, round(SLOPE_S * run.rate_hz / 2))
     rows = np.arange(len(run))
     first, last = np.maximum(rows - reach, 0), np.minimum(rows + reach, len(run) - 1)
@@ -562,7 +564,7 @@ def _find_slopes(run: PairedRun) -> Float64Array:
 
 
 def _correlate_rates(ours: Runs, reference: Runs, alignment: Alignment) -> float:
-    """Correlation of the rates of change over the common time."""
+    """Return the correlation of the rates of change over the common time."""
     try:
         pairs = pair(ours, reference, alignment)
     except NothingInCommon:
@@ -570,4 +572,4 @@ def _correlate_rates(ours: Runs, reference: Runs, alignment: Alignment) -> float
     steps = max(1, round(find_rate_hz(ours) / GRID_HZ))
     parts = [(run.ours_deg[::steps], run.reference_deg[::steps]) for run in pairs.runs]
     changes = [np.concatenate([np.diff(part[k]) for part in parts]) for k in (0, 1)]
-    return find_r(changes[0], changes[1]) if len(changes[0]) > 1 else nan
+    return compute_pearson_r(changes[0], changes[1]) if len(changes[0]) > 1 else nan

@@ -1,7 +1,8 @@
-"""Both arms of one shift side by side, and the arm beside the trunk.
+"""Compare both arms of one shift, and the arm with the trunk.
 
-The two recordings are put on one time axis by their clocks and an offset that the person may correct; only
-time in which both are valid is compared. Angles pass the metric filter first and are read on a 20 Hz grid.
+The two recordings are put on one time axis by their clocks and an offset that the person may correct. Only
+time in which both are valid is compared. The angles pass the metric filter first and are read on a 20 Hz
+grid.
 """
 
 from dataclasses import dataclass, field, replace
@@ -28,11 +29,11 @@ TrunkLimit = Literal["no trunk sensor", "sagittal plane only"]
 def draw_pair(
     time_s: Float64Array, left_deg: Float64Array, right_deg: Float64Array, sigmas_deg: tuple[float, float]
 ) -> dict[str, Interval]:
-    """Return the ranges of the figures of both arms by name: ``left_elevation_p50_deg``, for example.
+    """Return the ranges of the figures of both arms by name, for example ``left_elevation_p50_deg``.
 
-    They are made as those of a day: 200 draws of the 5-minute blocks of the time both arms share, the same
-    blocks for both, as it is one day; for each arm an error of its own angle, as each has its own sensor and
-    pose.
+    They are computed like those of a day: 200 draws of the 5-minute blocks of the common time, with the same
+    blocks for both arms, because it is one day. Each arm has its own angle error, because each has its own
+    sensor and pose.
 
     ``time_s``, ``left_deg``, ``right_deg``: shape (n,): the points at which both are analysed.
     ``sigmas_deg``: standard deviation of the constant error of the left and of the right angle.
@@ -40,7 +41,7 @@ def draw_pair(
     block_of: IntArray = np.unique(np.floor(time_s / BLOCK_S), return_inverse=True)[1].astype(np.int64)
     lasted = np.bincount(block_of)
     draws = draw_blocks(lasted, sigmas_deg[0])
-    # the same quantiles as those of the first arm, in an order that knows nothing of them
+    # the same quantiles as those of the first arm, in an order independent of them
     other_errors_deg = np.random.Generator(np.random.PCG64(RIGHT_SEED)).permutation(
         draw_errors(sigmas_deg[1])
     )
@@ -79,8 +80,9 @@ class ArmShare:
 class PairedArms:
     """Both arms over the ``shared_s`` seconds in which both were valid.
 
-    ``both_above_60_percent`` is the share with both at or above 60 deg at once; ``ratio_above_60`` the right
-    arm's time above 60 deg to the left's, and ``ratio_p50`` of their medians; None where the left has none.
+    ``both_above_60_percent``: share with both at or above 60 deg at once.
+    ``ratio_above_60``: the right arm's time above 60 deg over the left's; None if the left has none.
+    ``ratio_p50``: the same for the medians.
     """
 
     shared_s: float
@@ -90,17 +92,18 @@ class PairedArms:
     ratio_above_60: float | None
     ratio_p50: float | None
     intervals: dict[str, Interval] = field(default_factory=dict)
-    """By name (:func:`fusion.comparison.arms.draw_pair`); empty where the error of an angle is not known, and
-    under half an hour."""
+    """By name (:func:`fusion.comparison.arms.draw_pair`); empty if the error of an angle is unknown, and
+    under half an hour.
+    """
 
 
 @dataclass(frozen=True, slots=True)
 class TrunkRelative:
-    """Elevation of the arm less the inclination of the trunk, deg.
+    """Elevation of the arm minus the inclination of the trunk, deg.
 
-    ``limit`` is a key for the wording: the difference of two angles from the vertical is the angle between
-    arm and trunk only while both move in the sagittal plane (Schall et al. 2016 found 12.1 deg RMS against
-    optical measurement); without a trunk sensor nothing is computed.
+    ``limit``: key of the text about the limits. The difference of two angles from the vertical is the angle
+    between arm and trunk only while both move in the sagittal plane (Schall et al. 2016 found 12.1 deg RMS
+    against optical measurement). Without a trunk sensor nothing is computed.
     """
 
     limit: TrunkLimit
@@ -114,15 +117,14 @@ def pair_arms(
     offset_s: float = 0.0,
     sigmas_deg: tuple[float, float] | None = None,
 ) -> PairedArms:
-    """Set two arms side by side.
+    """Compare two arms.
 
-    ``left``, ``right``: before the metric filter; what a diary leaves out must not be valid.
-    ``offset_s``: when the right recording's first sample was taken, seconds after the left's (negative:
-    before).
-    ``sigmas_deg``: standard deviation of the constant error of the left and of the right angle; None: no
-    ranges. None are given for less than half an hour either.
+    ``left``, ``right``: before the metric filter; time excluded by a diary must not be valid.
+    ``offset_s``: time of the right recording's first sample, seconds after the left's (negative: before).
+    ``sigmas_deg``: standard deviation of the constant error of the left and of the right angle. Without it,
+    or with less than half an hour, there are no ranges.
 
-    Raises TooShort: when there is no time in which both are valid.
+    Raises TooShort: there is no time in which both are valid.
     """
     time_s, a, b = _share_grid(left, right, offset_s)
     shared_s = len(a) / GRID_HZ
@@ -140,11 +142,11 @@ def pair_arms(
 
 
 def relate_to_trunk(arm: Elevation, trunk: Elevation | None, offset_s: float = 0.0) -> TrunkRelative:
-    """Return the arm's elevation less the trunk's inclination; without a trunk sensor, only what is missing.
+    """Return the arm's elevation minus the trunk's inclination; without a trunk sensor, only the limit.
 
-    ``trunk`` is an elevation too: 0 upright, as calibrated standing.
+    ``trunk`` is also an elevation: 0 upright, as calibrated standing.
 
-    Raises TooShort: when there is no time in which both are valid.
+    Raises TooShort: there is no time in which both are valid.
     """
     if trunk is None:
         return TrunkRelative("no trunk sensor")
@@ -167,7 +169,7 @@ def _share_grid(
 
 
 def _read_at(runs: list[MetricAngle], time_s: Float64Array) -> Float64Array:
-    """Read at each time the angle of the row whose period holds it; NaN where none is valid."""
+    """Return the angle of the row at each time; NaN if none is valid."""
     angle_deg = np.full(len(time_s), np.nan)
     for run in runs:
         rows = np.floor((time_s - run.start_us / 1e6) * run.rate_hz + 1e-6).astype(np.int64)

@@ -1,10 +1,10 @@
-"""Comparison of two days, and of a day with published values.
+"""Compare two days, and a day with published values.
 
-Is the difference between two days larger than days differ without any change of the work?
+Is the difference between two days larger than the variation between days of unchanged work?
 
 MDC95 = 1.96 sqrt(2 / k) SD_BD, with k days on each side and the between-day standard deviation SD_BD of
-Wahlström et al. 2010 (hairdressers, right arm, four days): 2.0 percentage points for time above 60 deg,
-3.4 deg for the median. Another kind of work may vary more or less; the report says so with the verdict.
+Wahlström et al. 2010 (hairdressers, right arm, four days): 2.0 percentage points for time above 60 deg, 3.4
+deg for the median. Other work may vary more or less; the report states this with the verdict.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,11 +17,10 @@ import numpy as np
 
 from fusion.exposure.types import Exposure
 
-# Published values as data: value, source, what it applies to, and how far it is confirmed.
+# Published values as data: value, source, scope, and how well it is confirmed.
 #
-# The classes of elevation of the standards are in ``fusion.conventions``. Unverified values
-# are left out: :data:`NOT_SHIPPED` lists them with the reason. Nothing here is turned into a score or into
-# anyone's risk.
+# ``fusion.conventions`` has the elevation classes of the standards. Unverified values are excluded:
+# :data:`NOT_SHIPPED` lists them with the reason. No value is turned into a score or into a person's risk.
 
 
 Status = Literal["proposal", "guidance", "context"]
@@ -29,15 +28,15 @@ Reason = Literal["", "short", "poor", "not computed"]
 
 HOUR_S = 3600.0
 WHOLE_DAY_S = 4 * 3600.0
-"""Least analysed time that is compared with a value for a whole working day (A15)."""
+"""Least analysed time for a comparison with a value for a whole working day (A15)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Reference:
     """One published value.
 
-    ``low`` and ``high`` bound what was proposed or seen, in ``unit``; ``status`` says what they are: a
-    proposal of researchers, guidance without force, or context (what others were measured to do).
+    ``low`` and ``high`` are limits of the proposed or observed range, in ``unit``. ``status``: a proposal of
+    researchers, non-binding guidance, or context (measured values of others).
     """
 
     key: str
@@ -50,7 +49,7 @@ class Reference:
 
 @dataclass(frozen=True, slots=True)
 class Compared:
-    """A reference beside the measured figure; ``reason`` says why the two cannot be compared."""
+    """A reference with the measured figure; ``reason``: why the two cannot be compared."""
 
     reference: Reference
     measured: float | None
@@ -68,9 +67,10 @@ REFERENCES = (
     Reference("above_60_others", "percent", 4.4, 7.9, "context", LEWIS),
     Reference("above_90_others", "percent", 1.0, 2.8, "context", LEWIS),
 )  # fmt: skip
-"""In the order of the report, which shows the first four on its first page. ``velocity`` was made from
-accelerometers and is set beside ``generalised_accelerometer`` alone: a fused speed reads two to four times
-lower (Fan et al. 2021)."""
+"""In the order of the report; the first four are on its first page. ``velocity`` comes from accelerometers
+and is only compared with ``generalised_accelerometer``: a fused speed is two to four times lower (Fan et al.
+2021).
+"""
 
 
 STATEMENTS = {
@@ -80,23 +80,23 @@ STATEMENTS = {
     "waersted": "Waersted et al. 2020, review of 34 studies",
     "nfa": "Palm et al. 2018, 197 workers of 12 occupations",
 }
-"""Findings of studies of groups: given in words, beside no figure, and never turned into anyone's risk."""
+"""Findings of studies of groups: quoted in words, without a figure, and never turned into a person's risk."""
 
 NOT_SHIPPED = {
-    "Dalboge 2017, background speed 27 deg/s": "read in a table that quotes it; which speed is not said",
+    "Dalboge 2017, background speed 27 deg/s": "read in a table that quotes it, without the kind of speed",
     "ISO 11226, holding times": "not read in the standard",
     "EN 1005-4, footnotes": "not read in the standard",
     "ISO 11228-3 and OCRA, 80 deg": "not read in the standard",
-    "RAMP II, hand at shoulder height": "the height of the hand, which this angle does not tell",
-    "Lewis 2026, share of days over the levels": "of many days, which one recording is not",
+    "RAMP II, hand at shoulder height": "the height of the hand, which this angle does not show",
+    "Lewis 2026, share of days over the levels": "needs many days, not one recording",
 }
-"""Values that were considered and left out, with the reason."""
+"""Values that were considered and excluded, with the reason."""
 
 
 def compare_with_references(exposure: Exposure, verdict: str) -> tuple[Compared, ...]:
-    """Set each reference beside its figure, or give the reason why it does not apply.
+    """Compare each reference with its figure, or return the reason why it does not apply.
 
-    All are for a working day: not with less than 4 h analysed, and not when the quality is poor.
+    All apply to a working day: not with less than 4 h analysed, and not if the quality is poor.
     """
     reason: Reason = "poor" if verdict == "poor" else ""
     if exposure.analysed_s < WHOLE_DAY_S:
@@ -109,7 +109,7 @@ def compare_with_references(exposure: Exposure, verdict: str) -> tuple[Compared,
 
 
 def find_measured(key: str, exposure: Exposure) -> float | None:
-    """Return the only figure that was measured as the reference was."""
+    """Return the figure that was measured in the same way as the reference; None if there is none."""
     above = {int(item.threshold_deg): item.percent for item in exposure.time_above}
     velocity = exposure.velocity_dps.get("generalised_accelerometer")
     seconds = {int(item.threshold_deg): item.duration_s for item in exposure.time_above}
@@ -139,7 +139,9 @@ Difference = Literal[
     "poor",
 ]
 NO_TWO_DAYS: tuple[Difference, ...] = ("recording", "hours", "subject", "side")
-"""What makes two recordings no two days of one arm of one person, the gravest first: no change is judged."""
+"""Reasons why two recordings are not two days of one arm of one person, most serious first; no change is
+judged then.
+"""
 
 SOURCE = "Wahlström et al. 2010"
 BETWEEN_DAY_SD = {"time_above_60_percent": 2.0, "elevation_p50_deg": 3.4}
@@ -147,13 +149,13 @@ BETWEEN_DAY_SD = {"time_above_60_percent": 2.0, "elevation_p50_deg": 3.4}
 
 @dataclass(frozen=True, slots=True)
 class ComparedDay:
-    """One day, with what must be alike for two days to be compared.
+    """One day, with the properties that must be equal to compare two days.
 
     ``exposure``: its figures.
-    ``method``, ``pose``, ``side``, ``verdict``: of its analysis; ``side`` is None where none was given.
-    ``sha256``: of the recording; empty where it is not known.
-    ``subject``: code of the person; empty where none was given.
-    ``start``, ``duration_s``: when it began by its clock, None where it has none, and how long it lasted.
+    ``method``, ``pose``, ``side``, ``verdict``: of its analysis; ``side`` is None if not stated.
+    ``sha256``: of the recording; empty if unknown.
+    ``subject``: code of the person; empty if not stated.
+    ``start``, ``duration_s``: start by its clock, None without a clock, and duration.
     ``is_confirmed``: whether a person confirmed the calibration pose, or none is needed.
     """
 
@@ -171,12 +173,12 @@ class ComparedDay:
 
 @dataclass(frozen=True, slots=True)
 class FigureChange:
-    """A figure of the later side less that of the earlier, and the least change that days do not make.
+    """The later day's figure minus the earlier day's, and the smallest change beyond the variation of days.
 
-    ``verdict`` is a key for the wording: ``larger`` (than the day-to-day variation), ``not larger``, or
-    ``unknown`` where no between-day variation was published for the figure; ``no two days`` where the two are
-    one recording, of the same hours, of two people, or two arms, ``unconfirmed pose`` if nobody confirmed
-    the calibration pose of one: then no change is judged.
+    ``verdict`` is a key of the text: ``larger`` (than the day-to-day variation), ``not larger``, or
+    ``unknown`` if no between-day variation was published for the figure. ``no two days``: the two are one
+    recording, the same hours, two people, or two arms. ``unconfirmed pose``: a calibration pose is not
+    confirmed. In the last two cases no change is judged.
     """
 
     name: str
@@ -189,21 +191,21 @@ class FigureChange:
 
 @dataclass(frozen=True, slots=True)
 class DayComparison:
-    """The changes, and what the two sides differ in besides the work: with any of it, read with care."""
+    """The changes, and other differences between the two days; with any of them, interpret with care."""
 
     changes: tuple[FigureChange, ...]
     differences: tuple[Difference, ...]
 
 
 def find_detectable_change(between_day_sd: float, days: int = 1) -> float:
-    """Return MDC95 for the mean of ``days`` days against that of as many others."""
+    """Return MDC95 for the mean of ``days`` days against that of the same number of others."""
     if days < 1:
         raise ValueError(days)
     return 1.96 * sqrt(2.0 / days) * between_day_sd
 
 
 def compare_days(before: ComparedDay, after: ComparedDay) -> DayComparison:
-    """Compare two days; what NO_TWO_DAYS names, or an unconfirmed pose, keep any change from being judged."""
+    """Compare two days; a difference in NO_TWO_DAYS or an unconfirmed pose prevents a verdict."""
     first, second = _list_figures(before.exposure), _list_figures(after.exposure)
     differences = _find_differences(before, after)
     changes = []
@@ -236,7 +238,7 @@ def _list_figures(exposure: Exposure) -> dict[str, float]:
 def _find_differences(before: ComparedDay, after: ComparedDay) -> tuple[Difference, ...]:
     first, second, later_s = before.start, after.start, None
     if first is not None and second is not None:
-        if first.tzinfo is None or second.tzinfo is None:  # both are taken for clocks of the same place
+        if first.tzinfo is None or second.tzinfo is None:  # both are treated as clocks of the same place
             first, second = first.replace(tzinfo=None), second.replace(tzinfo=None)
         later_s = (second - first).total_seconds()
     same = before.sha256 == after.sha256 != ""
@@ -257,10 +259,10 @@ def _find_differences(before: ComparedDay, after: ComparedDay) -> tuple[Differen
     return tuple(name for name in get_args(Difference) if unlike[name])
 
 
-# Table 1 of the source paper: what others can set their own figures beside.
+# Table 1 of the source paper, for comparison with your own figures.
 
 QUASI_STATIC = (2, 5, 7)
-"""Where elevation hardly changes, so that the paper gives no r."""
+"""Tasks in which elevation hardly changes, so that the paper reports no r."""
 
 
 @dataclass(frozen=True, slots=True)

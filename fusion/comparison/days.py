@@ -1,4 +1,4 @@
-"""Several days of a person, and of a group: overlaid by the clock, with the spread between them."""
+"""Several days of a person, and of a group: overlaid by clock time, with the variation between them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,18 +16,18 @@ from fusion.exposure.metric_filter import filter_elevation
 from fusion.exposure.types import Interval
 from fusion.recording import MICROSECONDS, Float64Array
 
-# Days overlaid by the clock, as the Ambulatory Glucose Profile overlays days of glucose.
+# Days overlaid by clock time, as the Ambulatory Glucose Profile overlays days of glucose.
 #
 # The layout follows the Ambulatory Glucose Profile (J Diabetes Sci Technol 2013;7:562): median, 25 to 75 %
-# and 10 to 90 % by clock time over all days. Here each day that is analysed for half of a quarter hour counts
-# once in it, so that a long day weighs no more than a short one.
+# and 10 to 90 % by clock time over all days. Each day that is analysed for at least half of a quarter hour
+# counts once in it, so that a long day has no more weight than a short one.
 
 QUARTER_S = 900.0
 QUARTERS = 96
 LEAST_ANALYSED_S = QUARTER_S / 2
-"""Of a quarter hour, for a day to count in it."""
+"""Least time of a quarter hour for a day to count in it."""
 LEAST_DAYS = 2
-"""In a quarter hour, for it to be shown; and at least half of all days."""
+"""Least days in a quarter hour to show it; also at least half of all days."""
 PERCENTS = (10, 25, 50, 75, 90)
 
 _DAY_S = 86_400.0
@@ -39,7 +39,7 @@ class ClockBand:
 
     ``start_s``: from midnight by the devices' clocks.
     ``days``: days that are analysed for at least half of it.
-    ``percentiles_deg``: elevation by percent: 10, 25, 50, 75, 90; None where too few days are.
+    ``percentiles_deg``: elevation by percent: 10, 25, 50, 75, 90; None with too few days.
     """
 
     start_s: float
@@ -50,14 +50,13 @@ class ClockBand:
 def lay_on_clock(elevation: Elevation, start: datetime) -> Float64Array:
     """Count the analysed time of a day by quarter hour of the clock and by angle.
 
-    ``elevation``: before the metric filter; what is left out must not be valid.
-    ``start``: of the first sample; what the clock showed then counts on, whatever is done to clocks
-    meanwhile.
+    ``elevation``: before the metric filter; excluded time must not be valid. ``start``: of the first sample;
+    the clock runs on from there, regardless of later clock changes.
 
     Returns
     -------
     numpy.ndarray
-        Shape (96, 1800): seconds in each 0.1 deg. Time after midnight lies in the first rows.
+        Shape (96, 1800): seconds in each 0.1 deg. Time after midnight is in the first rows.
     """
     begins_s = (start - start.replace(hour=0, minute=0, second=0, microsecond=0)).total_seconds()
     seconds = np.zeros(QUARTERS * CELLS)
@@ -71,9 +70,9 @@ def lay_on_clock(elevation: Elevation, start: datetime) -> Float64Array:
 
 
 def overlay_days(days: Sequence[Float64Array]) -> tuple[ClockBand, ...]:
-    """Overlay days, each as :func:`lay_on_clock` gives it: one band for each quarter hour with any day.
+    """Overlay days, each from :func:`lay_on_clock`: one band for each quarter hour with any day.
 
-    They stand in the order of a shift: the first follows the longest time of the clock without a day.
+    They are in the order of a shift: the first follows the longest period of the clock without a day.
     """
     used = []
     for quarter in range(QUARTERS):
@@ -89,9 +88,9 @@ def overlay_days(days: Sequence[Float64Array]) -> tuple[ClockBand, ...]:
 
 
 def find_first_quarter(overlays: Sequence[Sequence[ClockBand]]) -> float:
-    """Find where an axis of the clock begins that holds all overlays: after the longest time without a day.
+    """Return the start of a clock axis that contains all overlays: after the longest period without a day.
 
-    Seconds from midnight, the clock taken as a ring; 0 without any day, or with days at all hours.
+    Seconds from midnight, with the clock as a ring; 0 without any day, or with days at all hours.
     """
     used = {round(band.start_s / QUARTER_S) for bands in overlays for band in bands if band.days}
     longest, first, unused = 0, 0, 0
@@ -105,19 +104,20 @@ def find_first_quarter(overlays: Sequence[Sequence[ClockBand]]) -> float:
     return first * QUARTER_S
 
 
-# Spread of a figure between the days of a person and between the people of a group.
+# Variation of a figure between the days of a person and between the people of a group.
 #
-# Pure statistics of daily values. Days of one person are taken for independent of one another. A deviation
-# from few days is uncertain itself, so that it always has its own range. Between and within people: one-way
-# random effects analysis of variance (Searle, Casella and McCulloch 1992, Variance Components, section 3.6),
-# which people with different numbers of days may enter.
+# Statistics of daily values only. Days of one person are treated as independent. A deviation from few days is
+# uncertain itself, so it always has its own range. Between and within people: one-way random effects analysis
+# of variance (Searle, Casella and McCulloch 1992, Variance Components, section 3.6), which allows different
+# numbers of days per person.
 
 LEAST_OWN_DAYS = 5
-"""Days whose deviation takes the place of the published one: the 95 % range of a deviation is 0.60 to 2.87
-times itself with 5 days, 0.57 to 3.73 with 4, 0.52 to 6.28 with 3."""
+"""From this many days, a person's own deviation replaces the published one: the 95 % range of a deviation is
+0.60 to 2.87 times itself with 5 days, 0.57 to 3.73 with 4, 0.52 to 6.28 with 3.
+"""
 DAYS = (1, 2, 3, 5)
 WORTHWHILE_SHARE = 0.5
-"""Of a mean: the change that the days asked for can tell (docs/profile.md)."""
+"""Share of a mean: the change that the requested days should detect (docs/profile.md)."""
 _TAIL = 0.025
 
 
@@ -127,10 +127,9 @@ class DayMean:
 
     ``days``: days that count.
     ``mean``: their mean, each day once.
-    ``sd``: standard deviation between days (n - 1); None of one day.
-    ``mean_range``: 95 % range of the mean, t with n - 1 degrees of freedom; None of one day.
-    ``sd_range``: 95 % range of the deviation, by chi square; None of one day, or where the days do not
-    differ.
+    ``sd``: standard deviation between days (n - 1); None for one day.
+    ``mean_range``: 95 % range of the mean, t with n - 1 degrees of freedom; None for one day.
+    ``sd_range``: 95 % range of the deviation, by chi square; None for one day, or if the days are equal.
     """
 
     days: int
@@ -142,13 +141,14 @@ class DayMean:
 
 @dataclass(frozen=True, slots=True)
 class Telling:
-    """What a number of days on each side can tell.
+    """The change that a number of days on each side can detect.
 
-    ``sd``, ``sd_from``: deviation between days, and whose.
-    ``days``: the fewest of 1, 2, 3, 5 that tell a change of half the mean; 5 where none does.
+    ``sd``, ``sd_from``: deviation between days, and its source.
+    ``days``: the fewest of 1, 2, 3, 5 that can detect a change of half the mean; 5 if none can.
     ``more_days``: still to be measured for one side.
-    ``detectable``: the least change that ``days`` on each side, or as many as there are if more, tell.
-    ``detectable_range``: the same by both ends of the range of the person's own deviation; None by the
+    ``detectable``: the smallest change that ``days`` on each side can detect, or the existing days if there
+    are more.
+    ``detectable_range``: the same for both ends of the range of the person's own deviation; None with the
     published one.
     """
 
@@ -164,12 +164,12 @@ class Telling:
 class GroupSpread:
     """A figure over the days of several people.
 
-    ``people``, ``days``: how many of each.
+    ``people``, ``days``: number of each.
     ``mean``: of the people's means, each person once.
-    ``mean_range``: 95 % range of it, t with people - 1 degrees of freedom.
-    ``within_sd``: between the days of one person; None where nobody has two days.
-    ``between_sd``: between people, the days' part taken off; 0 where the people differ no more than their
-    days do; None where ``within_sd`` is.
+    ``mean_range``: its 95 % range, t with people - 1 degrees of freedom.
+    ``within_sd``: between the days of one person; None if nobody has two days.
+    ``between_sd``: between people, without the variation of days; 0 if people differ no more than their days;
+    None if ``within_sd`` is None.
     """
 
     people: int
@@ -182,9 +182,10 @@ class GroupSpread:
 
 @dataclass(frozen=True, slots=True)
 class GroupChange:
-    """After less before, of the people who have days on both sides, each person once.
+    """After minus before, of the people with days on both sides, each person once.
 
-    ``change_range``: 95 % range of the mean change, t with people - 1 degrees of freedom; None of one person.
+    ``change_range``: 95 % range of the mean change, t with people - 1 degrees of freedom; None for one
+    person.
     """
 
     people: int
@@ -195,9 +196,9 @@ class GroupChange:
 
 
 def describe_days(values: Sequence[float], most: float = inf) -> DayMean:
-    """Describe the days of one person; no range exceeds ``most``, the largest value there can be.
+    """Describe the days of one person; no range exceeds ``most``, the largest possible value.
 
-    Raises ValueError: without any day.
+    Raises ValueError: there is no day.
     """
     if not values:
         raise ValueError("no days")
@@ -225,7 +226,7 @@ def _find_mean_range(values: Sequence[float], most: float, least: float = 0.0) -
 
 
 def find_telling(days: DayMean, published_sd: float) -> Telling:
-    """Find how many days tell a change of half the mean, by the person's own deviation where it is known."""
+    """Return how many days can detect a change of half the mean, by the person's own deviation if known."""
     own = days.sd if days.days >= LEAST_OWN_DAYS else None
     sd = published_sd if own is None else own
     enough = (k for k in DAYS if find_detectable_change(sd, k) <= WORTHWHILE_SHARE * days.mean)
@@ -249,10 +250,10 @@ def find_detectable_between(sd: float, before_days: int, after_days: int) -> flo
 
 @dataclass(frozen=True, slots=True)
 class Trend:
-    """One person's days in order of time, each against the first (docs/profile.md).
+    """One person's days in time order, each compared with the first (docs/profile.md).
 
-    ``first``, ``last``, ``change``: the figure on the first and the last day, and the last less the first.
-    ``detectable``: MDC95 between two single days; ``sd_from`` says whose deviation that is.
+    ``first``, ``last``, ``change``: the figure on the first and the last day, and the last minus the first.
+    ``detectable``: MDC95 between two single days; ``sd_from``: the source of its deviation.
     ``outside``: how many of the later days differ from the first by more.
     """
 
@@ -265,15 +266,15 @@ class Trend:
 
     @property
     def is_larger(self) -> bool:
-        """Whether the last day differs from the first by more than single days do anyway."""
+        """Whether the last day differs from the first by more than the variation of single days."""
         return abs(self.change) > self.detectable
 
 
 def find_trend(values: Sequence[float], published_sd: float) -> Trend | None:
-    """Set every day against the first; None of fewer than two.
+    """Compare every day with the first; None for fewer than two.
 
-    The person's own deviation, from :data:`LEAST_OWN_DAYS` days on, holds the trend itself, so that it
-    rather hides a change than makes one.
+    The person's own deviation, used from :data:`LEAST_OWN_DAYS` days on, includes the trend itself. It may
+    therefore hide a change, but does not create one.
     """
     if len(values) < 2:
         return None
@@ -286,7 +287,7 @@ def find_trend(values: Sequence[float], published_sd: float) -> Trend | None:
 
 
 def pool_deviation(sides: Sequence[Sequence[float]]) -> tuple[float, int] | None:
-    """Pool the deviation within several series; with its degrees of freedom, None without any."""
+    """Return the pooled deviation within several series and its degrees of freedom; None without any."""
     freedom = sum(len(values) - 1 for values in sides if values)
     if freedom < 1:
         return None
@@ -295,13 +296,12 @@ def pool_deviation(sides: Sequence[Sequence[float]]) -> tuple[float, int] | None
 
 
 def describe_group(people: Mapping[str, Sequence[float]], most: float = inf) -> GroupSpread:
-    """Split the spread of a group, which holds each person's days, into that between and within people.
+    """Split the variation of a group, given each person's days, into between and within people.
 
-    The mean is that of the people's means, each person once whatever the number of days.
+    The mean is that of the people's means, each person once for any number of days. No range exceeds
+    ``most``, the largest possible value.
 
-    No range exceeds ``most``, the largest value there can be.
-
-    Raises ValueError: without any day.
+    Raises ValueError: there is no day.
     """
     series = [values for values in people.values() if values]
     if not series:
@@ -317,7 +317,7 @@ def describe_group(people: Mapping[str, Sequence[float]], most: float = inf) -> 
 
 
 def _find_between(series: Sequence[Sequence[float]], within_sd: float) -> float | None:
-    """Return sqrt((MSB - MSW) / n0), n0 = (N - sum of n squared / N) / (a - 1); 0 where negative."""
+    """Return sqrt((MSB - MSW) / n0), n0 = (N - sum of n squared / N) / (a - 1); 0 if negative."""
     people, days = len(series), sum(map(len, series))
     if people < 2:
         return None
@@ -330,7 +330,7 @@ def _find_between(series: Sequence[Sequence[float]], within_sd: float) -> float 
 def compare_people(
     before: Mapping[str, Sequence[float]], after: Mapping[str, Sequence[float]]
 ) -> GroupChange | None:
-    """Compare two sides of a group, each person with themselves; None where nobody has days on both."""
+    """Compare two sides of a group, each person with themselves; None if nobody has days on both."""
     both = [name for name, values in before.items() if values and after.get(name)]
     if not both:
         return None

@@ -1,5 +1,5 @@
-"""How much the arm was raised: time in bins, percentiles, repetitions, episodes, peaks, speeds.
+"""Compute how much the arm was raised: time in bins, percentiles, repetitions, episodes, peaks, speeds.
 
-The figures as values are in :mod:`fusion.exposure.types`, which loads no compiler, so that a report can be
+:mod:`fusion.exposure.types` defines the figures as values and does not load the compiler, so a report can be
 written without it.
 """

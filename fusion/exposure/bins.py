@@ -1,8 +1,8 @@
 """Time in elevation bins, time above thresholds, and percentiles, all from one 0.1 deg histogram.
 
-The day is cut at every minute, clock hour and edge of the diary: all its parts are sums of these stretches.
-The edges of the bins are the union of those of ISO 11226, EN 1005-4, RULA, REBA, Acti4 and OCRA,
-so that each convention follows exactly. Time is in integer microseconds: parts add up exactly.
+The day is split at every minute, clock hour and edge of the diary; all its parts are sums of these stretches.
+The bin edges are the union of those of ISO 11226, EN 1005-4, RULA, REBA, Acti4 and OCRA, so that each
+convention follows exactly. Times are integer microseconds, so parts add up exactly.
 """
 
 from dataclasses import dataclass
@@ -32,7 +32,8 @@ AnyArray = Float64Array | IntArray | NDArray[np.int32]
 class PartHistograms:
     """Analysed time in each 0.1 deg cell, for parts of the day between successive edges.
 
-    ``edges_us`` has shape (p + 1,); ``cell_us`` shape (p, 1800), microseconds, filled in place.
+    ``edges_us``: shape (p + 1,).
+    ``cell_us``: shape (p, 1800), microseconds, filled in place.
     """
 
     edges_us: IntArray
@@ -52,7 +53,7 @@ class PartHistograms:
 def count_cells(angle_deg, valid, rows, counts):  # type: ignore[no-untyped-def]
     """Count the valid rows of each part in each cell; 180 deg belongs to the last cell.
 
-    Ten times an angle of 1e-6 deg resolution is exact at every cell's edge, so no tolerance is needed.
+    Ten times an angle with 1e-6 deg resolution is exact at the cell edges, so no tolerance is needed.
     """
     for part in range(len(rows) - 1):
         for i in range(rows[part], rows[part + 1]):
@@ -62,11 +63,12 @@ def count_cells(angle_deg, valid, rows, counts):  # type: ignore[no-untyped-def]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stretches:
-    """Stretches of a minute or less that follow one another.
+    """Consecutive stretches of at most a minute.
 
-    ``edges_us`` has shape (s + 1,), ``block_edges_us`` those of the 5-minute blocks; ``minute_of``,
-    ``hour_of`` and ``piece_of``, shape (s,), are the minute, clock hour and piece of the diary that each
-    belongs to (piece 0 without a diary).
+    ``edges_us``: shape (s + 1,).
+    ``block_edges_us``: edges of the 5-minute blocks.
+    ``minute_of``, ``hour_of``, ``piece_of``: shape (s,): the minute, clock hour and diary piece of each
+    stretch (piece 0 without a diary).
     """
 
     edges_us: IntArray
@@ -78,7 +80,7 @@ class Stretches:
 
     @property
     def block_of(self) -> IntArray:
-        """The 5-minute block that each stretch belongs to, shape (s,)."""
+        """The 5-minute block of each stretch, shape (s,)."""
         return self.minute_of // BLOCK_MINUTES
 
     def sum_minutes(self, histograms: PartHistograms) -> PartHistograms:
@@ -87,7 +89,7 @@ class Stretches:
 
 
 def cut_day(minute_edges_us: IntArray, hour_edges_us: IntArray, piece_edges_us: IntArray) -> Stretches:
-    """Cut at all edges; those of the pieces may be missing altogether."""
+    """Split the day at all edges; ``piece_edges_us`` may be empty."""
     edges_us = np.unique(np.concatenate([minute_edges_us, hour_edges_us, piece_edges_us]))
     begins_us = edges_us[:-1]
     return Stretches(
@@ -101,17 +103,17 @@ def cut_day(minute_edges_us: IntArray, hour_edges_us: IntArray, piece_edges_us: 
 
 
 def _find_parts(times_us: IntArray, edges_us: IntArray) -> IntArray:
-    """Find the part in which each time lies; what follows the last edge belongs to the last part."""
+    """Return the part of each time; times after the last edge belong to the last part."""
     return np.asarray(np.clip(find_parts(edges_us, times_us), 0, max(len(edges_us) - 2, 0)), np.int64)
 
 
 def sum_groups(counts: Float64Array, group_of: IntArray) -> Float64Array:
-    """Sum the columns, shape (..., s), of each group; the groups follow one another."""
+    """Sum the columns, shape (..., s), of each group; groups are consecutive."""
     return np.asarray(np.add.reduceat(counts, _find_first(group_of), axis=-1), np.float64)
 
 
 def sum_time(cell_us: IntArray | NDArray[np.int32], group_of: IntArray) -> IntArray:
-    """Sum the histograms, shape (s, 1800), of each group; the groups follow one another."""
+    """Sum the histograms, shape (s, 1800), of each group; groups are consecutive."""
     first = np.append(_find_first(group_of), len(group_of))
     summed_us = np.zeros((len(first) - 1, cell_us.shape[1]), np.int64)
     _sum_rows(cell_us, first, summed_us)
@@ -140,7 +142,7 @@ def summarise_bins(cell_us: IntArray) -> tuple[ElevationBin, ...]:
 
 
 def divide_by_convention(bins: tuple[ElevationBin, ...], convention: Convention) -> tuple[ElevationBin, ...]:
-    """Add the bins up to the classes of a standard or method, exactly."""
+    """Sum the bins to the classes of a standard or method, exactly."""
     return tuple(
         ElevationBin(
             lower_deg,
@@ -153,7 +155,7 @@ def divide_by_convention(bins: tuple[ElevationBin, ...], convention: Convention)
 
 
 def list_classes(convention: Convention) -> list[tuple[tuple[int, int], list[int]]]:
-    """Return the edges of each class, and the numbers of the bins inside."""
+    """Return the edges of each class, and the indices of its bins."""
     return [
         ((low, high), [k for k, (a, b) in enumerate(pairwise(BIN_EDGES_DEG)) if low <= a and b <= high])
         for low, high in pairwise(convention.edges_deg)
@@ -181,7 +183,8 @@ def _share(part_us: np.int64, total_us: np.int64) -> tuple[float, float]:
 def find_percentiles(cell_us: AnyArray, percents: tuple[int, ...] = PERCENTS) -> dict[int, float]:
     """Return percentiles of elevation, deg: the smallest x with F(x) >= p, linear within a 0.1 deg cell.
 
-    APDF of Jonsson 1982; percentiles of a day come from its pooled cells, never from averaged percentiles.
+    APDF of Jonsson 1982; percentiles of a day are computed from its pooled cells, not by averaging
+    percentiles.
     """
     places = find_percentile_cells(cell_us[np.newaxis], np.array(percents, np.float64))[0]
     return {p: float(place) / CELLS_PER_DEG for p, place in zip(percents, places, strict=True)}
@@ -191,7 +194,7 @@ def find_percentiles(cell_us: AnyArray, percents: tuple[int, ...] = PERCENTS) ->
 def find_percentile_cells(weights, percents):  # type: ignore[no-untyped-def]
     """Return each row's percentiles in cells, shape (rows, percents): 3.5 is the middle of the fourth cell.
 
-    ``percents`` ascend; a row without weight gives NaN.
+    ``percents`` increase; a row without weight gives NaN.
     """
     places = np.full((len(weights), len(percents)), np.nan)
     for row in range(len(weights)):
@@ -200,7 +203,7 @@ def find_percentile_cells(weights, percents):  # type: ignore[no-untyped-def]
             total += weight
         below, cell = 0.0, 0
         for k in range(len(percents) if total > 0 else 0):
-            # a trillionth of the whole keeps a sum that should be equal from being a hair too small
+            # a relative tolerance of 1e-12 against the rounding of sums
             wanted = total * (percents[k] / 100.0 - 1e-12)
             while below + weights[row, cell] < wanted:
                 below += weights[row, cell]

@@ -1,6 +1,6 @@
-"""The low-pass behind which every figure is taken.
+"""The low-pass that is applied before every figure.
 
-Zero-phase Butterworth, order 2 per pass, 5 Hz, as ``scipy.signal.sosfiltfilt`` runs it.
+Zero-phase Butterworth, order 2 per pass, 5 Hz, as in ``scipy.signal.sosfiltfilt``.
 
 Without it, 0.2 deg of white noise at 500 Hz turns a true median speed of 44 deg/s into 57 deg/s.
 """
@@ -24,8 +24,8 @@ PADDING_ROWS = 9  # sosfiltfilt's default for one second-order section: three ti
 def filter_rows(rows: NDArray[np.float32] | Float64Array, rate_hz: float) -> Float64Array:
     """Low-pass a series, shape (n,), or vectors, shape (n, 3), without delay.
 
-    A run of nine rows or fewer is padded by as many rows as it can mirror (all but one), where
-    ``sosfiltfilt`` would refuse it.
+    A run of nine rows or fewer is padded with as many rows as it can mirror (all but one); ``sosfiltfilt``
+    would fail.
     """
     padding = min(PADDING_ROWS, len(rows) - 1)
     padded = np.empty((len(rows) + 2 * padding, *rows.shape[1:]))
@@ -39,10 +39,10 @@ def filter_rows(rows: NDArray[np.float32] | Float64Array, rate_hz: float) -> Flo
 
 @cache
 def design_filter(rate_hz: float) -> tuple[float, ...]:
-    """Return the section (b0, b1, b2, a1, a2), whose gain at rest is one.
+    """Return the section (b0, b1, b2, a1, a2), with a gain of one at rest.
 
-    To the bit what ``scipy.signal.butter(2, 5.0, fs=rate_hz, output="sos")`` gives, in the same order of
-    operations; loading that package takes longer than to analyse an hour.
+    Bit-identical to ``scipy.signal.butter(2, 5.0, fs=rate_hz, output="sos")``, with the same order of
+    operations; loading that package takes longer than analysing an hour.
     """
     warped = 4.0 * np.tan(np.pi * (CORNER_HZ / (rate_hz / 2.0)) / 2.0)
     analog = warped * -np.exp(1j * np.pi * np.array([-1.0, 1.0]) / 4.0)
@@ -76,7 +76,7 @@ def _pass_series(series: Any, section: Any) -> None:  # pragma: no cover
 
 @inner
 def _pass_vectors(vectors: Any, section: Any) -> None:  # pragma: no cover
-    """The three axes in one loop, as each waits for its own last row only."""
+    """Filter the three axes in one loop, because each only depends on its own previous row."""
     x, y, z = _start(vectors[0, 0]), _start(vectors[0, 1]), _start(vectors[0, 2])
     for i in range(len(vectors)):
         x = _step(vectors[i, 0], x, section)
@@ -98,16 +98,16 @@ def _extend(series: Any, padding: int, padded: Any) -> None:  # pragma: no cover
 
 @inner
 def _start(x: float) -> tuple[float, float, float, float]:  # pragma: no cover
-    """At rest at the first row: the last two that came in, and the last two that went out."""
+    """Return the state at rest at the first row: the last two inputs and the last two outputs."""
     return x, x, x, x
 
 
 @inner
 def _step(x: float, state: Any, section: Any) -> tuple[float, float, float, float]:  # pragma: no cover
-    """One row through a second-order section.
+    """Advance one row through a second-order section.
 
-    Direct form I: a row waits for the one before it through one product and one difference only, which makes
-    it twice as fast as the transposed form II of scipy; they agree to rounding.
+    Direct form I: a row depends on the previous one through one product and one difference only. This is
+    twice as fast as scipy's transposed form II; both agree to rounding.
     """
     b0, b1, b2, a1, a2 = section
     before, earlier, out, out_before = state
@@ -134,15 +134,15 @@ class MetricAngle:
 
 
 def is_filtered(rate_hz: float) -> bool:
-    """Whether a series of this rate is filtered: a 5 Hz corner needs 20 Hz or more."""
+    """Return whether a series of this rate is filtered: a 5 Hz corner needs at least 20 Hz."""
     return rate_hz >= LOWEST_RATE_HZ
 
 
 def filter_elevation(segment: ElevationSegment) -> MetricAngle:
-    """Return the angle that all figures are taken from.
+    """Return the filtered angle, the input of all figures.
 
-    Rows that are not finite are not valid. A step of up to 50 ms over them is bridged for the filter only;
-    after a longer one it restarts.
+    Rows that are not finite are not valid. A gap of up to 50 ms is bridged for the filter only; after a
+    longer one the filter restarts.
     """
     if is_finite(segment.elevation_deg):
         angle_deg, valid = filter_angle(segment.elevation_deg, segment.rate_hz), segment.valid
@@ -155,7 +155,7 @@ def filter_elevation(segment: ElevationSegment) -> MetricAngle:
 
 @kernel
 def is_finite(angle):  # type: ignore[no-untyped-def]
-    """Whether all rows are finite, without an array of booleans."""
+    """Return whether all rows are finite, without a boolean array."""
     odd = 0
     for i in range(len(angle)):
         odd += not np.isfinite(angle[i])
@@ -176,7 +176,7 @@ def _filter_runs(segment: ElevationSegment, finite: BoolArray) -> Float64Array:
 
 
 def filter_angle(angle: NDArray[np.float32] | Float64Array, rate_hz: float) -> Float64Array:
-    """Low-pass a series, shape (n,), without delay; as it is where the rate is under 20 Hz."""
+    """Low-pass a series, shape (n,), without delay; unchanged if the rate is under 20 Hz."""
     return filter_rows(angle, rate_hz) if is_filtered(rate_hz) else angle.astype(np.float64)
 
 

@@ -1,4 +1,4 @@
-"""The parts of the day: minutes, clock hours, periods of the diary, and the windows that load most."""
+"""Figures for parts of the day: minutes, clock hours, diary periods, and the windows of highest load."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -31,23 +31,23 @@ HOUR_US = 60 * MINUTE_US
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DayParts:
-    """Parts that follow one another through the recording: edges of shape (p + 1,), and a name for each."""
+    """Consecutive parts of the recording: edges of shape (p + 1,), and a name for each."""
 
     edges_us: IntArray
     labels: tuple[str, ...]
 
 
 def split_minutes(duration_us: int) -> IntArray:
-    """Return the edges of the minutes from the first sample, the last one as long as need be."""
+    """Return the edges of the minutes from the first sample; the last may end after the recording."""
     return np.arange(-(-duration_us // MINUTE_US) + 1, dtype=np.int64) * MINUTE_US
 
 
 def split_hours(start: datetime | None, duration_us: int) -> DayParts:
-    """Split the recording at the full hours of its clock, or every hour where it has none.
+    """Split the recording at the full hours of its clock, or every hour if it has no clock.
 
-    A start with a time zone follows its zone over the change of clocks (an hour may come twice or not
-    at all); a device clock without one runs on. Labels are "2027-03-14T22:00", or "+01:00" from the
-    first sample.
+    A start with a time zone follows its zone over clock changes (an hour may occur twice or not at all); a
+    device clock without a zone does not change. Labels are "2027-03-14T22:00", or "+01:00" from the first
+    sample.
     """
     into_us = 0 if start is None else (start.minute * 60 + start.second) * MICROSECONDS + start.microsecond
     full_us = np.arange(HOUR_US - into_us, duration_us, HOUR_US, dtype=np.int64)
@@ -62,7 +62,7 @@ def split_hours(start: datetime | None, duration_us: int) -> DayParts:
 
 
 def read_clock(start: datetime, elapsed_us: int) -> datetime:
-    """Return what the clock of ``start`` shows after a true elapsed time."""
+    """Return the clock time after a true elapsed time since ``start``."""
     elapsed = timedelta(microseconds=elapsed_us)
     if start.tzinfo is None:
         return start + elapsed
@@ -105,31 +105,31 @@ def summarise_part(label: str, edges_us: IntArray, cell_us: IntArray, entries: i
     )
 
 
-# The figures of each period of the diary, from pieces that follow one another through the day.
+# The figures of each period of the diary, from consecutive pieces of the day.
 
 
 REST_KIND = "work"
 
 Group = tuple[int, ...]
-"""Numbers of pieces that are summed into one part."""
+"""Indices of pieces that are summed into one part."""
 
 
 @dataclass(frozen=True, slots=True)
 class DayDivision:
-    """The diary's periods, and the pieces of the whole recording that each of them owns."""
+    """The diary's periods, and the pieces of the whole recording that belong to each."""
 
     periods: tuple[Period, ...] = ()
     pieces: tuple[Piece, ...] = ()
 
     def list_edges(self) -> IntArray:
-        """Return the edges of the pieces, shape (p + 1,); none without a diary."""
+        """Return the edges of the pieces, shape (p + 1,); empty without a diary."""
         edges_us = [piece.start_us for piece in self.pieces[:1]] + [piece.end_us for piece in self.pieces]
         return np.array(edges_us, np.int64)
 
     def group_by_row(self) -> tuple[Group, ...]:
-        """Return the pieces of each row, in the order of the diary, then those that no row names.
+        """Return the pieces of each row, in the order of the diary, then the pieces without a row.
 
-        A row that others cover wholly is left out.
+        Omits a row that others cover wholly.
         """
         owners = (*range(len(self.periods)), -1)
         owned = (tuple(k for k, piece in enumerate(self.pieces) if piece.period == o) for o in owners)
@@ -138,7 +138,7 @@ class DayDivision:
     def group_by_task(self) -> tuple[Group, ...]:
         """Return the pieces of all rows of one kind and label, in the order of the first of each.
 
-        What is left out and what is analysed stay apart.
+        Excluded and analysed pieces stay separate.
         """
         groups: dict[tuple[str, str, str], list[int]] = {}
         for group in self.group_by_row():
@@ -148,7 +148,7 @@ class DayDivision:
         return tuple(tuple(sorted(group)) for group in groups.values())
 
     def name_owner(self, piece: int) -> tuple[str, str]:
-        """Return kind and label of the row that owns a piece."""
+        """Return the kind and label of the row that a piece belongs to."""
         found = self.pieces[piece]
         if found.period < 0:
             return ("outside" if found.reason else REST_KIND), ""
@@ -156,9 +156,9 @@ class DayDivision:
 
 
 def snap_periods(periods: Sequence[Period], runs: Sequence[EvenRun]) -> tuple[Period, ...]:
-    """Move each edge to where a sample begins, so that no sample belongs to two periods.
+    """Move each edge to the start of a sample, so that no sample belongs to two periods.
 
-    The move is less than one sample period; it lets the parts of the day add up to the microsecond.
+    The move is less than one sample period. The parts of the day then add up to the microsecond.
     """
     snapped = (
         replace(period, start_us=_snap(period.start_us, runs), end_us=_snap(period.end_us, runs))
@@ -178,10 +178,10 @@ def _snap(time_us: int, runs: Sequence[EvenRun]) -> int:
 def summarise_group(
     division: DayDivision, group: Group, cell_us: AnyArray, entries: IntArray
 ) -> PartExposure:
-    """Return the main figures of pieces taken together.
+    """Return the main figures of several pieces together.
 
-    ``cell_us``, shape (p, 1800), and ``entries`` above 60 deg, shape (p,), are those of each piece. Time that
-    is excluded has no figures, only its length.
+    ``cell_us``, shape (p, 1800), and ``entries`` above 60 deg, shape (p,), are those of each piece. Excluded
+    time only has a duration, no figures.
     """
     pieces, chosen = [division.pieces[k] for k in group], list(group)
     kind, label = division.name_owner(group[0])
@@ -209,7 +209,7 @@ QUARTER_HOUR_S = 900
 class SecondTally:
     """Analysed time and time at or above 60 deg in each second from the first sample.
 
-    ``seconds``, shape (s, 2); the last second may reach past the end of the recording.
+    ``seconds``: shape (s, 2); the last second may extend past the end of the recording.
     """
 
     def __init__(self, duration_s: int) -> None:
@@ -225,14 +225,14 @@ class SecondTally:
 
 
 def _cut_seconds(angle: MetricAngle) -> tuple[slice, IntArray]:
-    """Return the seconds that a segment touches, and the first row of each."""
+    """Return the seconds that a segment overlaps, and the first row of each."""
     first, stop = angle.start_us // MICROSECONDS, -(-find_end_us(angle) // MICROSECONDS)
     return slice(first, stop), find_part_rows(angle, np.arange(first, stop + 1) * MICROSECONDS)
 
 
 @kernel
 def _count_above(angle_deg, valid, rows, counts):  # type: ignore[no-untyped-def]
-    """Count valid rows, and those at or above 60 deg, in each part."""
+    """Count valid rows, and rows at or above 60 deg, in each part."""
     for part in range(len(rows) - 1):
         for i in range(rows[part], rows[part + 1]):
             if valid[i]:
@@ -242,26 +242,26 @@ def _count_above(angle_deg, valid, rows, counts):  # type: ignore[no-untyped-def
 
 
 def find_peak_windows(seconds: Float64Array, duration_us: int) -> tuple[PeakWindow, ...]:
-    """Find the worst windows of 1, 15 and 60 minutes.
+    """Return the worst windows of 1, 15 and 60 minutes.
 
-    A window starts at a whole second, lies inside the recording, runs across holes, and counts where at least
-    80 % of it was analysed; of equal ones the earliest.
+    A window starts at a whole second, is within the recording, may span gaps, and counts if at least 80 % of
+    it was analysed; of equal ones the earliest is returned.
     """
     seconds = seconds[: duration_us // MICROSECONDS]
     return tuple(_find_peak_window(seconds, length_s) for length_s in WINDOWS_S)
 
 
 def find_quarter_hours(seconds: Float64Array, duration_us: int) -> tuple[PeakWindow, ...]:
-    """Find up to three windows of 15 minutes with the most time above 60 deg, none of which overlap.
+    """Return up to three windows of 15 minutes with the most time above 60 deg, without overlap.
 
-    Each is sought as the worst window is, in what the ones before it leave; none without such time.
+    Each is the worst window in the time that the previous ones leave; empty without time above 60 deg.
     """
     seconds = seconds[: duration_us // MICROSECONDS]
     free = [(0, len(seconds))]
     found: list[PeakWindow] = []
     while free and len(found) < QUARTER_HOURS:
-        told = [(_find_peak_window(seconds[a:b], QUARTER_HOUR_S), a, b) for a, b in free]
-        window, first, stop = max(told, key=lambda one: one[0].percent_above_60 or 0.0)
+        candidates = [(_find_peak_window(seconds[a:b], QUARTER_HOUR_S), a, b) for a, b in free]
+        window, first, stop = max(candidates, key=lambda one: one[0].percent_above_60 or 0.0)
         if window.start_s is None or not window.percent_above_60:
             break
         start = first + int(window.start_s)
@@ -291,15 +291,16 @@ def _find_worst_window(analysed_s, above_s, length_s):  # type: ignore[no-untype
             above -= above_s[i - length_s]
         if i >= length_s - 1 and analysed >= LEAST_COVER * length_s - 1e-6:
             percent = 100.0 * above / analysed
-            if percent > highest + 1e-7:  # so that the rounding of sums does not break a tie
+            if percent > highest + 1e-7:  # so that rounding of sums does not break a tie
                 best, highest = i - length_s + 1, percent
     return best, max(highest, 0.0)
 
 
 class ShiftedSeconds:
-    """Valid rows of each second by how many of the levels (60 deg less each error) they reach.
+    """Valid rows of each second by the number of levels (60 deg minus each error) that they reach.
 
-    ``errors_deg`` has shape (g,), evenly spread; ``seconds``, shape (s, g + 1).
+    ``errors_deg``: shape (g,), evenly spaced.
+    ``seconds``: shape (s, g + 1).
     """
 
     def __init__(self, errors_deg: Float64Array, duration_s: int) -> None:
@@ -316,9 +317,9 @@ class ShiftedSeconds:
         _count_levels(angle.elevation_deg, angle.valid, how, self.seconds[seconds])
 
     def draw(self, windows: tuple[PeakWindow, ...], draws: Resampling) -> Figures:
-        """Draw the worst windows: the error of the angle alone.
+        """Draw the worst windows with the error of the angle only.
 
-        For each error the worst window is sought again; windows of other days cannot be drawn from this one.
+        The worst window is searched again for each error. Windows of other days cannot be drawn from one day.
         """
         analysed_s = self.seconds.sum(axis=1, dtype=np.float64)
         above_s = np.cumsum(self.seconds[:, ::-1], axis=1, dtype=np.float64)[:, :-1]
@@ -334,7 +335,7 @@ class ShiftedSeconds:
 
 @kernel
 def _count_levels(angle_deg, valid, how, seconds):  # type: ignore[no-untyped-def]
-    """Count valid rows by the number of evenly spread levels that they reach."""
+    """Count valid rows by the number of evenly spaced levels that they reach."""
     rows, lowest, step, period_s = how
     levels = seconds.shape[1] - 1
     for second in range(len(rows) - 1):

@@ -1,9 +1,9 @@
-"""What the day consisted of: shift, tasks, breaks, not worn; placed on the recording, without overlap.
+"""Periods of the day (shift, tasks, breaks, not worn), placed on the recording without overlap.
 
-A diary may give clock times or seconds. What its rows mean for the time account:
-breaks, time not worn and time outside the shift leave the denominator; everything else is analysed, under
-its own name. Arm supported and seated are analysed unless the row says otherwise (Palm et al. 2018: a sensor
-cannot tell a supported arm from an unsupported one).
+A diary may contain clock times or seconds. Breaks, time not worn and time outside the shift are excluded from
+the denominator; everything else is analysed under its own name. Supported and seated time is analysed unless
+the row says otherwise (Palm et al. 2018: a sensor cannot distinguish a supported arm from an unsupported
+one).
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,25 +17,25 @@ from fusion.errors import UnusableDiary
 from fusion.recording import MICROSECONDS, QualityFlag, Span, flag_stretches
 
 REASONS: dict[str, str] = {"break": "break", "outside": "outside", "not_worn": "not-worn"}
-"""Kinds that leave the denominator, and the reason their time is excluded for."""
+"""Kinds that are excluded from the denominator, and the reason for each."""
 
 NAMED = ("task", "seated", "supported")
 """Kinds whose time is counted under a separate name."""
 
 OVERLAP_US = MICROSECONDS
-"""Up to a second two rows of one kind may overlap, as they do when times are rounded; the later row wins."""
+"""Two rows of one kind may overlap by up to a second, because times are rounded; the later row wins."""
 
 
 @dataclass(frozen=True, slots=True)
 class Period:
-    """A stretch of the day; integer microseconds from the first sample, inside the recording."""
+    """A stretch of the day; integer microseconds from the first sample, within the recording."""
 
     start_us: int
     end_us: int
     kind: Kind
     label: str = ""
     reason: str = ""
-    """Why its time is excluded; empty where it is analysed."""
+    """Why its time is excluded; empty if it is analysed."""
     line: int = 0
 
 
@@ -58,26 +58,26 @@ class Piece:
 
 
 def place_diary(entries: Sequence[DiaryEntry], start: datetime | None, duration_us: int) -> Placed:
-    """Place the rows of a diary on a recording that begins at ``start`` and lasts ``duration_us``.
+    """Place the rows of a diary on a recording that starts at ``start`` and lasts ``duration_us``.
 
-    A clock time without a date is put on the day that brings it into the recording, or nearest to it. What
-    reaches past the recording is cut; rows wholly outside are left aside with a flag, unless all are.
+    A clock time without a date gets the day that puts it within the recording, or nearest to it. Rows are cut
+    at the ends of the recording. Rows wholly outside are ignored with a flag, unless all rows are.
 
-    Raises UnusableDiary: with the line and the reason, when a row cannot be placed.
+    Raises UnusableDiary: with the line and the reason, if a row cannot be placed.
     """
     whole: list[Period] = []
-    slips: list[UnusableDiary] = []
+    row_errors: list[UnusableDiary] = []
     for entry, following in _pair_with_next(entries):
         reason = REASONS.get(entry.kind, "")
         if entry.left_out is not None:
             reason = (reason or entry.kind) if entry.left_out else ""
         try:
             bounds_us = _bound(entry, following, start, duration_us)
-        except UnusableDiary as slip:
-            slips.append(slip)
+        except UnusableDiary as error:
+            row_errors.append(error)
         else:
             whole.append(Period(*bounds_us, entry.kind, entry.label, reason, entry.line))
-    refuse_slips(slips)
+    refuse_slips(row_errors)
     inside = [period for period in whole if period.start_us < duration_us and period.end_us > 0]
     if whole and not inside:
         raise UnusableDiary(
@@ -96,9 +96,9 @@ def place_diary(entries: Sequence[DiaryEntry], start: datetime | None, duration_
 def find_diary_poses(
     diary: Sequence[DiaryEntry], start: datetime | None, duration_us: int
 ) -> tuple[tuple[float, float], ...]:
-    """Return when the pose was held by the diary, seconds from the first sample.
+    """Return when the pose was held according to the diary, seconds from the first sample.
 
-    Raises UnusableDiary: a pose does not lie in the recording.
+    Raises UnusableDiary: a pose is outside the recording.
     """
     poses = (
         replace(entry, end=after.start if entry.end is None and after else entry.end)
@@ -110,7 +110,7 @@ def find_diary_poses(
 
 
 def _flag_overlaps(periods: Sequence[Period]) -> tuple[QualityFlag, ...]:
-    """Flag where time that is left out lies over time that is counted under a name: the former has it."""
+    """Return the flag of excluded time that overlaps time with a name: the exclusion applies."""
     away = sorted((p for p in periods if p.reason), key=lambda p: p.start_us)
     named = sorted((p for p in periods if not p.reason and p.kind in NAMED), key=lambda p: p.start_us)
     shared = [span for kind in KINDS for span in _intersect(away, [p for p in named if p.kind == kind])]
@@ -121,7 +121,7 @@ def _flag_overlaps(periods: Sequence[Period]) -> tuple[QualityFlag, ...]:
 
 
 def _intersect(away: Sequence[Period], named: Sequence[Period]) -> Iterator[tuple[int, int]]:
-    """Return what two lists in order of time share, more than a second at a time."""
+    """Yield the common stretches of two lists in time order, if longer than a second."""
     first = 0
     for period in away:
         while first < len(named) and named[first].end_us <= period.start_us:
@@ -141,7 +141,7 @@ def _pair_with_next(entries: Sequence[DiaryEntry]) -> Iterator[tuple[DiaryEntry,
 def _bound(
     entry: DiaryEntry, following: DiaryEntry | None, start: datetime | None, duration_us: int
 ) -> tuple[int, int]:
-    """Return the first microsecond of a row and the first after it, not yet cut to the recording."""
+    """Return the start of a row and the first microsecond after it, not yet cut to the recording."""
     start_us = place_moment(entry.start, entry.line, start, duration_us)
     if entry.end is not None:
         end_us = place_moment(entry.end, entry.line, start, duration_us)
@@ -160,7 +160,7 @@ def _format_times(entry: DiaryEntry) -> str:
 
 
 def place_moment(moment: float | str, line: int, start: datetime | None, duration_us: int) -> int:
-    """Return a moment in microseconds from the first sample: a number is seconds, text is a clock time.
+    """Return a time in microseconds from the first sample: a number is seconds, text is a clock time.
 
     Raises UnusableDiary.
     """
@@ -169,7 +169,8 @@ def place_moment(moment: float | str, line: int, start: datetime | None, duratio
     if start is None:
         raise UnusableDiary(line=line, why="no clock", cure="seconds", value=moment)
     moment = parse_clock(moment, line)
-    if "T" in moment:  # without an offset it is the recording's clock; with one it needs such a clock
+    # without an offset it is in the recording's clock; with one, that clock needs an offset
+    if "T" in moment:
         dated = datetime.fromisoformat(moment)
         if dated.tzinfo is not None and start.tzinfo is None:
             raise UnusableDiary(line=line, why="zone", cure="zone", value=dated.isoformat())
@@ -185,32 +186,32 @@ def place_moment(moment: float | str, line: int, start: datetime | None, duratio
 
 
 def _measure_from(start: datetime, moment: datetime) -> int:
-    """Return the true time from ``start``; where the clock has a zone, across its change of clocks."""
+    """Return the true time since ``start``, across clock changes if the clock has a zone."""
     if start.tzinfo is not None:
         start, moment = start.astimezone(UTC), moment.astimezone(UTC)
     return (moment - start) // timedelta(microseconds=1)
 
 
 def _refuse_overlap(periods: Sequence[Period]) -> None:
-    """Two rows of one kind cannot both own a moment."""
-    slips = []
+    """Raise UnusableDiary if two rows of one kind overlap."""
+    row_errors = []
     for kind in KINDS:
         same = sorted((period for period in periods if period.kind == kind), key=lambda p: p.start_us)
-        slips += [
+        row_errors += [
             UnusableDiary(
                 line=after.line, why="overlap", cure="overlap", other=before.line, value=after.label
             )
             for before, after in pairwise(same)
             if before.end_us - after.start_us > OVERLAP_US
         ]
-    refuse_slips(slips)
+    refuse_slips(row_errors)
 
 
 def divide_day(periods: Sequence[Period], duration_us: int) -> tuple[Piece, ...]:
-    """Cut the recording into pieces that follow one another, each with at most one owner.
+    """Split the recording into consecutive pieces, each with at most one owner.
 
-    Where periods overlap, the kind that comes later in :data:`KINDS` owns the moment. With a shift in the
-    diary, what no shift covers is outside, unless another row names it.
+    If periods overlap, the kind later in :data:`KINDS` owns the time. If the diary has a shift, time outside
+    every shift is "outside", unless another row covers it.
     """
     edges = sorted({0, duration_us, *(edge for p in periods for edge in (p.start_us, p.end_us))})
     ranked = sorted(range(len(periods)), key=lambda k: KINDS.index(periods[k].kind))
@@ -228,7 +229,7 @@ def divide_day(periods: Sequence[Period], duration_us: int) -> tuple[Piece, ...]
 
 
 def find_left_out(pieces: Sequence[Piece]) -> tuple[Span, ...]:
-    """Return the stretches that the diary takes out of the analysed time."""
+    """Return the stretches that the diary excludes from the analysed time."""
     return tuple(
         Span(piece.start_us, piece.end_us - piece.start_us, piece.reason) for piece in pieces if piece.reason
     )

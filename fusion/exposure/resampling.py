@@ -1,12 +1,12 @@
-"""Resampled days: 5-minute blocks drawn again, with an error of the angle and of the pose.
+"""Intervals by resampling: 5-minute blocks drawn with replacement, with errors of angle and pose.
 
-200 draws. Draw k takes the error at quantile (k + 0.5)/200 of a normal distribution, and as many blocks as
-the day has analysed ones, with replacement, by PCG64(0): the same recording always gives the same interval.
+200 draws. Draw k uses the error at quantile (k + 0.5)/200 of a normal distribution, and as many blocks as the
+day has analysed ones, with replacement, by PCG64(0). The same recording always gives the same interval.
 
-For the N-pose the same draws once more, with a share of its one-sided error that runs through [0, 1]. With
-the arm along the body as the reference, elevations read up to 15 deg low at a raised arm (Bioengineering
-2025;12:50). That the error grows in proportion to the angle, from 0 at a hanging arm to 15 deg at 90 deg, is
-our assumption. Angles keep their order: time above a threshold is time that was read above a lower one.
+For the N-pose the same draws are repeated with a share, in [0, 1], of its one-sided error. With the arm along
+the body as the reference, elevations of a raised arm read up to 15 deg low (Bioengineering 2025;12:50). We
+assume that the error is proportional to the angle, from 0 for a hanging arm to 15 deg at 90 deg. The order of
+angles is unchanged: time above a threshold is time that was read above a lower one.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,13 +25,13 @@ DRAWS = 200
 SEED = 0
 LOW_HIGH_PERCENT = (2.5, 97.5)
 ERRORS = 11
-"""Errors of the angle at which counts are made again; between them they are taken as linear."""
+"""Number of angle errors for which counts are repeated; linear between them."""
 
 STRIDE = 147
-"""Of the strides prime to 200 the one that spreads shares and errors of the angle most evenly over both."""
+"""Stride prime to 200 with the most even distribution of shares and errors of the angle."""
 
 LEAST_BLOCKS = 6
-"""Fewer blocks than these, drawn again, are no range by themselves: an error of the angle must be known."""
+"""With fewer blocks a range is only computed if an error of the angle is known."""
 
 FULL_AT_DEG = 90.0
 GROWTH = NPOSE_ERROR_DEG / FULL_AT_DEG
@@ -42,9 +42,12 @@ Figures = dict[str, Float64Array]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Resampling:
-    """The draws. ``kept``, shape (b,), are the blocks with analysed time; ``times``, shape (200, kept),
-    how often each is in a draw; ``error_deg``, shape (200,), the error of the angle; ``share``, shape (200,),
-    how much of the N-pose's error the read angles are raised by.
+    """The draws.
+
+    ``kept``: shape (b,): the blocks with analysed time.
+    ``times``: shape (200, kept): how often each block is in a draw.
+    ``error_deg``: shape (200,): the error of the angle.
+    ``share``: shape (200,): the share of the N-pose's error that is added to the angles.
     """
 
     kept: BoolArray
@@ -53,7 +56,7 @@ class Resampling:
     share: Float64Array = field(default_factory=lambda: np.zeros(DRAWS))
 
     def with_npose_error(self) -> "Resampling":
-        """Return the same draws with the error of the N-pose: every 200th of [0, 1] is one draw's share."""
+        """Return the same draws with the error of the N-pose: each draw has another of 200 even shares."""
         return replace(self, share=(np.arange(DRAWS) * STRIDE % DRAWS + 0.5) / DRAWS)
 
     def sum(self, blocks: AnyArray) -> Float64Array:
@@ -64,7 +67,7 @@ class Resampling:
         return sums.reshape(DRAWS, *kept.shape[1:])
 
     def sum_with_error(self, blocks: Float64Array, grid_deg: Float64Array) -> Float64Array:
-        """Sum what was counted at each error of a grid, shape (g, b, ...), at each draw's error."""
+        """Sum counts at each error of a grid, shape (g, b, ...), interpolated to each draw's error."""
         place = np.interp(self.error_deg, grid_deg, np.arange(len(grid_deg)))
         left = np.minimum(place.astype(np.int64), len(grid_deg) - 2)
         share = (place - left).reshape(-1, *([1] * (blocks.ndim - 2)))
@@ -89,13 +92,14 @@ def _sum_draws(times, blocks, sums):  # type: ignore[no-untyped-def]
 
 
 def spread_errors(sigma_deg: float) -> Float64Array:
-    """Return the errors, shape (11,), between those of the first and the last draw."""
-    furthest = max(sigma_deg * NormalDist().inv_cdf(1 - 0.5 / DRAWS), 1e-6)  # an exact angle too has a grid
+    """Return errors, shape (11,), evenly spaced between those of the first and the last draw."""
+    # an exact angle also needs a grid
+    furthest = max(sigma_deg * NormalDist().inv_cdf(1 - 0.5 / DRAWS), 1e-6)
     return np.linspace(-furthest, furthest, ERRORS)
 
 
 def draw_blocks(analysed: AnyArray, sigma_deg: float) -> Resampling:
-    """Draw from the blocks that hold analysed time; ``analysed`` has shape (b,)."""
+    """Draw from the blocks with analysed time; ``analysed`` has shape (b,)."""
     kept = analysed > 0
     count = int(kept.sum())
     chosen = np.random.Generator(np.random.PCG64(SEED)).integers(0, count, (DRAWS, count))
@@ -110,17 +114,17 @@ def draw_errors(sigma_deg: float) -> Float64Array:
 
 
 def can_draw(analysed: AnyArray, sigma_deg: float) -> bool:
-    """Return whether blocks, shape (b,), are enough: half an hour of them if no error is known."""
+    """Return whether blocks, shape (b,), are enough: half an hour if no error of the angle is known."""
     return sigma_deg > 0 or int((analysed > 0).sum()) >= LEAST_BLOCKS
 
 
 def raise_angles(read_deg: Float64Array, share: Float64Array) -> Float64Array:
-    """Raise read angles by a share of the N-pose's error, from 0 to 1."""
+    """Add a share of the N-pose's error, from 0 to 1, to angles."""
     return np.asarray(read_deg + share * NPOSE_ERROR_DEG * np.minimum(1.0, read_deg / FULL_AT_DEG))
 
 
 def lower_thresholds(raised_deg: Float64Array, share: Float64Array) -> Float64Array:
-    """Return the read angles that are raised to these: the inverse of :func:`raise_angles`."""
+    """Return the angles that become these: the inverse of :func:`raise_angles`."""
     return np.maximum(raised_deg / (1.0 + GROWTH * share), raised_deg - share * NPOSE_ERROR_DEG)
 
 
@@ -128,7 +132,7 @@ def lower_thresholds(raised_deg: Float64Array, share: Float64Array) -> Float64Ar
 class DrawnDistribution:
     """The time below each edge of the 0.1 deg cells in each block, shape (1801, b), and the draws.
 
-    The time below an angle in a draw is a sum over blocks at that angle alone. Times are whole microseconds,
+    The time below an angle in a draw is a sum over blocks at that angle only. Times are whole microseconds,
     whose sums are exact in any order.
     """
 
@@ -136,7 +140,7 @@ class DrawnDistribution:
     draws: Resampling
 
     def find_shares(self, angles_deg: Sequence[float]) -> Float64Array:
-        """Return the share of each draw's time below angles, shape (k,), read with its errors: (200, k)."""
+        """Return the share of each draw's time below angles, shape (k,), with its errors: (200, k)."""
         error_deg, share = self.draws.error_deg[:, np.newaxis], self.draws.share[:, np.newaxis]
         cells = lower_thresholds(np.array(angles_deg, np.float64) - error_deg, share) * CELLS_PER_DEG
         shares = np.empty(cells.shape)
@@ -144,7 +148,7 @@ class DrawnDistribution:
         return shares
 
     def find_percentiles(self, percents: Sequence[int]) -> Float64Array:
-        """Return percentiles of each draw, read with its errors and kept inside the scale, shape (200, p)."""
+        """Return percentiles of each draw, with its errors and clipped to the scale, shape (200, p)."""
         places = np.empty((len(self.draws.times), len(percents)))
         _find_places(self.below, self.draws.times, np.array(percents) / 100.0, places)
         error_deg, share = self.draws.error_deg[:, np.newaxis], self.draws.share[:, np.newaxis]
@@ -173,7 +177,7 @@ def _add_up(below, times):  # type: ignore[no-untyped-def]
 
 @kernel
 def _read_shares(below, times, cells, shares):  # type: ignore[no-untyped-def]
-    """Read each draw's share below its places, linear within a cell."""
+    """Compute each draw's share below its places, linear within a cell."""
     for draw in range(len(times)):
         whole = _add_up(below[-1], times[draw])
         for k in range(cells.shape[1]):
@@ -184,7 +188,7 @@ def _read_shares(below, times, cells, shares):  # type: ignore[no-untyped-def]
 
 @kernel
 def _find_places(below, times, wanted, places):  # type: ignore[no-untyped-def]
-    """Find by halving the cell in which each draw's time below reaches each share, linear within it."""
+    """Find by bisection the cell in which each draw's time below reaches each share, linear within it."""
     for draw in range(len(times)):
         whole = _add_up(below[-1], times[draw])
         for k in range(len(wanted)):
@@ -193,7 +197,7 @@ def _find_places(below, times, wanted, places):  # type: ignore[no-untyped-def]
             while right - left > 1:
                 middle = (left + right) // 2
                 reached = _add_up(below[middle], times[draw])
-                # a trillionth of the whole keeps a sum that should be equal from being a hair too small
+                # a relative tolerance of 1e-12 against the rounding of sums
                 if reached >= whole * (wanted[k] - 1e-12):
                     right, upper = middle, reached
                 else:
@@ -202,14 +206,14 @@ def _find_places(below, times, wanted, places):  # type: ignore[no-untyped-def]
 
 
 def scale_draws(value: float, drawn: Float64Array, coarse: float) -> Float64Array:
-    """Scale draws that were taken from coarser classes than the figure itself."""
+    """Scale draws from coarser classes to the figure itself."""
     return value / coarse * drawn if coarse > 0 else drawn
 
 
 def find_intervals(drawn: Figures, raised: Mapping[str, Float64Array] | None = None) -> dict[str, Interval]:
     """Return the 2.5th and 97.5th percentiles of each figure; none if over 5 % of the draws lack it.
 
-    ``raised`` are figures with the error of the N-pose: their intervals widen the second pair of ends.
+    ``raised``: figures with the error of the N-pose; their intervals widen the second pair of limits.
     """
     if not drawn:
         return {}

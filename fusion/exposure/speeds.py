@@ -1,4 +1,4 @@
-"""How the arm moves: four speeds, frequency, and rainflow cycles."""
+"""Movement of the arm: four speeds, frequency, and rainflow cycles."""
 
 from collections.abc import Iterator
 from itertools import pairwise
@@ -17,24 +17,24 @@ from fusion.runs import EvenRun, find_part, find_part_rows, find_parts, find_run
 
 # Four speeds of the upper arm, deg/s. They are not interchangeable.
 #
-# - ``inclination``: change of elevation. Blind to axial rotation, turning round and circumduction.
+# - ``inclination``: change of elevation. Does not include axial rotation, turning round and circumduction.
 # - ``generalised``: speed of the vertical on the unit sphere, seen from the sensor (Hansson 2001).
 # - ``generalised_accelerometer``: the same from low-passed acceleration alone on a 20 Hz grid; the kind for
 #   which the level of 60 deg/s was proposed (Arvidsson 2021).
-# - ``gyroscope``: magnitude of the angular rate less its offset, axis by axis behind the metric filter.
+# - ``gyroscope``: magnitude of the angular rate minus its offset, after the metric filter on each axis.
 
 # The metric filter on vectors, in overlapping blocks, so that memory does not grow with the recording.
 
 
 BLOCK_ROWS = 32_768
-MARGIN_S = 2.0  # what a cut does to the filter at 5 Hz has died down to 1e-19 after 2 s
+MARGIN_S = 2.0  # after 2 s the effect of a cut on the 5 Hz filter is below 1e-19
 
 
 def filter_blocks(vectors: Vertical, rate_hz: float) -> Iterator[tuple[int, Float64Array]]:
-    """Return the filtered vectors, shape (n, 3), as blocks (first row, vectors).
+    """Yield the filtered vectors, shape (n, 3), as blocks (first row, vectors).
 
-    Each block but the first begins with the last row of the one before, so that steps can be taken inside
-    blocks. The sum over blocks is that of filtering the whole.
+    Each block but the first begins with the last row of the one before, so that steps can be computed inside
+    blocks. The result is that of filtering the whole.
     """
     margin = round(MARGIN_S * rate_hz)
     for first in range(0, max(len(vectors) - 1, 1), BLOCK_ROWS):
@@ -44,10 +44,10 @@ def filter_blocks(vectors: Vertical, rate_hz: float) -> Iterator[tuple[int, Floa
         yield first, filtered[first - around.start : stop - around.start]
 
 
-# How fast the arm goes to and fro: mean power frequency and zero-crossings of its speed.
+# Frequency of the movement: mean power frequency and zero crossings of its speed.
 #
-# Both of the signed derivative of elevation; that of elevation itself would differ strongly (0.24 against
-# 0.99 Hz for the same two-tone movement), so the name says which.
+# Both of the signed derivative of elevation. Those of elevation itself differ strongly (0.24 against 0.99 Hz
+# for the same two-tone movement), so the name contains ``velocity``.
 
 
 GRID_HZ = 20.0
@@ -59,8 +59,9 @@ DEAD_BAND_DPS = 10.0
 class FrequencyTally:
     """Crossings and power of the speed of inclination in each 5-minute block.
 
-    ``sums``, shape (2,): MPF times seconds, and seconds with an MPF. Of each block ``crossings``, shape (b,),
-    and ``moments``, shape (b, 2): those of :func:`find_power_moments` for windows whose middle lies in it.
+    ``sums``: shape (2,): MPF times seconds, and seconds with an MPF.
+    ``crossings``: shape (b,).
+    ``moments``: shape (b, 2): sums of :func:`find_power_moments` over windows with their middle in the block.
     """
 
     def __init__(self, edges_us: IntArray) -> None:
@@ -93,7 +94,7 @@ class FrequencyTally:
         return Frequency(weighted / seconds if seconds else None, crossings * 3600.0 / analysed_s)
 
     def draw(self, frequency: Frequency, draws: Resampling, block_s: Float64Array) -> Figures:
-        """Draw the figures: the sampling of the day, for no constant error changes a speed."""
+        """Draw the figures with the sampling of the day only: a constant error does not change a speed."""
         found: Figures = {}
         if frequency.mean_power_hz is not None:
             drawn = draws.sum(self.moments)
@@ -118,8 +119,9 @@ def divide_moments(moments: Float64Array) -> float | None:
 def find_power_moments(angle_deg: Float64Array, rate_hz: float) -> Float64Array:
     """Return sum(f P) and sum(P) of each window of the speed of inclination, 0 to 5 Hz, shape (w, 2).
 
-    Welch: Hann windows of 60 s that overlap by half, each less its mean, of the speed on a 20 Hz grid; what
-    the difference between grid points takes off high frequencies is put back. Under a minute: no window.
+    Welch: Hann windows of 60 s that overlap by half, each minus its mean, of the speed on a 20 Hz grid. The
+    attenuation of high frequencies by the difference between grid points is compensated. Under a minute: no
+    window.
     """
     steps = int(len(angle_deg) * GRID_HZ / rate_hz)
     if rate_hz < GRID_HZ or steps <= WINDOW_STEPS:
@@ -147,7 +149,7 @@ def _sum_spectra(windows: Float64Array, weights: Float64Array) -> Float64Array:
 
 @kernel_making_arrays
 def _take_grid(angle_deg, rows_per_step, steps):  # type: ignore[no-untyped-def]
-    """Take every so many rows, linearly between them."""
+    """Interpolate linearly to the grid."""
     grid = np.empty(steps)
     for k in range(steps):
         row = min(int(k * rows_per_step), max(len(angle_deg) - 2, 0))
@@ -159,7 +161,7 @@ def _take_grid(angle_deg, rows_per_step, steps):  # type: ignore[no-untyped-def]
 
 @kernel
 def count_crossings(angle_deg, valid, rate_hz, part_rows, counts):  # type: ignore[no-untyped-def]
-    """Count, in each part, the changes of direction: from faster than the dead band one way to the other."""
+    """Count, in each part, the reversals: from faster than the dead band in one direction to the other."""
     part, direction = 0, 0
     for i in range(1, len(angle_deg)):
         if not (valid[i] and valid[i - 1]):
@@ -192,10 +194,10 @@ COARSE_CELLS = int(COARSE_OF_CELL[-1]) + 1
 
 
 class SpeedTally:
-    """Seconds in each 0.01 deg/s cell, ``cell_s``; the first cell holds speeds of exactly 0.
+    """Seconds in each 0.01 deg/s cell, ``cell_s``; the first cell contains speeds of exactly 0.
 
-    ``block_s``, shape (b, 654), holds the same seconds once more, for each 5-minute block and in cells that
-    widen by 2 %; ``way_deg``, shape (b,), is the way turned. Speeds past 4000 deg/s share the last cell.
+    ``block_s``: shape (b, 654): the same seconds for each 5-minute block, in cells that widen by 2 %.
+    ``way_deg``: shape (b,): the total rotation. Speeds over 4000 deg/s share the last cell.
     """
 
     def __init__(self, edges_us: IntArray = WHOLE_US) -> None:
@@ -205,7 +207,7 @@ class SpeedTally:
         self.way_deg = np.zeros(len(edges_us) - 1)
 
     def add(self, run: EvenRun, first_row: int, speeds_dps: Float64Array, rate_hz: float) -> None:
-        """Count speeds (NaN: none) of a run's rows from ``first_row`` on at a rate of their own."""
+        """Count speeds (NaN: none) of a run's rows from ``first_row`` on, at their own rate."""
         start_us = run.start_us + round(first_row * MICROSECONDS / run.rate_hz)
         step_us = MICROSECONDS / rate_hz
         cells = (self.cell_s, self.block_s, self.way_deg)
@@ -219,7 +221,7 @@ class SpeedTally:
             self.add(angle, first, speeds_dps[1:], angle.rate_hz)
 
     def add_accelerometer(self, segment: Segment, valid: BoolArray) -> None:
-        """Count how fast a segment's low-passed acceleration turns, on a 20 Hz grid."""
+        """Count the rotation speed of a segment's low-passed acceleration, on a 20 Hz grid."""
         rows_per_step = segment.rate_hz / GRID_HZ
         grid_g = np.zeros((int((len(segment) - 1) / rows_per_step) + 1, 3))
         for first, acc_g in filter_blocks(segment.acc_g, segment.rate_hz):
@@ -228,15 +230,15 @@ class SpeedTally:
         self.add(segment, 0, measure_turns(grid_g, steps, GRID_HZ), GRID_HZ)
 
     def add_gyroscope(self, segment: Segment, bias_dps: Float64Array, valid: BoolArray) -> None:
-        """Count the magnitude of the filtered angular rate less its offset."""
+        """Count the magnitude of the filtered angular rate minus its offset."""
         for first, gyr_dps in filter_blocks(segment.gyr_dps, segment.rate_hz):
-            fresh = slice(1 if first else 0, None)  # a block repeats the last row of the one before
+            fresh = slice(1 if first else 0, None)  # a block repeats the last row of the previous one
             rows = valid[first : first + len(gyr_dps)]
             speeds_dps = measure_magnitude(gyr_dps[fresh], bias_dps, rows[fresh])
             self.add(segment, first, speeds_dps, segment.rate_hz)
 
     def summarise(self) -> Velocity | None:
-        """Return percentiles and mean, None where no speed was counted."""
+        """Return percentiles and mean; None if no speed was counted."""
         total_s = float(self.cell_s.sum())
         if total_s == 0.0:
             return None
@@ -246,12 +248,12 @@ class SpeedTally:
         return Velocity(p10, p50, p90, p99, float(self.way_deg.sum()) / total_s)
 
     def draw(self, kind: str, velocity: Velocity, draws: Resampling) -> Figures:
-        """Draw the speeds of one kind: the sampling of the day; a constant error changes no speed."""
+        """Draw the speeds of one kind with the sampling of the day only."""
         drawn_s = draws.sum(self.block_s)
         drawn, coarse = _find_speeds(drawn_s), _find_speeds(self.block_s.sum(axis=0)[np.newaxis])[0]
         values = (velocity.p10_dps, velocity.p50_dps, velocity.p90_dps, velocity.p99_dps)
         total_s = drawn_s.sum(axis=1)
-        lacking = np.full(len(total_s), np.nan)  # a draw of nothing but short pieces has no speed
+        lacking = np.full(len(total_s), np.nan)  # a draw with short pieces only has no speed
         means = np.divide(draws.sum(self.way_deg), total_s, out=lacking, where=total_s > 0.0)
         found = {
             f"{kind}_velocity_p{p}_dps": scale_draws(value, drawn[:, k], coarse[k])
@@ -268,9 +270,9 @@ def _find_speeds(block_s: Float64Array) -> Float64Array:
 
 
 def measure_generalised(segment: ElevationSegment, valid: BoolArray) -> Iterator[tuple[int, Float64Array]]:
-    """Return how fast a segment's filtered, renormalised vertical moves: (first row, speeds) block by block.
+    """Yield the speed of a segment's filtered, renormalised vertical: (first row, speeds) block by block.
 
-    The speed of a row is that of the step to it; NaN where there is none.
+    The speed of a row is that of the step to it; NaN if there is none.
     """
     if segment.vertical is None:
         return
@@ -323,7 +325,7 @@ def measure_turns(vectors, valid, rate_hz):  # type: ignore[no-untyped-def]
             x, y, z = x * scale, y * scale, z * scale
         if here and before:
             half = 0.5 * np.sqrt((x - bx) ** 2 + (y - by) ** 2 + (z - bz) ** 2)
-            if half < 0.01:  # the series of the arcsine: within 1e-13 of it, and much faster
+            if half < 0.01:  # series of the arcsine: within 1e-13, and much faster
                 half *= 1.0 + half * half * (1.0 / 6.0 + half * half * 0.075)
             else:
                 half = np.arcsin(min(half, 1.0))
@@ -334,7 +336,7 @@ def measure_turns(vectors, valid, rate_hz):  # type: ignore[no-untyped-def]
 
 @kernel_making_arrays
 def measure_magnitude(rates_dps, bias_dps, valid):  # type: ignore[no-untyped-def]
-    """Return the length of each valid row's vector less the offset."""
+    """Return the length of each valid row's vector minus the offset."""
     speeds_dps = np.full(len(rates_dps), np.nan)
     for i in range(len(rates_dps)):
         if valid[i]:
@@ -347,7 +349,7 @@ def measure_magnitude(rates_dps, bias_dps, valid):  # type: ignore[no-untyped-de
 
 @kernel
 def _fill_grid(vectors, first, rows_per_step, grid):  # type: ignore[no-untyped-def]
-    """Take the grid points that lie in this block, linearly between its rows."""
+    """Interpolate the grid points within this block linearly between its rows."""
     stop = first + len(vectors) - 1
     for k in range(int(np.ceil(first / rows_per_step)), len(grid)):
         place = k * rows_per_step - first
@@ -361,7 +363,7 @@ def _fill_grid(vectors, first, rows_per_step, grid):  # type: ignore[no-untyped-
 
 @kernel_making_arrays
 def _find_valid_steps(valid, rows_per_step, steps):  # type: ignore[no-untyped-def]
-    """A grid point is valid where every row since the grid point before, and the row after it, is."""
+    """Return valid grid points: all rows since the previous point, and the row after it, must be valid."""
     valid_steps = np.ones(steps, np.bool_)
     for k in range(steps):
         first = int((k - 1) * rows_per_step) if k else 0
@@ -380,7 +382,7 @@ USUAL_POINTS = 65536
 class CycleTally:
     """Cycles by error of the angle, 5-minute block and class of range: ``counts``, shape (g, b, 4).
 
-    A half cycle counts 0.5; runs of valid rows are counted apart; ranges under 10 deg are in no class. A
+    A half cycle counts 0.5. Runs of valid rows are counted separately. Ranges under 10 deg are in no class. A
     cycle belongs to the block in which its range ends.
     """
 
@@ -390,10 +392,10 @@ class CycleTally:
         self.counts = np.zeros((len(errors_deg), len(edges_us) - 1, len(RANGE_EDGES_DEG) - 1))
 
     def add(self, angle: MetricAngle) -> None:
-        """Count a segment: with an error b each angle is b lower, but none is under 0 or over 180 deg.
+        """Count a segment: with an error b each angle is b lower, clipped to 0 and 180 deg.
 
-        Clipped turning points have the ranges of the clipped angle, but for some under the hysteresis, which
-        lie inside others and are in no class.
+        Clipped turning points have the ranges of the clipped angle, except some under the hysteresis. Those
+        are inside others and in no class.
         """
         points_deg, runs, rows = find_turning_points(angle, HYSTERESIS_DEG)
         parts = find_parts(find_part_rows(angle, self.edges_us), rows)
@@ -402,13 +404,13 @@ class CycleTally:
         lowest, highest = points_deg.min(initial=180.0), points_deg.max(initial=0.0)
         for error, error_deg in enumerate(self.errors_deg):
             if lowest >= error_deg and highest - error_deg <= 180.0:
-                self.counts[error] += as_read  # nothing is clipped, so that no range changes
+                self.counts[error] += as_read  # nothing is clipped, so no range changes
             else:
                 clipped_deg = np.clip(points_deg - error_deg, 0.0, 180.0)
                 _count_ranges(clipped_deg, runs, parts, self.counts[error])
 
     def summarise(self) -> tuple[Cycles, ...]:
-        """Return the counts of the angle as it was read."""
+        """Return the counts of the angle as measured."""
         counts = self.counts[len(self.errors_deg) // 2].sum(axis=0)
         return tuple(
             Cycles(float(lower or 0.0), upper, float(count))
@@ -418,7 +420,7 @@ class CycleTally:
     def draw(self, draws: Resampling, block_s: Float64Array) -> Figures:
         """Draw the counts: the sampling of the day, and an error of the angle.
 
-        An error changes a range only where it brings the angle to an end of its scale.
+        An error only changes a range if it moves the angle to an end of its scale.
         """
         share = draws.sum(block_s) / block_s.sum()
         drawn = draws.sum_with_error(self.counts, self.errors_deg) / share[:, np.newaxis]
@@ -430,7 +432,7 @@ class CycleTally:
 
 def _count_ranges(points_deg: Float64Array, runs: IntArray, parts: IntArray, counts: Float64Array) -> None:
     ranges_deg, weights, ends = count_rainflow(points_deg, runs)
-    # the angle is rounded to 1e-6 deg, so must be the difference of two angles
+    # the angle is rounded to 1e-6 deg, so the difference of two angles is rounded too
     classes = np.searchsorted(RANGE_EDGES_DEG[:-1], np.round(ranges_deg, 6), side="right") - 1
     kept = classes >= 0
     np.add.at(counts, (parts[ends[kept]], classes[kept]), weights[kept])
@@ -439,7 +441,7 @@ def _count_ranges(points_deg: Float64Array, runs: IntArray, parts: IntArray, cou
 def find_turning_points(angle: MetricAngle, hysteresis_deg: float) -> tuple[Float64Array, IntArray, IntArray]:
     """Return the peaks and valleys left after a hysteresis filter, the valid run of each, and its row.
 
-    A reversal counts once the angle has come back by the hysteresis; the first and the last extreme of a run
+    A reversal counts once the angle has returned by the hysteresis; the first and the last extreme of a run
     are turning points.
     """
     points_deg, places = np.empty(USUAL_POINTS), np.empty((USUAL_POINTS, 2), np.int64)
@@ -452,7 +454,7 @@ def find_turning_points(angle: MetricAngle, hysteresis_deg: float) -> tuple[Floa
 
 @kernel
 def _scan_turning_points(angle_deg, valid, hysteresis_deg, points_deg, places):  # type: ignore[no-untyped-def]
-    """Write as many turning points as there is room for; return how many there are.
+    """Write as many turning points as the buffers can store; return how many there are.
 
     ``direction`` is 0 until the run has moved by the hysteresis, then 1 on the way up, -1 on the way down;
     ``low`` and ``high`` are the extremes since the last turning point, at the rows ``at_low``, ``at_high``.
@@ -490,10 +492,10 @@ def _write_point(points_deg, places, count, point_deg, place):  # type: ignore[n
 
 @kernel_making_arrays
 def count_rainflow(points, runs):  # type: ignore[no-untyped-def]
-    """Return the ranges, their counts (1 or 0.5) and the point that ends each; every run by itself.
+    """Return the ranges, their counts (1 or 0.5) and the point that ends each; every run separately.
 
-    ASTM E1049-85 §5.4.4 with the points still in play on a stack: the last range X closes the one before, Y,
-    when X >= Y; a Y that holds the starting point is a half cycle, and so is all that is left at the end.
+    ASTM E1049-85 §5.4.4 with the open points on a stack: the last range X closes the previous one, Y, if X >=
+    Y. A Y that contains the starting point is a half cycle, as are all ranges that remain at the end.
     """
     ranges, weights = np.empty(len(points)), np.empty(len(points))
     ends, stack = np.empty(len(points), np.int64), np.empty(len(points), np.int64)

@@ -1,4 +1,4 @@
-"""How long the arm stays where it is: repetitions, sustained stays above a level, rest, and variation."""
+"""How long the arm stays at a level: repetitions, sustained stays above a level, rest, and variation."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -36,8 +36,8 @@ from fusion.runs import (
 
 # Repetitions and sustained stays above a threshold.
 #
-# Both come from one Schmitt trigger with 10 deg of hysteresis: above once the angle passes c + 5, below once
-# it passes c - 5. A run of valid rows that starts above c + 5 starts "above": a stay, but no repetition.
+# Both use one Schmitt trigger with 10 deg of hysteresis: above once the angle exceeds c + 5, below once it is
+# less than c - 5. A run of valid rows that starts above c + 5 starts "above": a stay, but not a repetition.
 
 HALF_HYSTERESIS_DEG = 5.0
 MERGED_GAP_S = 0.5
@@ -51,8 +51,9 @@ LEAST_OF_MINUTE = 0.5
 class Stays:
     """Repetitions and episodes of one segment above one threshold.
 
-    ``entry_us``, shape (k,), are the times of the repetitions; ``start_s``, ``duration_s`` and ``censored``,
-    shape (e,), are the episodes after merging and dropping.
+    ``entry_us``: shape (k,): the times of the repetitions.
+    ``start_s``, ``duration_s``, ``censored``: shape (e,): the episodes after short gaps are merged and short
+    episodes dropped.
     """
 
     entry_us: IntArray
@@ -62,7 +63,7 @@ class Stays:
 
 
 def find_stays(angle: MetricAngle, threshold_deg: float) -> Stays:
-    """Find the repetitions and episodes of one segment above one threshold."""
+    """Return the repetitions and episodes of one segment above one threshold."""
     crossings = _run_triggers(angle, np.array([float(threshold_deg)]), HALF_HYSTERESIS_DEG)
     entries = crossings[crossings[:, IS_ENTRY] == 1, START]
     episodes = _merge_and_drop(crossings, angle.rate_hz)
@@ -79,7 +80,7 @@ def _run_triggers(angle: MetricAngle, levels_deg: Float64Array, half_deg: float)
 
 
 def _merge_and_drop(stays: IntArray, rate_hz: float) -> IntArray:
-    """Merge stays of one level and valid run over gaps under 0.5 s, then drop those under 0.5 s."""
+    """Merge stays of one level and valid run over gaps under 0.5 s, then drop stays under 0.5 s."""
     gap = stays[1:, START] - stays[:-1, STOP]
     same = (stays[1:, RUN] == stays[:-1, RUN]) & (stays[1:, LEVEL] == stays[:-1, LEVEL])
     apart = ~(same & _is_under(gap, MERGED_GAP_S, rate_hz))
@@ -92,7 +93,7 @@ def _merge_and_drop(stays: IntArray, rate_hz: float) -> IntArray:
 
 
 def _is_under(rows: IntArray, limit_s: float, rate_hz: float) -> BoolArray:
-    """Find the lengths under a limit; a thousandth of a row absorbs the fit of the rate."""
+    """Return which lengths are under a limit; a thousandth of a row tolerates the fit of the rate."""
     return rows < limit_s * rate_hz - 1e-3
 
 
@@ -101,8 +102,8 @@ def summarise_entries(
 ) -> Entries:
     """Count the repetitions of all segments, per hour of analysed time.
 
-    With the day's minutes also the share of them (those with 30 s or more of analysed time) that hold two
-    entries or more per minute of it: the frequency at which EN 1005-4 asks for more than the zone.
+    With the day's minutes, also the share of minutes (with at least 30 s of analysed time) with two or more
+    entries per analysed minute: above this frequency EN 1005-4 requires more than the zone.
     """
     entry_us = np.concatenate([segment.entry_us for segment in stays])
     busy_percent = None
@@ -114,15 +115,16 @@ def summarise_entries(
 
 
 def find_analysed_minutes(minutes: PartHistograms) -> tuple[Float64Array, BoolArray]:
-    """Return how much of each minute was analysed, shape (m,), and whether it counts."""
+    """Return the analysed part of each minute, shape (m,), and whether the minute counts."""
     analysed_min = np.asarray(minutes.cell_us.sum(axis=1, dtype=np.int64) / (60 * MICROSECONDS), np.float64)
     return analysed_min, analysed_min >= LEAST_OF_MINUTE
 
 
 def find_busy(counts: IntArray | Float64Array, analysed_min: Float64Array) -> BoolArray:
-    """Find the minutes with two entries or more per minute of analysed time; the last axis is minutes.
+    """Return the minutes with two or more entries per minute of analysed time; the last axis is minutes.
 
-    Rows do not begin with minutes: one may hold a row more than 60 s, and asks for no third entry.
+    Rows do not start with minutes: a minute may contain one row more than 60 s, which does not require a
+    third entry.
     """
     return np.asarray(counts >= BUSY_PER_MINUTE * np.minimum(analysed_min, 1.0) - 1e-9)
 
@@ -150,23 +152,25 @@ def summarise_episodes(threshold_deg: float, stays: list[Stays], analysed_s: flo
     )
 
 
-# Entries and episodes once more, with the angle read a little too high or too low.
+# Entries and episodes again, with an angle that is slightly too high or too low.
 
 
 CELLS_PER_OCTAVE = 4
 CELLS = 16 * CELLS_PER_OCTAVE  # from 0.5 s to 9 h
-# the sums: episodes, their seconds, and the seconds of those longer than 5, 10, 30 and 60 s
+# the sums: episodes, their seconds, and the seconds of episodes longer than 5, 10, 30 and 60 s
 STAYS, STAY_S, LONGER_S = range(3)
 SUMS = LONGER_S + len(LONG_S)
 
 
 class ShiftedStays:
-    """What is counted at each threshold and error of the angle in each part of the day.
+    """Counts for each threshold and error of the angle in each part of the day.
 
-    ``levels_deg``, shape (t,), are the thresholds of :data:`THRESHOLDS_DEG` with each error, sorted.
-    ``entries``, shape (t, s), are the entries in each stretch; ``sums``, shape (t, b, 6), the episodes of
-    each 5-minute block and their seconds; ``cells``, shape (t, b, 64), the episodes by length in quarters of
-    an octave; ``longest_s``, shape (t,). An episode is counted where it begins, its time where it lies.
+    ``levels_deg``: shape (t,): the thresholds of :data:`THRESHOLDS_DEG` with each error, sorted.
+    ``entries``: shape (t, s): the entries in each stretch.
+    ``sums``: shape (t, b, 6): the episodes of each 5-minute block and their seconds.
+    ``cells``: shape (t, b, 64): the episodes by length in quarters of an octave.
+    ``longest_s``: shape (t,). An episode is counted in the block where it starts, its time in each block it
+    spans.
     """
 
     def __init__(self, errors_deg: Float64Array, stretches: Stretches) -> None:
@@ -206,8 +210,8 @@ class ShiftedStays:
     def draw(self, episodes: tuple[Episodes, ...], draws: Resampling, block_s: Float64Array) -> Figures:
         """Draw repetitions and episodes; ``block_s``, shape (b,), is the analysed time.
 
-        The draws cover the error of the angle and the sampling of the day; those of the longest episode the
-        error alone, for the longest of other days cannot be drawn from this one.
+        The draws include the error of the angle and the sampling of the day. Those of the longest episode
+        only include the error, because the longest of other days cannot be drawn from one day.
         """
         found: Figures = {}
         length_h, drawn_h = float(block_s.sum()) / 3600.0, draws.sum(block_s) / 3600.0
@@ -242,7 +246,7 @@ class ShiftedStays:
         for c in THRESHOLDS_DEG:
             is_busy = find_busy(self.pick_entries(c, self.stretches.minute_of), analysed_min) & kept
             drawn = draws.sum_with_error(sum_groups(is_busy.astype(np.float64), block_of), self.errors_deg)
-            with np.errstate(invalid="ignore"):  # a draw without a minute that counts
+            with np.errstate(invalid="ignore"):  # a draw may have no minute that counts
                 found[f"entries_above_{c}_busy_minutes_percent"] = 100.0 * drawn / drawn_minutes
         return found
 
@@ -254,7 +258,7 @@ def _count_entries(stays: IntArray, part_rows: IntArray, entries: Float64Array) 
 
 @kernel
 def _count_lengths(level, block, seconds, cells, longest_s):  # type: ignore[no-untyped-def]
-    """Count each episode in the cell of its length, in the block in which it begins."""
+    """Count each episode in the cell of its length, in the block where it starts."""
     for k in range(len(level)):
         cell = int(np.log2(max(seconds[k] / SHORTEST_S, 1.0)) * CELLS_PER_OCTAVE)
         cells[level[k], block[k], min(cell, CELLS - 1)] += 1
@@ -268,24 +272,24 @@ def _find_lengths(cells: Float64Array) -> Float64Array:
 
 
 # Entries with the one-sided error of the N-pose (:mod:`fusion.exposure.resampling`): both thresholds of the
-# trigger are lowered, which brings them a little nearer to each other.
+# trigger are lowered and move slightly closer to each other.
 
 
 HALF_WIDTHS_DEG = (HALF_HYSTERESIS_DEG / (1.0 + GROWTH), HALF_HYSTERESIS_DEG)
-"""Of the trigger, with the whole of the error and without it."""
+"""Half widths of the trigger, with the full error and without it."""
 STEP_DEG = 2.5
-"""Between the middles at which rises are counted; between them their number is taken as linear."""
+"""Spacing of the trigger middles for which entries are counted; linear between them."""
 
 
 class LoweredEntries:
     """Entries at lowered triggers.
 
-    ``levels_deg``, shape (t,), are the middles of the triggers, evenly spread; ``entries``, shape (2, t, s),
-    the entries in each stretch of the day with each of :data:`HALF_WIDTHS_DEG`.
+    ``levels_deg``: shape (t,): the middles of the triggers, evenly spaced.
+    ``entries``: shape (2, t, s): the entries in each stretch of the day with each of :data:`HALF_WIDTHS_DEG`.
     """
 
     def __init__(self, errors_deg: Float64Array, edges_us: IntArray) -> None:
-        """Start with nothing counted, with all triggers that a draw may ask for."""
+        """Start with nothing counted, with all triggers that a draw may need."""
         lowest = lower_thresholds(THRESHOLDS_DEG[0] - errors_deg[-1:], np.ones(1))[0] - STEP_DEG
         highest = THRESHOLDS_DEG[-1] - errors_deg[0]
         self.levels_deg = lowest + STEP_DEG * np.arange(np.ceil((highest - lowest) / STEP_DEG) + 1)
@@ -299,8 +303,9 @@ class LoweredEntries:
             _count_entries(_run_triggers(angle, self.levels_deg, half_deg), part_rows, entries)
 
     def draw(self, threshold_deg: float, blocks: Float64Array, draws: Resampling) -> Float64Array:
-        """Return the entries above a threshold in each draw, shape (200,); blocks as summed from ``entries``,
-        shape (2, t, b).
+        """Return the entries above a threshold in each draw, shape (200,).
+
+        ``blocks``: sums of ``entries``, shape (2, t, b).
         """
         enter_deg, leave_deg = (
             lower_thresholds(threshold_deg + half_deg - draws.error_deg, draws.share)
@@ -315,11 +320,11 @@ class LoweredEntries:
         return np.asarray((1 - width) * narrow + width * wide)
 
 
-# Rest of the upper arm: arm down and nearly still, and for how long it has none.
+# Rest of the upper arm: arm down and nearly still, and the longest time without it.
 #
-# Neutral and slow: elevation under 20 deg and generalised speed under 5 deg/s for 3 s or more without a gap;
-# where there is no vertical (a ready angle series) the speed of inclination takes its place. The
-# figure describes where the arm was, not whether its muscles rested.
+# Neutral and slow: elevation under 20 deg and generalised speed under 5 deg/s for at least 3 s without a gap.
+# Without a vertical (a ready angle series) the speed of inclination is used. The figure describes the
+# position of the arm, not whether its muscles rested.
 
 NEUTRAL_DEG = 20.0
 SLOW_DPS = 5.0
@@ -328,11 +333,12 @@ REST_S, RESTS = range(2)
 
 
 class RecoveryTally:
-    """What is counted at each error of the angle.
+    """Counts at each error of the angle.
 
-    ``rest``, shape (g, b, 2), are seconds and number of neutral and slow stays in each 5-minute block,
-    ``slow``, shape (b, 2), those of the slow ones; ``longest_s``, shape (g,), the longest time without the
-    former. A stay is counted where it begins, its time where it lies.
+    ``rest``: shape (g, b, 2): seconds and number of neutral and slow stays in each 5-minute block.
+    ``slow``: shape (b, 2): the same for slow stays.
+    ``longest_s``: shape (g,): the longest time without a neutral and slow stay. A stay is counted in the
+    block where it starts, its time in each block it spans.
     """
 
     def __init__(self, errors_deg: Float64Array, edges_us: IntArray) -> None:
@@ -343,7 +349,7 @@ class RecoveryTally:
         self.longest_s = np.zeros(len(errors_deg))
 
     def add(self, angle: MetricAngle, slow: BoolArray) -> None:
-        """Count a segment; ``slow``, shape (n,), marks the rows whose step to them is slower than 5 deg/s."""
+        """Count a segment; ``slow``, shape (n,), marks the rows reached at less than 5 deg/s."""
         part_rows, least_rows = find_part_rows(angle, self.edges_us), SHORTEST_REST_S * angle.rate_hz - 1e-3
         slow_runs = find_runs(slow & angle.valid)
         slow_runs = slow_runs[slow_runs[:, 1] - slow_runs[:, 0] >= least_rows]
@@ -353,7 +359,7 @@ class RecoveryTally:
         for first, stop in slow_runs.tolist():
             is_slow[first:stop] = True
 
-        # under a level: the turned angle over the turned level, without hysteresis
+        # below a level: the negative angle above the negative level, without hysteresis
         turned_deg = -np.round(NEUTRAL_DEG - self.errors_deg, 9)
         rests = find_stays_above(-angle.elevation_deg, is_slow, turned_deg, np.nextafter(turned_deg, np.inf))
         rests = rests[rests[:, STOP] - rests[:, START] >= least_rows]
@@ -379,8 +385,10 @@ class RecoveryTally:
         )
 
     def draw(self, draws: Resampling, block_s: Float64Array) -> Figures:
-        """Draw the figures; slowness knows no error of the angle, and the longest time without rest, as the
-        extreme of a day, only that error.
+        """Draw the figures.
+
+        Slowness does not depend on the error of the angle. The longest time without rest, an extreme of the
+        day, only depends on that error.
         """
         drawn_s = draws.sum(block_s)[:, np.newaxis]
         per_s = draws.sum_with_error(self.rest, self.errors_deg) / drawn_s
@@ -412,13 +420,13 @@ MIDDLES_S = np.array(
         for low, high in pairwise(DURATION_EDGES_S)
     ]
 )
-"""The last class, without an end, counts as one and a half times its beginning."""
+"""The last class has no end; its middle is one and a half times its start."""
 
 
 class EvaTally:
     """Seconds by error of the angle, 5-minute block, angle class and duration of the uninterrupted stay.
 
-    ``seconds``, shape (g, b, 5, 9). A stay counts in every block by its time there, in the class of its whole
+    ``seconds``: shape (g, b, 5, 9). A stay counts in every block by its time there, in the class of its full
     length.
     """
 
@@ -428,11 +436,12 @@ class EvaTally:
         self.seconds = np.zeros((len(errors_deg), len(edges_us) - 1, *SHAPE))
 
     def add(self, angle: MetricAngle) -> None:
-        """Count a segment: with an error b, a class begins b lower."""
+        """Count a segment: with an error b, a class starts b lower."""
         levels = np.array(ANGLE_EDGES_DEG[1:-1]) - self.errors_deg[:, np.newaxis]
         order = np.argsort(levels, axis=None, kind="stable")
         longest_s = np.array(DURATION_EDGES_S[1:-1], np.float64)
-        upper_rows = np.ceil(longest_s * angle.rate_hz - 1e-3)  # a stay of an edge's length belongs above it
+        # a stay as long as an edge belongs to the class above it
+        upper_rows = np.ceil(longest_s * angle.rate_hz - 1e-3)
         block_rows = find_part_rows(angle, self.edges_us)
         lengths = (upper_rows, block_rows, 1.0 / angle.rate_hz)
         state = np.full((len(self.seconds), 2), -1)
@@ -440,7 +449,7 @@ class EvaTally:
         _scan_classes(angle.elevation_deg, angle.valid, levels_deg, error_of, lengths, state, self.seconds)
 
     def summarise(self) -> Eva:
-        """Return the matrix of the angle as it was read, in percent of the analysed time."""
+        """Return the matrix of the angle as measured, in percent of the analysed time."""
         seconds = self.seconds[len(self.errors_deg) // 2].sum(axis=0)
         return Eva(ANGLE_EDGES_DEG, DURATION_EDGES_S, 100.0 * seconds / seconds.sum())
 
@@ -461,12 +470,12 @@ class EvaTally:
 
 @kernel
 def _scan_classes(angle_deg, valid, levels, error_of, lengths, state, seconds):  # type: ignore[no-untyped-def]
-    """Follow the class of every error at once: it changes only where the angle passes one of the levels.
+    """Track the class at every error at once: it only changes when the angle passes a level.
 
-    ``levels``, rising, are the edges of the classes of angle at every error, and ``error_of`` the error that
-    each belongs to; ``lengths`` the edges of the classes of duration, the first row of each block, and the
-    seconds of a row. ``reached`` is how many of the levels the angle has reached; ``state``, shape (g, 2),
-    holds the first row and the class of the stay under way at each error.
+    ``levels``: increasing: the edges of the angle classes at every error; ``error_of``: the error of each.
+    ``lengths``: the edges of the duration classes, the first row of each block, and the seconds per row.
+    ``reached``: the number of levels the angle has reached. ``state``: shape (g, 2): the first row and the
+    class of the current stay at each error.
     """
     block, reached, low, high = 0, -1, np.inf, -np.inf
     for i in range(len(angle_deg) + 1):
@@ -497,10 +506,10 @@ def _scan_classes(angle_deg, valid, levels, error_of, lengths, state, seconds): 
 
 @inner
 def _end_stay(error, row, new_level, block, state, lengths, seconds):  # type: ignore[no-untyped-def]
-    """Count the stay that ends before ``row``, and go to the class ``new_level``.
+    """Count the stay that ends before ``row``, and switch to the class ``new_level``.
 
-    ``block`` is a block that begins before ``row``; that of the row before is given back. Most stays lie in
-    one block and are short, which is why both are looked for from there and from the shortest on.
+    ``block``: a block that begins before ``row``; returns the block of the previous row. Most stays are short
+    and within one block, so both searches start there and from the shortest class.
     """
     upper_rows, block_rows, period_s = lengths
     first, level = state[error, 0], state[error, 1]
@@ -534,11 +543,11 @@ def summarise_eva_matrix(eva: Eva) -> EvaSummary:
 
 
 def name_classes() -> list[str]:
-    """Name the angle classes as in columns: ``20_30``."""
+    """Return the names of the angle classes as in columns: ``20_30``."""
     return [f"{a:g}_{b:g}" for a, b in pairwise(ANGLE_EDGES_DEG)]
 
 
 def name_durations() -> list[str]:
-    """Name the duration classes as in columns: ``1_3``, the last ``255_up``."""
+    """Return the names of the duration classes as in columns: ``1_3``, the last ``255_up``."""
     ends = [*(f"{edge:g}" for edge in DURATION_EDGES_S if edge is not None), "up"]
     return [f"{a}_{b}" for a, b in pairwise(ends)]

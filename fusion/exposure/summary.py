@@ -1,4 +1,4 @@
-"""From elevation to all figures of a recording: one segment at a time, then the day."""
+"""Compute all figures of a recording from its elevation: one segment at a time, then the day."""
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -92,11 +92,11 @@ from fusion.runs import find_end_us, find_valid_samples
 Count = Callable[[], None]
 
 EXACT = np.zeros(1)
-"""The errors of the angle where none is known: the angle as it was read."""
+"""The errors of the angle if none is known: the angle as measured."""
 
 
 class SpeedTallies:
-    """The four speeds of the day, by their names in results.json, and the rest that the fused one shows."""
+    """The four speeds of the day, by their names in results.json, and the rest found with the fused one."""
 
     def __init__(self, errors_deg: Float64Array, edges_us: IntArray) -> None:
         """Start with nothing counted."""
@@ -105,7 +105,7 @@ class SpeedTallies:
         self.recovery = RecoveryTally(errors_deg, edges_us)
 
     def add_vertical(self, segment: ElevationSegment, angle: MetricAngle) -> None:
-        """Count the speed that is taken from the fused vertical, and the rest that it shows."""
+        """Count the speed of the fused vertical, and the rest that it shows."""
         if segment.vertical is None or not is_filtered(segment.rate_hz):
             slow = measure_inclination(angle.elevation_deg, angle.valid, angle.rate_hz) < SLOW_DPS
         else:
@@ -116,7 +116,7 @@ class SpeedTallies:
         self.recovery.add(angle, slow)
 
     def add_samples(self, segment: Segment, gyro_bias_dps: Float64Array | None, valid: BoolArray) -> None:
-        """Count the speeds that are taken from what the sensor wrote."""
+        """Count the speeds that are computed from the sensor's samples."""
         if is_filtered(segment.rate_hz):
             self.kinds["generalised_accelerometer"].add_accelerometer(segment, valid)
             if gyro_bias_dps is not None:
@@ -124,7 +124,7 @@ class SpeedTallies:
 
 
 class ErrorTally:
-    """What is counted again with the angle read a little too high or too low."""
+    """Counts that are repeated with an angle that is slightly too high or too low."""
 
     def __init__(self, sigma_deg: float, duration_s: int, stretches: Stretches, *, is_npose: bool) -> None:
         """Start with nothing counted."""
@@ -143,7 +143,7 @@ class ErrorTally:
 
 
 class DayTally:
-    """All that is counted; without a known error of the angle, no figure gets an interval."""
+    """All counts of the day; without a known error of the angle, no figure gets an interval."""
 
     def __init__(
         self,
@@ -174,7 +174,7 @@ class DayTally:
         self.stays: dict[int, list[Stays]] = {c: [] for c in THRESHOLDS_DEG}
 
     def list_counts(self, angle: MetricAngle) -> list[Count]:
-        """List what is to be counted of one segment's angle; each fills separate sums, in any order."""
+        """Return the counts to run on one segment's angle; each fills separate sums, in any order."""
         tallies = (self.eva, self.cycles, self.by_hour, self.by_stretch, self.by_second, self.frequency)
         counts: list[Count] = [partial(self._add_stays, angle)]
         if self.errors is not None:
@@ -194,21 +194,21 @@ class DayTally:
 # The interval of every figure: its range over draws of the day (:mod:`fusion.exposure.resampling`).
 #
 # The figures of a part of the day (an hour, a period, a task) are drawn from the part's own 5-minute blocks,
-# those at its edges as long as they are. The interval of a part of one block holds the error of the angle
-# only.
+# with shortened blocks at its edges. The interval of a part of one block only includes the error of the
+# angle.
 
 LEAST_BIN_DEG = 30.0
-"""Bins that begin lower have no range of the pose: the arm in them is hardly raised."""
+"""Bins that start lower have no range of the pose, because the arm is hardly raised in them."""
 LEAST_ANALYSED_S = 1800.0
-"""Of a clock hour, for it to be compared with the others."""
+"""Least analysed time of a clock hour to compare it with others."""
 
 
 def add_intervals(exposure: Exposure, day: DayTally, errors: ErrorTally) -> Exposure:
     """Add the intervals of the day and of its parts.
 
-    Where the error of the angle is not known (0) they are of the sampling of the day alone: the extremes of
-    a day, which only that error could move, have none, and nothing has one in less than half an hour. Speeds
-    have none in so short a time either way.
+    If the error of the angle is not known (0), they only include the sampling of the day. The extremes of a
+    day, which only that error could change, then have no interval, and in less than half an hour no figure
+    has one. Speeds never have one in so short a time.
     """
     blocks = sum_time(day.by_stretch.cell_us, day.stretches.block_of)
     block_us = blocks.sum(axis=1)
@@ -248,7 +248,9 @@ def add_intervals(exposure: Exposure, day: DayTally, errors: ErrorTally) -> Expo
         eva=replace(
             exposure.eva, intervals=tuple(cells[k : k + columns] for k in range(0, len(cells), columns))
         ),
-        intervals={name: i for name, i in named.items() if is_told(name, errors.sigma_deg, block_us)},
+        intervals={
+            name: i for name, i in named.items() if has_enough_evidence(name, errors.sigma_deg, block_us)
+        },
     )
     return _add_part_intervals(of_day, day, errors)
 
@@ -281,7 +283,7 @@ def _draw_percentiles(distribution: DrawnDistribution, percents: Sequence[int]) 
 def _draw_counts(
     exposure: Exposure, day: DayTally, errors: ErrorTally, draws: Resampling, block_s: Float64Array
 ) -> Figures:
-    """Draw what is counted: stays, cycles, windows, rest, changes of direction, speeds."""
+    """Draw all counts: stays, cycles, windows, rest, reversals, speeds."""
     drawn = {
         **errors.stays.draw(exposure.episodes, draws, block_s),
         **errors.stays.draw_busy(day.stretches.sum_minutes(day.by_stretch), draws),
@@ -311,10 +313,11 @@ def _add_ranges(
     )
 
 
-def is_told(name: str, sigma_deg: float, block_us: IntArray) -> bool:
-    """Return whether an interval holds an error of the angle or enough of the day."""
-    is_extreme = name.startswith("worst_") or "_longest_" in name  # of the error of the angle alone
-    is_of_sampling = "_velocity_" in name or name.startswith("recovery_slow_")  # no error changes it
+def has_enough_evidence(name: str, sigma_deg: float, block_us: IntArray) -> bool:
+    """Return whether an interval includes an error of the angle or enough of the day."""
+    is_extreme = name.startswith("worst_") or "_longest_" in name  # depends on the error of the angle only
+    # does not depend on that error
+    is_of_sampling = "_velocity_" in name or name.startswith("recovery_slow_")
     return (sigma_deg > 0 or not is_extreme) and (can_draw(block_us, 0.0) or not is_of_sampling)
 
 
@@ -327,13 +330,13 @@ def _add_part_intervals(exposure: Exposure, day: DayTally, errors: ErrorTally) -
 
     def add(parts: Sequence[PartExposure], groups: Sequence[Group]) -> tuple[PartExposure, ...]:
         pairs = zip(parts, groups, strict=True)
-        return _tell_ranges(parts, [draw(part, np.isin(piece_of, group)) for part, group in pairs])
+        return _add_ranges_to_parts(parts, [draw(part, np.isin(piece_of, group)) for part, group in pairs])
 
     by_hour = [draw(hour, hour_of == k) for k, hour in enumerate(exposure.by_hour)]
     varied = draw_variation(exposure.by_hour, [drawn for drawn, _ in by_hour], exposure.hour_variation)
     return replace(
         exposure,
-        by_hour=_tell_ranges(exposure.by_hour, by_hour),
+        by_hour=_add_ranges_to_parts(exposure.by_hour, by_hour),
         by_period=add(exposure.by_period, day.division.group_by_row()),
         by_task=add(exposure.by_task, day.division.group_by_task()),
         intervals={**exposure.intervals, **find_intervals(varied)},
@@ -341,9 +344,9 @@ def _add_part_intervals(exposure: Exposure, day: DayTally, errors: ErrorTally) -
 
 
 def _draw_part(day: DayTally, errors: ErrorTally, chosen: BoolArray) -> tuple[Figures, Figures]:
-    """Draw the part that the chosen stretches, shape (s,), make up, and with the error of the N-pose.
+    """Draw the part made of the chosen stretches, shape (s,), without and with the error of the N-pose.
 
-    Nothing if the error of the angle is not known and the part too short to be drawn again.
+    Empty if the error of the angle is not known and the part is too short for resampling.
     """
     block_of, stays = day.stretches.block_of[chosen], errors.stays
     blocks = sum_time(day.by_stretch.cell_us[chosen], block_of)
@@ -370,7 +373,7 @@ def _draw_part_figures(part: DrawnDistribution, entries_per_h: Float64Array) -> 
     }
 
 
-def _tell_ranges(
+def _add_ranges_to_parts(
     parts: Sequence[PartExposure], drawn: Sequence[tuple[Figures, Figures]]
 ) -> tuple[PartExposure, ...]:
     return tuple(
@@ -379,11 +382,11 @@ def _tell_ranges(
     )
 
 
-# How the exposure varies from hour to hour.
+# Variation of the exposure from hour to hour.
 
 
 def describe_hours(hours: Sequence[PartExposure]) -> dict[str, HourVariation]:
-    """Compare the clock hours of which half an hour or more was analysed; nothing with fewer than two."""
+    """Compare the clock hours with at least half an hour analysed; empty with fewer than two."""
     kept = [hour for hour in hours if hour.analysed_s >= LEAST_ANALYSED_S]
     if len(kept) < 2:
         return {}
@@ -401,8 +404,9 @@ def describe_hours(hours: Sequence[PartExposure]) -> dict[str, HourVariation]:
 
 
 def _describe(values: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Return coefficient of variation (percent, with the sample's standard deviation; NaN where the mean is
-    0), spread, and last less first of rows, shape (d, h).
+    """Return coefficient of variation, spread, and last minus first of rows, shape (d, h).
+
+    The coefficient is in percent, with the sample's standard deviation; NaN if the mean is 0.
     """
     mean = values.mean(axis=1)
     mean = np.where(mean > 0, mean, np.nan)
@@ -413,10 +417,10 @@ def _describe(values: Float64Array) -> tuple[Float64Array, Float64Array, Float64
 def draw_variation(
     hours: Sequence[PartExposure], drawn: Sequence[Figures], figures: Mapping[str, HourVariation]
 ) -> Figures:
-    """Draw what differs between the clock hours; ``drawn`` are the figures of each hour.
+    """Draw the variation between the clock hours; ``drawn``: the figures of each hour.
 
-    Hours drawn again differ by their sampling once more, so that the draws of a spread lie too high: they are
-    moved to lie about the figure itself, and not below 0.
+    Drawn hours also differ by their sampling, so the draws of a spread are too high. They are shifted so that
+    their median is the figure itself, and not below 0.
     """
     kept = [one for hour, one in zip(hours, drawn, strict=True) if hour.analysed_s >= LEAST_ANALYSED_S]
     found: Figures = {}
@@ -434,18 +438,18 @@ def draw_variation(
     return found
 
 
-# Ranges over several readings of one day: no person has said which of them is right.
+# Ranges over several readings of one day, if no person has stated which one is right.
 
 
-def widen_over(exposure: Exposure, others: Sequence[Exposure]) -> Exposure:
-    """Return the exposure with each range widened to hold the ranges of the same figure in others."""
+def widen_intervals(exposure: Exposure, others: Sequence[Exposure]) -> Exposure:
+    """Return the exposure with each range widened to include the ranges of the same figure in others."""
     widened = _widen(exposure, others)
     assert isinstance(widened, Exposure)
     return widened
 
 
 def _widen(value: Any, others: Sequence[Any]) -> Any:
-    """Return a value whose intervals hold those at the same place in others; places that lack are skipped."""
+    """Return a value whose intervals include those at the same place in others, if present."""
     alike = [other for other in others if type(other) is type(value)]
     if isinstance(value, Interval):
         return join_intervals([value, *alike])
@@ -467,7 +471,7 @@ def _widen(value: Any, others: Sequence[Any]) -> Any:
 
 
 def join_intervals(intervals: Sequence[Interval]) -> Interval:
-    """Return the interval that holds all of them, also with the error of the N-pose."""
+    """Return the interval that includes all of them, also with the error of the N-pose."""
     low, high = min(one.low for one in intervals), max(one.high for one in intervals)
     lows = [one.low_pose for one in intervals if one.low_pose is not None]
     highs = [one.high_pose for one in intervals if one.high_pose is not None]
@@ -479,7 +483,7 @@ def join_intervals(intervals: Sequence[Interval]) -> Interval:
 Value = TypeVar("Value", ElevationBin, TimeAbove, Entries, Episodes, PartExposure)
 UNDIVIDED = DayDivision()
 ROWS_FOR_TWO = 100_000
-"""Fewer rows are counted before a thread has begun."""
+"""Fewer rows are counted before a thread has started."""
 
 
 def summarise_exposure(
@@ -492,7 +496,7 @@ def summarise_exposure(
     division: DayDivision = UNDIVIDED,
     is_npose: bool = False,
 ) -> Exposure:
-    """Summarise how much the arm was raised; only valid rows count.
+    """Compute how much the arm was raised; only valid rows count.
 
     Parameters
     ----------
@@ -501,22 +505,22 @@ def summarise_exposure(
     start
         The clock at the first sample, for the figures by clock hour.
     samples
-        The recording the elevation was made from: gives its length, and the two speeds that need samples.
+        The recording of the elevation, for its length and for the two speeds that need samples.
     gyro_bias_dps
-        Shape (3,), sensor frame: offset for the gyroscope's speed, without which that speed is None.
+        Shape (3,), sensor frame: offset for the gyroscope's speed; without it that speed is None.
     bias_sigma_deg
-        Standard deviation of a constant error of the angle (fusion and pose); 0 where it is not known, then
-        the intervals are of the sampling of the day alone. Without it no interval.
+        Standard deviation of a constant error of the angle (fusion and pose). If 0 (not known), the
+        intervals only include the sampling of the day. If None, there are no intervals.
     division
-        The periods of the diary, for the figures by period; what they leave out must not be valid.
+        The periods of the diary, for the figures by period; time that they exclude must not be valid.
     is_npose
-        Whether the arm's axis is that of the N-pose, whose one-sided error then widens the intervals of time
+        Whether the arm axis is that of the N-pose. Its one-sided error then widens the intervals of time
         above, bins from 30 deg, percentiles and entries (:mod:`fusion.exposure.resampling`).
 
     Raises
     ------
     TooShort
-        When there is no valid row at all.
+        There is no valid row at all.
     """
     ends_us = [find_end_us(segment) for segment in elevation.segments]
     duration_us = max([*ends_us, samples.duration_us if samples else 0, 1])
@@ -538,7 +542,7 @@ def _add_segment(
     sampled: Segment | None,
     gyro_bias_dps: Float64Array | None,
 ) -> None:
-    """Count a segment; its filtered angle, the largest thing here, is let go before the next."""
+    """Count a segment; its filtered angle, the largest object here, is freed before the next."""
     angle = filter_elevation(segment)
     counts: list[Count] = [partial(day.speeds.add_vertical, segment, angle), *day.list_counts(angle)]
     if sampled is not None and abs(find_end_us(sampled) - find_end_us(segment)) <= 1:
@@ -548,7 +552,7 @@ def _add_segment(
         for count in counts:
             count()
         return
-    with ThreadPoolExecutor(2) as pool:  # two at a time: the kernels let go of the interpreter
+    with ThreadPoolExecutor(2) as pool:  # two at a time: the kernels release the interpreter lock
         for counted in [pool.submit(count) for count in counts]:
             counted.result()
 
@@ -605,10 +609,10 @@ def _divide_day(exposure: Exposure, day: DayTally) -> Exposure:
     )
 
 
-def withhold_short(exposure: Exposure) -> Exposure:
-    """Take ranges and rates per hour from figures of less than half an hour, its parts included.
+def remove_short_ranges(exposure: Exposure) -> Exposure:
+    """Remove ranges and rates per hour from figures of less than half an hour, including those of parts.
 
-    So little time tells neither how often in an hour, nor how far another hour would lie from this one.
+    So little time does not show how often something happens per hour, nor how much another hour would differ.
     """
     if exposure.analysed_s >= LEAST_RANGED_S:
         return exposure

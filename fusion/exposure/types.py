@@ -1,20 +1,20 @@
-"""The figures of one recording, as frozen values; each is defined where it is computed."""
+"""The figures of one recording as frozen values; the modules that compute them define them in detail."""
 
 from dataclasses import dataclass, field
 
 from fusion.recording import Float64Array
 
 LEAST_RANGED_S = 1800.0
-"""Less analysed time, under six blocks of 5 minutes, has neither ranges nor rates per hour."""
+"""With less analysed time, under six blocks of 5 minutes, there are no ranges and no rates per hour."""
 
 
 @dataclass(frozen=True, slots=True)
 class Interval:
     """95 % range of a figure, in the figure's own unit.
 
-    ``low``, ``high``: its ends: percentiles 2.5 and 97.5 of the draws (:mod:`fusion.exposure.summary`).
-    ``low_pose``, ``high_pose``: the ends of the range that also holds the one-sided error of the N-pose; None
-    in any other pose, and of figures that it is not worked out for.
+    ``low``, ``high``: its limits: percentiles 2.5 and 97.5 of the draws (:mod:`fusion.exposure.summary`).
+    ``low_pose``, ``high_pose``: the limits of the range that also includes the one-sided error of the N-pose;
+    None for any other pose, and for figures without this range.
     """
 
     low: float
@@ -24,7 +24,7 @@ class Interval:
 
     @property
     def with_pose(self) -> "Interval | None":
-        """The range that also holds the error of the N-pose; None where there is none."""
+        """The range that also includes the error of the N-pose, or None."""
         if self.low_pose is None or self.high_pose is None:
             return None
         return Interval(self.low_pose, self.high_pose)
@@ -37,7 +37,7 @@ class ElevationBin:
     ``lower_deg``, ``upper_deg``: edges of the bin.
     ``duration_s``: analysed time inside.
     ``percent``: its share of the analysed time.
-    ``interval``: of ``percent``; None where it is not known.
+    ``interval``: of ``percent``; None if not known.
     """
 
     lower_deg: float
@@ -54,7 +54,7 @@ class TimeAbove:
     ``threshold_deg``: 30, 60 or 90.
     ``duration_s``: analysed time at or above it.
     ``percent``: its share of the analysed time.
-    ``interval``: of ``percent``; None where it is not known.
+    ``interval``: of ``percent``; None if not known.
     """
 
     threshold_deg: float
@@ -65,13 +65,13 @@ class TimeAbove:
 
 @dataclass(frozen=True, slots=True)
 class Entries:
-    """Repetitions: rises above a threshold, with 10 deg of hysteresis about it.
+    """Repetitions: rises above a threshold, with 10 deg of hysteresis around it.
 
     ``threshold_deg``: 30, 60 or 90.
     ``count``: number of rises.
-    ``per_hour``: the same for each analysed hour; None under half an hour (:data:`LEAST_RANGED_S`).
-    ``busy_minutes_percent``: share of the minutes of work with two entries or more (the criterion of
-    frequency in EN 1005-4).
+    ``per_hour``: rises per analysed hour; None under half an hour (:data:`LEAST_RANGED_S`).
+    ``busy_minutes_percent``: share of the analysed minutes with two entries or more (the frequency criterion
+    of EN 1005-4).
     """
 
     threshold_deg: float
@@ -86,13 +86,12 @@ class Episodes:
 
     ``threshold_deg``: 30, 60 or 90.
     ``count``: number of stays.
-    ``longest_s``, ``median_s``: their durations; None where there was no stay.
-    ``longest_start_s``: when the longest began, from the recording's first sample; None where there was no
-    stay.
-    ``censored``: stays that a hole, an exclusion or an end of the recording cuts, so that they lasted longer.
-    ``per_hour``: stays for each analysed hour.
+    ``longest_s``, ``median_s``: their durations; None without a stay.
+    ``longest_start_s``: start of the longest, from the recording's first sample; None without a stay.
+    ``censored``: stays that a gap, an exclusion or an end of the recording cuts, so that they lasted longer.
+    ``per_hour``: stays per analysed hour.
     ``total_s``: sum of all durations.
-    ``p90_s``: 90th percentile of the durations; None where there was no stay.
+    ``p90_s``: 90th percentile of the durations; None without a stay.
     ``longer_s``: pairs (limit, seconds): time in stays longer than 5, 10, 30 and 60 s.
     """
 
@@ -112,8 +111,8 @@ class Episodes:
 class Cycles:
     """Rainflow ranges of one class (ASTM E1049).
 
-    ``lower_deg``, ``upper_deg``: the range of a cycle is ``lower_deg`` or more and less than ``upper_deg``;
-    None has no bound.
+    ``lower_deg``, ``upper_deg``: the range of a cycle is at least ``lower_deg`` and less than ``upper_deg``;
+    None means no limit.
     ``count``: cycles; a half cycle counts 0.5.
     """
 
@@ -141,8 +140,8 @@ class PeakWindow:
     """The window of ``length_s`` with the largest share of time above 60 deg.
 
     ``length_s``: length of the window.
-    ``start_s``: when it begins, from the recording's first sample; None where no window qualifies.
-    ``percent_above_60``: share of its analysed time at or above 60 deg; None where no window qualifies.
+    ``start_s``: its start, from the recording's first sample; None if no window qualifies.
+    ``percent_above_60``: share of its analysed time at or above 60 deg; None if no window qualifies.
     """
 
     length_s: int
@@ -155,9 +154,9 @@ class Eva:
     """Exposure variation analysis: time by class of angle and class of uninterrupted duration.
 
     ``angle_edges_deg``: edges of the a classes of angle, a + 1 values.
-    ``duration_edges_s``: edges of the d classes of duration, d + 1 values; None has no bound.
+    ``duration_edges_s``: edges of the d classes of duration, d + 1 values; None means no limit.
     ``percent``: shape (a, d): share of the analysed time.
-    ``intervals``: of each cell, in rows; empty where they are not known.
+    ``intervals``: of each cell, in rows; empty if not known.
     """
 
     angle_edges_deg: tuple[float, ...]
@@ -170,16 +169,16 @@ class Eva:
 class PartExposure:
     """The main figures of one part of the day: a clock hour, a period of the diary, a task.
 
-    ``label``: the hour, or the diary's own word.
+    ``label``: the hour, or the name in the diary.
     ``start_s``, ``end_s``: from the recording's first sample.
     ``analysed_s``: analysed time inside.
     ``percentiles_deg``: elevation by percent.
     ``percent_above``: share of the analysed time at or above a threshold, by the threshold in deg.
-    ``entries_above_60_per_h``: rises above 60 deg for each analysed hour; None where nothing was analysed.
+    ``entries_above_60_per_h``: rises above 60 deg per analysed hour; None if nothing was analysed.
     ``kind``: of a period: "work", "break" and so on; empty for an hour.
-    ``recorded_s``: of a period: from its first to its last moment less what other periods cut out of it.
-    ``reason``: of a period: why its time is excluded; empty where it is analysed.
-    ``intervals``: by the names of the figures; empty where they are not known.
+    ``recorded_s``: of a period: its duration minus the time that belongs to other periods.
+    ``reason``: of a period: why its time is excluded; empty if it is analysed.
+    ``intervals``: by the names of the figures; empty if not known.
     ``periods``: how many rows of the diary were pooled.
     """
 
@@ -202,9 +201,9 @@ class Recovery:
     """Time in which the arm recovers: arm down and nearly still, or slow at any angle.
 
     ``neutral_slow_percent``, ``neutral_slow_per_hour``: arm down and nearly still: share of the analysed
-    time, and periods for each analysed hour (None under half an hour).
+    time, and periods per analysed hour (None under half an hour).
     ``slow_percent``, ``slow_per_hour``: slow at any angle: the same.
-    ``longest_without_s``: longest time without a period that is arm down and nearly still.
+    ``longest_without_s``: longest time without a period of arm down and nearly still.
     """
 
     neutral_slow_percent: float
@@ -216,10 +215,10 @@ class Recovery:
 
 @dataclass(frozen=True, slots=True)
 class Frequency:
-    """How fast the elevation goes to and fro.
+    """How fast the arm moves up and down.
 
     ``mean_power_hz``: mean power frequency of the speed of inclination; None without an unbroken minute.
-    ``crossings_per_hour``: changes of direction for each analysed hour; None under half an hour.
+    ``crossings_per_hour``: reversals per analysed hour; None under half an hour.
     """
 
     mean_power_hz: float | None
@@ -228,12 +227,12 @@ class Frequency:
 
 @dataclass(frozen=True, slots=True)
 class HourVariation:
-    """How one figure differs between the clock hours, in the figure's own unit.
+    """Variation of one figure between the clock hours, in the figure's own unit.
 
-    ``hours``: clock hours that are compared.
-    ``coefficient_percent``: standard deviation over mean; None where the mean is 0.
-    ``spread``: largest less smallest.
-    ``last_less_first``: the last hour's less the first's.
+    ``hours``: number of clock hours compared.
+    ``coefficient_percent``: standard deviation over mean; None if the mean is 0.
+    ``spread``: largest minus smallest.
+    ``last_less_first``: the last hour's value minus the first's.
     """
 
     hours: int
@@ -244,7 +243,7 @@ class HourVariation:
 
 @dataclass(frozen=True, slots=True)
 class EvaSummary:
-    """The EVA matrix in a few figures.
+    """Summary figures of the EVA matrix.
 
     ``by_angle_percent``, ``by_duration_percent``: sums of its rows and of its columns.
     ``cell_sd_percent``: standard deviation of its cells.
@@ -262,9 +261,8 @@ class EvaSummary:
 class MinuteProfile:
     """The day in minutes, for the timeline: arrays of shape (m,).
 
-    ``start_s``: when each minute begins, from the recording's first sample.
-    ``p10_deg``, ``p50_deg``, ``p90_deg``: percentiles of elevation; NaN where a minute holds no analysed
-    time.
+    ``start_s``: start of each minute, from the recording's first sample.
+    ``p10_deg``, ``p50_deg``, ``p90_deg``: percentiles of elevation; NaN if a minute has no analysed time.
     ``analysed_s``: analysed time of each minute.
     """
 
@@ -279,13 +277,13 @@ class MinuteProfile:
 class Exposure:
     """All figures of one recording.
 
-    ``analysed_s``: time that all shares refer to.
+    ``analysed_s``: the time that all shares refer to.
     ``bins``: time in bins of elevation.
     ``time_above``: time at or above 30, 60 and 90 deg.
     ``percentiles_deg``: elevation by percent: 1, 5, 10, 25, 50, 75, 90, 95, 99.
     ``entries``, ``cycles``, ``episodes``: repetitions, rainflow cycles and sustained stays.
-    ``velocity_dps``: by kind: "inclination", "generalised", "generalised_accelerometer", "gyroscope"; None
-    where it could not be computed.
+    ``velocity_dps``: by kind: "inclination", "generalised", "generalised_accelerometer", "gyroscope"; None if
+    it could not be computed.
     ``elevation_p99_deg``: peak: the 99th percentile.
     ``peak_windows``: windows with the largest share above 60 deg.
     ``eva``: exposure variation analysis.
@@ -293,20 +291,20 @@ class Exposure:
     ``minutes``: the day in minutes.
     ``histogram_s``: shape (1800,): analysed seconds in each 0.1 deg cell of 0 to 180; all shares derive from
     them.
-    ``metric_filter_hz``: corner of the low-pass all figures were taken behind; None where the series was too
-    slow to filter.
-    ``intervals``: by column name, for figures without an interval of their own; empty where they are not
-    known.
-    ``recovery``, ``frequency``: None where they were not computed.
-    ``hour_variation``: by figure: how it differs between the hours.
-    ``eva_summary``: the EVA matrix in a few figures.
-    ``conventions``: the bins added up to the classes of each of :data:`fusion.conventions.CONVENTIONS`, by
-    its key.
-    ``by_task``: the periods once more, those of one kind and label pooled; they too add up to the recording.
+    ``metric_filter_hz``: corner of the low-pass before all figures; None if the series was too slow to
+    filter.
+    ``intervals``: by column name, for figures without an ``interval`` field; empty if not known.
+    ``recovery``, ``frequency``: None if not computed.
+    ``hour_variation``: variation between the hours, by figure.
+    ``eva_summary``: summary figures of the EVA matrix.
+    ``conventions``: the bins summed to the classes of each of :data:`fusion.conventions.CONVENTIONS`, by its
+    key.
+    ``by_task``: the periods again, with those of one kind and label pooled; they also add up to the
+    recording.
     ``angle_sigma_deg``: standard deviation of a constant error of the angle that the intervals include; None
     or 0: not known.
-    ``quarter_hours``: up to three windows of 15 minutes with the most time above 60 deg, the largest first;
-    none overlap.
+    ``quarter_hours``: up to three windows of 15 minutes with the most time above 60 deg, largest first,
+    without overlap.
     """
 
     analysed_s: float

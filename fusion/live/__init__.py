@@ -1,4 +1,4 @@
-"""The angle while the sensor is worn: samples in, angle out; a session of it."""
+"""The angle while the sensor is worn: samples in, angle out; and a live session."""
 
 from fusion.live.session import (
     HOLD_S,

@@ -1,6 +1,6 @@
 """When a person is to be told: rules over the live angle (docs/it/live.md gives what is known of each).
 
-Only counted rows (valid) matter: a hole, or the first seconds after one, ends a stay.
+Only counted (valid) rows matter: a gap, or the first seconds after one, ends a stay.
 """
 
 from collections import deque
@@ -13,11 +13,11 @@ from fusion.recording import MICROSECONDS
 CueKind = Literal["hold", "share", "stays"]
 SHARE_WINDOW_S, STAYS_WINDOW_S = 900.0, 300.0
 LEAST_KNOWN = 0.8
-"""A share is told of a window of which so much was counted, as in the report's windows."""
+"""Minimum coverage of a window before its share is used, as in the report's windows."""
 STAY_S = 7.0
-"""A stay that counts for the exposure-variation rule: from the report's class of 7 to 15 s on."""
+"""Shortest stay for the exposure variation rule: the report's class of 7 to 15 s and longer."""
 QUIET_S = 60.0
-"""After a cue of a share or of stays the same rule is silent for so long."""
+"""After a cue for a share or for stays, the same rule is silent for this time."""
 LONGEST_STEP_S = 0.2
 
 
@@ -25,11 +25,11 @@ LONGEST_STEP_S = 0.2
 class CueRule:
     """One rule.
 
-    ``kind``: "hold": at ``angle_deg`` or above for ``seconds`` without a break, and again each time they have
-    passed. "share": more than ``percent`` of the last 15 minutes at ``angle_deg`` or above. "stays": in the
-    last 5 minutes more than ``seconds`` in stays of 7 s or longer at ``angle_deg`` or above, a rule after
-    exposure variation analysis.
-    ``angle_deg``, ``seconds``, ``percent``: limits; a kind ignores what it does not name.
+    ``kind``: "hold": at or above ``angle_deg`` for ``seconds`` without a break, repeated after each such
+    period. "share": more than ``percent`` of the last 15 minutes at or above ``angle_deg``. "stays": in the
+    last 5 minutes more than ``seconds`` in stays of at least 7 s at or above ``angle_deg``, based on exposure
+    variation analysis.
+    ``angle_deg``, ``seconds``, ``percent``: limits; a kind ignores limits that it does not use.
     """
 
     kind: CueKind
@@ -40,20 +40,20 @@ class CueRule:
 
 @dataclass(frozen=True, slots=True)
 class Cue:
-    """A cue: when, by the stream's clock, and by which rule."""
+    """A cue: the time in the stream's clock, and the rule."""
 
     time_s: float
     rule: CueRule
 
 
 class CueWatch:
-    """Follows the angle and gives the cues of its rules; nothing depends on how the rows were cut."""
+    """Tracks the angle and returns the cues of its rules; the result does not depend on the chunks."""
 
     def __init__(self, rules: tuple[CueRule, ...]) -> None:
         self._watches = tuple(_RuleWatch(rule) for rule in rules)
 
     def take(self, rows: LiveRows) -> list[Cue]:
-        """Take the next rows; return the cues in order of time."""
+        """Process the next rows; return the cues in time order."""
         cues: list[Cue] = []
         times_s = (rows.time_us / MICROSECONDS).tolist()
         for time_s, angle_deg, is_valid in zip(
@@ -65,7 +65,7 @@ class CueWatch:
 
 
 class _RuleWatch:
-    """One rule over the rows, second by second where it looks back."""
+    """One rule over the rows, second by second for windows."""
 
     def __init__(self, rule: CueRule) -> None:
         self.rule = rule
@@ -79,7 +79,7 @@ class _RuleWatch:
         self._silent_until_s = 0.0
 
     def step(self, time_s: float, angle_deg: float | None) -> bool:
-        """Take a row, None where the angle is not counted; whether it brings a cue."""
+        """Process a row, None if the angle is not counted; return whether it triggers a cue."""
         step_s = 0.0 if self._before_s is None else time_s - self._before_s
         is_known = angle_deg is not None and 0.0 < step_s <= LONGEST_STEP_S
         self._before_s = None if angle_deg is None else time_s
@@ -87,7 +87,7 @@ class _RuleWatch:
         self._stay_s = self._stay_s + step_s if is_above else 0.0
         if self.rule.kind == "hold":
             return self._hold()
-        self._turn_second(time_s)
+        self._close_second(time_s)
         self._known_s += step_s if is_known else 0.0
         self._above_s += self._count_above(step_s, is_above=is_above)
         return self._is_over(time_s)
@@ -102,7 +102,7 @@ class _RuleWatch:
         return True
 
     def _count_above(self, step_s: float, *, is_above: bool) -> float:
-        """Seconds that this row adds; a stay counts from its start on once it is long enough."""
+        """Return the seconds that this row adds; a stay counts from its start once it is long enough."""
         if not is_above:
             return 0.0
         if self.rule.kind == "share":
@@ -111,8 +111,8 @@ class _RuleWatch:
             return 0.0
         return self._stay_s if self._stay_s - step_s < STAY_S else step_s
 
-    def _turn_second(self, time_s: float) -> None:
-        """Close the second that has ended, and forget those that left the window."""
+    def _close_second(self, time_s: float) -> None:
+        """Close the second that has ended, and drop the seconds that left the window."""
         if int(time_s) == self._second:
             return
         self._seconds.append((self._second, self._known_s, self._above_s))

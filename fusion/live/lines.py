@@ -1,7 +1,7 @@
-"""Lines of a board as they come: which columns they have, and the values of each whole row.
+"""Read a board's lines as they arrive: identify the columns, then return the values of each whole row.
 
-The header is understood as that of a file (:mod:`fusion.readers.tables`): by the device table and by the
-names of the columns. Units must be stated, for no motion has been seen yet that could tell them.
+The header is read as that of a file (:mod:`fusion.readers.tables`): by the device table and the column names.
+Units must be stated, because there is no motion yet that could show them.
 """
 
 import math
@@ -29,24 +29,25 @@ STAMP_SIZE = 1 << 32
 """``micros()`` wraps here, every 71.6 minutes."""
 COUNTER_SIZES = (1 << 8, 1 << 16, 1 << 32)
 LONGEST_LOSS = 0.25
-"""A counter that jumps by up to this part of its size has lost frames; by more, it started again."""
+"""A counter that jumps by up to this part of its size has lost frames; by more, it restarted."""
 LONGEST_STEP_US = 60 * MICROSECONDS
-"""After a jump further than this the board was reset."""
+"""A longer jump means that the board was reset."""
 LONGEST_DELAY_US = MICROSECONDS // 2
-"""Rows without a stamp that come later than this were lost or not taken; up to it they were on their way."""
+"""Rows without a timestamp that arrive later than this follow a loss; up to it they were delayed."""
 ARRIVAL_GAIN, MOST_PULL = 0.005, 0.05
-"""So much of its distance from the arrivals the time of rows without a stamp takes back at each row, up to so
-much of a period."""
+"""For rows without a timestamp: share of the difference to the arrivals that is corrected per row, and its
+limit in periods.
+"""
 
 
 @dataclass(slots=True)
 class StreamClock:
-    """A time for each frame that never goes back, and a counter that never wraps.
+    """Assigns each frame a time that never goes back, and a counter that never wraps.
 
-    Frames without stamps are a period apart and follow the arrivals slowly, for frames come in bursts; frames
-    without counter are counted by their time: a step of more than 1.5 periods, or without stamps a delay of
-    more than half a second, shows as lost frames. After a restart of the board the time
-    goes on by what passed between the arrivals.
+    Frames without timestamps are one period apart and follow the arrivals slowly, because frames arrive in
+    bursts. Frames without a counter are counted by their time: a step of more than 1.5 periods, or without
+    timestamps a delay of more than half a second, counts as lost frames. After a restart of the board the
+    time advances by the time between arrivals.
     """
 
     period_us: float
@@ -61,8 +62,8 @@ class StreamClock:
     def place(self, stamp_us: int | None, count: int | None, arrived_us: int) -> tuple[int, int]:
         """Return time (us) and counter of the next frame.
 
-        ``stamp_us``, ``count``: as the board wrote them; None where it writes none.
-        ``arrived_us``: of a clock here that never goes back.
+        ``stamp_us``, ``count``: as written by the board, or None.
+        ``arrived_us``: from a local clock that never goes back.
         """
         if self._time_us < 0:
             time_us, counter = 0, 0
@@ -93,7 +94,7 @@ class StreamClock:
         return max(self._time_us + 1, round(due_us)), self._counter + steps
 
     def _step(self, stamp_us: int, arrived_us: int) -> int:
-        """Microseconds since the frame before, at least one."""
+        """Return the microseconds since the previous frame, at least one."""
         between_us = max(1, arrived_us - self._arrived_us)
         if self._stamp < 0:
             return between_us
@@ -103,11 +104,11 @@ class StreamClock:
         if 0 < step_us <= max(LONGEST_STEP_US, 2 * between_us):
             return step_us
         self.restarts += 1
-        self._count = -1  # its counter also started again
+        self._count = -1  # its counter also restarted
         return max(between_us, round(self.period_us))
 
     def _count_step(self, count: int | None, step_us: int) -> int:
-        """Frames since the one before, itself counted; at least one."""
+        """Return the frames since the previous one, including this one; at least one."""
         if count is not None and self._count >= 0:
             step = count - self._count
             if step > 0:
@@ -120,27 +121,29 @@ class StreamClock:
         return max(1, round(periods)) if periods > 1.5 else 1
 
 
-# Its lines.
+# The lines of a stream.
 
 ROWS_TO_LEARN = 25
-"""So many rows after the header are looked at before its columns are understood."""
+"""Number of rows after the header that are examined before its columns are determined."""
 ROWS_TO_TIME = 200
-"""So many rows, two seconds of a usual board, tell the rate."""
+"""This many rows, two seconds of a usual board, determine the rate."""
 HEAD_LINES = 40
 LONGEST_LINE_BYTES = 4096
 DELIMITERS = (",", ";", "\t", " ")
 WORDS = re.compile(r"[A-Za-z#]")
 MOST_G, MOST_DPS = 64.0, 10_000.0
-"""More no part measures: a torn line that happens to have enough fields."""
+"""No sensor measures more: a torn line that happens to have enough fields."""
 MOST_NUMBER = 1 << 53
-"""More no stamp or counter reaches."""
+"""No timestamp or counter is larger."""
 RATE_TOLERANCE = 0.1
-"""A board whose rate leaves that of its first seconds by more was set up again: its angle would be wrong."""
+"""If the rate differs from that of the first seconds by more, the board was reconfigured and its angle would
+be wrong.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One sample as the board wrote it; ``stamp_us`` and ``count`` None where it writes none."""
+    """One sample as the board wrote it; ``stamp_us`` and ``count`` are None if it writes none."""
 
     stamp_us: int | None
     count: int | None
@@ -150,7 +153,7 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class LineFacts:
-    """What the header says: the board, its ranges, its rate where it is stated or measured."""
+    """The header's statements: the board, its ranges, and its rate, stated or measured."""
 
     device: str
     rate_hz: float
@@ -160,7 +163,7 @@ class LineFacts:
 
 @dataclass(frozen=True, slots=True)
 class _Columns:
-    """Which field is what, and the factors to microseconds, g and deg/s."""
+    """The meaning of each field, and the factors to microseconds, g and deg/s."""
 
     layout: TextLayout
     stamp: int | None
@@ -171,9 +174,9 @@ class _Columns:
 
 
 class LineReader:
-    """Takes bytes in pieces of any size; returns frames once header and rate are known.
+    """Processes bytes in chunks of any size; returns frames once header and rate are known.
 
-    Lines that are torn or hold no row are left out and counted; what they held shows as lost.
+    Torn lines and lines without a row are skipped and counted; their rows count as lost.
     """
 
     def __init__(self) -> None:
@@ -190,16 +193,16 @@ class LineReader:
 
     @property
     def restarts(self) -> int:
-        """How often the board started again."""
+        """How often the board restarted."""
         return self._clock.restarts if self._clock else 0
 
     def feed(self, piece: bytes, arrived_us: int) -> Frames | None:
-        """Take the next bytes; None while nothing can be said yet.
+        """Process the next bytes; return None until header and rate are known.
 
         Raises
         ------
         fusion.errors.UnknownColumns, fusion.errors.UnknownUnit, fusion.errors.UnreadableFile
-            The rows have no header, or one that does not tell columns and units.
+            The rows have no header, or one without columns and units.
         fusion.errors.UnknownRate
         fusion.errors.UnusableTime
             The rate changed.
@@ -217,7 +220,7 @@ class LineReader:
         return self._place(rows)
 
     def finish(self) -> Frames | None:
-        """Return the rows that still wait for the rate, for no more come; None where there are none.
+        """Return the rows that still wait for the rate when the stream ends; None if there are none.
 
         Raises UnknownRate.
         """
@@ -240,7 +243,7 @@ class LineReader:
                 yield line.decode("utf-8", "replace").strip("\r\0 ")
 
     def _take(self, line: str, arrived_us: int) -> Iterator[Row]:
-        """Return the row of a line, after any rows that arrived before the header was understood."""
+        """Yield the row of a line, after any rows that arrived before the header was known."""
         if self._columns is not None:
             row = self._parse(line, arrived_us, self._follow_header(line, self._columns))
             if row is not None:
@@ -254,7 +257,7 @@ class LineReader:
                 self._learned_from.clear()
             self._head.append(line)
         if len(self._learned_from) == ROWS_TO_LEARN and self._head:
-            columns = self._columns = _learn([*self._head, *(text for text, _ in self._learned_from)])
+            columns = self._columns = _parse_header([*self._head, *(text for text, _ in self._learned_from)])
             parsed = (self._parse(text, came_us, columns) for text, came_us in self._learned_from)
             yield from (row for row in parsed if row is not None)
 
@@ -281,18 +284,18 @@ class LineReader:
         return Row(stamp_us, count, arrived_us, values)
 
     def _take_words(self, line: str, columns: _Columns) -> None:
-        """Take a line that is no row: a line above the table, another header, else a torn line.
+        """Handle a line that is not a row: a line above the table, another header, or a torn line.
 
         A board that restarts writes the lines above the table again.
         """
         layout = columns.layout
         if not line or line.startswith(("#", "%", "//")) or line in (layout.header, *layout.preamble):
             return
-        self._changed = _learn_again(line)
+        self._changed = _parse_changed_header(line)
         self.torn += self._changed is None
 
     def _follow_header(self, line: str, columns: _Columns) -> _Columns:
-        """Take the columns of a header that changed where this row has as many; else it was a torn one."""
+        """Switch to the columns of a changed header if this row has as many; otherwise that line was torn."""
         changed, self._changed = self._changed, None
         if changed is None:
             return columns
@@ -333,20 +336,20 @@ class LineReader:
             raise UnusableTime(why="rate changed")
 
 
-def _learn_again(line: str) -> _Columns | None:
-    """Read the header of a board that was set up again; None if the line is not a header."""
+def _parse_changed_header(line: str) -> _Columns | None:
+    """Read the header of a reconfigured board; None if the line is not a header."""
     delimiter = next((mark for mark in DELIMITERS if mark in line), "")
     if not delimiter or not WORDS.search(line):
         return None
     row = delimiter.join("1" for _ in split_fields(line, delimiter))
     try:
-        return _learn([line, *[row] * ROWS_TO_LEARN])
+        return _parse_header([line, *[row] * ROWS_TO_LEARN])
     except FusionError:
         return None
 
 
 def _drop_before_restart(rows: list[Row]) -> list[Row]:
-    """Leave out what came before a board restarted; opening its port resets many boards."""
+    """Drop the rows before a restart of the board; opening the port resets many boards."""
     stamps = [row.stamp_us for row in rows if row.stamp_us is not None]
     falls = [
         k for k, (before, after) in enumerate(pairwise(stamps), 1) if -STAMP_SIZE // 2 < after - before < 0
@@ -354,7 +357,7 @@ def _drop_before_restart(rows: list[Row]) -> list[Row]:
     return rows[falls[-1] :] if falls else rows
 
 
-def _learn(lines: Sequence[str]) -> _Columns:
+def _parse_header(lines: Sequence[str]) -> _Columns:
     layout = find_layout("\n".join([*lines, ""]))
     if layout is None or layout.header is None or layout.writer is not None:
         raise UnknownColumns(why="no header")
@@ -367,7 +370,7 @@ def _learn(lines: Sequence[str]) -> _Columns:
     ):
         if scale(plan.layout.columns[place].unit) is None:
             raise UnknownUnit(sensor=sensor)
-    # x of both sensors is turned where the device is left-handed.
+    # x of both sensors is reversed if the device is left-handed.
     device = plan.layout.device
     factor = device.left_gyr_factor if device else 1.0
     turn, gyr = (1.0 if factor == 1.0 else -1.0), plan.gyr_scale * factor
@@ -382,9 +385,9 @@ def _learn(lines: Sequence[str]) -> _Columns:
 
 
 def _measure_rate_hz(rows: Sequence[Row]) -> float:
-    """Measure the rate by the stamps, of which a step of 2^32 us is a wrap; else by the arrivals.
+    """Measure the rate by the timestamps (a step back of about 2^32 us is a wrap), or else by the arrivals.
 
-    Rows come in bursts: those of the first are the ones that an earlier moment sent.
+    Rows arrive in bursts: those of the first burst were sent earlier.
 
     Raises UnknownRate or UnusableTime.
     """

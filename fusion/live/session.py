@@ -1,9 +1,9 @@
-"""One person's session: frames in, angle, time above 60 deg, rises and what was lost so far.
+"""One person's session: frames in; angle, time above 60 deg, rises and losses so far out.
 
-The angle is that of :class:`fusion.live.LiveElevation` with the session's axis, to the bit. A hole of at most
-50 ms is bridged for the filter only, as in a file; a longer one ends the segment: the direction is estimated
-anew and the gyroscope's bias is kept. Nothing is counted in a hole, nor in the first 3 s of a segment, in
-which the filter has few samples (:func:`fusion.elevation.estimate_elevation` does the same).
+The angle is bit-identical to that of :class:`fusion.live.LiveElevation` with the session's axis. A gap of at
+most 50 ms is bridged for the filter only, as in a file. A longer one ends the segment: the direction is
+estimated again and the gyroscope's bias is kept. Nothing is counted in a gap or in the first 3 s of a
+segment, where the filter has few samples (as in :func:`fusion.elevation.estimate_elevation`).
 """
 
 from array import array
@@ -22,19 +22,19 @@ from fusion.readers.samples import open_rows
 from fusion.recording import LONGEST_BRIDGE_US, MICROSECONDS, Float64Array, IntArray, Recording
 from fusion.sensor.model import RADIANS, check_arrays, check_direction, check_gravity
 
-# The angle alone, for programs of others.
+# The angle alone, for other programs.
 
 
 class LiveElevation:
     """Arm elevation for real-time feedback.
 
-    Feed samples one at a time or in chunks of any size: the result does not depend on how they were cut.
-    Without ``arm_axis`` the arm is taken to hang at the first still moment (the N-pose); until then the
-    elevation is NaN.
+    Pass samples one at a time or in chunks of any size: the result does not depend on the chunks. Without
+    ``arm_axis`` the arm is assumed to hang at the first still moment (the N-pose); until then the elevation
+    is NaN.
     """
 
     def __init__(self, rate_hz: float, arm_axis: ArrayLike | None = None) -> None:
-        """Start afresh; ``arm_axis``, shape (3,): unit vector towards the shoulder, in the sensor's frame.
+        """Reset the state; ``arm_axis``, shape (3,): unit vector towards the shoulder, in the sensor's frame.
 
         Raises UnusableArrays.
         """
@@ -43,10 +43,10 @@ class LiveElevation:
         self._arm_axis: Float64Array | None = None if arm_axis is None else check_direction(arm_axis)
 
     def update(self, acc_g: ArrayLike, gyr_dps: ArrayLike) -> NDArray[np.float32]:
-        """Take the next samples, shapes (n, 3) or (3,), g and deg/s; return the elevation of each, (n,), deg.
+        """Process the next samples, shapes (n, 3) or (3,), g and deg/s; return their elevation, (n,), deg.
 
-        A chunk may be empty; one that is refused changes nothing. At the first still moment the acceleration
-        must be about 1 g long, as in no other unit.
+        A chunk may be empty. A rejected chunk changes nothing. At the first still moment the acceleration
+        must be about 1 g long, which detects other units.
 
         Raises UnusableArrays.
         """
@@ -57,11 +57,11 @@ class LiveElevation:
 
     @property
     def has_rested(self) -> bool:
-        """Whether a still moment has told the gyroscope's bias; until then the angle may drift."""
+        """Whether a still moment has determined the gyroscope's bias; until then the angle may drift."""
         return self._vertical.has_rested
 
     def _wait_for_rest(self, acc: NDArray[np.generic], gyr: NDArray[np.generic]) -> NDArray[np.float32]:
-        """Sample by sample, so that the arm axis is set at the same sample however the chunks were cut."""
+        """Process sample by sample, so that the arm axis is set at the same sample for any chunks."""
         waiting = np.full(len(acc), np.nan, dtype=np.float32)
         for row in range(len(acc)):
             up = self._vertical.update(acc[row], gyr[row])
@@ -79,7 +79,7 @@ class LiveElevation:
 HOLD_S = RULES.length_s
 """How long the pose is held."""
 HYSTERESIS_DEG = 5.0
-"""A rise enters above the threshold by so much, and ends below it by so much, as in the report."""
+"""A rise starts this much above the threshold and ends this much below it, as in the report."""
 RISE_DEG = 60.0
 THRESHOLDS_DEG = (30.0, 60.0, 90.0)
 SETTLE_S = LiveParameters().time_constant_s
@@ -91,10 +91,10 @@ Samples = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frames:
-    """Samples as they came.
+    """Samples as they arrived.
 
-    ``time_us``: shape (n,): the stream's clock, microseconds; begins at 0 and never goes back.
-    ``counter``: shape (n,): goes up by one for each sample that was taken; what it skips was lost.
+    ``time_us``: shape (n,): the stream's clock, microseconds; starts at 0 and never goes back.
+    ``counter``: shape (n,): increases by one for each measured sample; skipped values were lost.
     ``acc_g``, ``gyr_dps``: shape (n, 3), float32, one right-handed frame, g and deg/s.
     """
 
@@ -107,14 +107,14 @@ class Frames:
         return len(self.time_us)
 
     def cut(self, first: int, stop: int) -> "Frames":
-        """The rows [first, stop)."""
+        """Return the rows [first, stop)."""
         rows = slice(first, stop)
         return Frames(self.time_us[rows], self.counter[rows], self.acc_g[rows], self.gyr_dps[rows])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiveRows:
-    """The angle of each frame, shape (n,), NaN while no axis is known; ``valid`` where it is counted."""
+    """The angle of each frame, shape (n,), NaN until an axis is known; ``valid``: whether it is counted."""
 
     time_us: IntArray
     elevation_deg: Samples
@@ -123,21 +123,20 @@ class LiveRows:
 
 @dataclass(frozen=True, slots=True)
 class LiveStatus:
-    """Where a session stands.
+    """The state of a session.
 
     ``elapsed_s``: from the first frame to the last, plus one period.
-    ``elevation_deg``: of the last frame; None where it is not known.
+    ``elevation_deg``: of the last frame; None if not known.
     ``above_s``: seconds at or above each of :data:`THRESHOLDS_DEG`.
     ``counted_s``: seconds whose angle is counted.
     ``rises``: entries above 60 deg, hysteresis 5 deg on each side.
-    ``frames``, ``lost``, ``holes``, ``missing_s``: frames taken; frames that the counter skipped; how often,
-    and how long together.
-    ``has_rested``: whether a still moment has told the gyroscope's bias.
+    ``frames``, ``lost``, ``holes``, ``missing_s``: frames received; frames that the counter skipped; number
+    of gaps, and their total duration.
+    ``has_rested``: whether a still moment has determined the gyroscope's bias.
     ``is_frame_doubtful``: whether gravity turns against the gyroscope (:class:`FrameWatch`): the angle is
     then wrong while the arm moves.
-    ``pose``, ``pose_left_s``, ``pose_refused``, ``still_g``: where the pose stands; seconds until it is asked
-    for or has been held; why the last one was refused (:func:`fusion.pose.rules.window_rejection_reason`,
-    "hole");
+    ``pose``, ``pose_left_s``, ``pose_refused``, ``still_g``: state of the pose; seconds until it starts or
+    has been held; why the last one was rejected (:func:`fusion.pose.rules.window_rejection_reason`, "hole");
     the largest standard deviation of an accelerometer axis in the last second.
     """
 
@@ -159,12 +158,12 @@ class LiveStatus:
 
 
 class LiveSession:
-    """Takes frames in chunks of any size; the result does not depend on how they were cut."""
+    """Processes frames in chunks of any size; the result does not depend on the chunks."""
 
     def __init__(self, rate_hz: float, arm_axis: ArrayLike | None = None) -> None:
-        """Start afresh; ``arm_axis``, shape (3,): unit vector towards the shoulder, in the sensor's frame.
+        """Reset the state; ``arm_axis``, shape (3,): unit vector towards the shoulder, in the sensor's frame.
 
-        Without one there is no angle until a pose has been held (:meth:`ask_pose`).
+        Without it there is no angle until a pose has been held (:meth:`ask_pose`).
 
         Raises UnusableArrays.
         """
@@ -195,15 +194,15 @@ class LiveSession:
     def ask_pose(self, countdown_s: float = 5.0) -> None:
         """Ask for the pose: after a countdown the arm is held still for :data:`HOLD_S`.
 
-        The axis that is in use stays until a pose is accepted.
+        The current axis stays in use until a pose is accepted.
         """
         start_us = (int(self._last.time_us[-1]) if self._last else 0) + round(countdown_s * MICROSECONDS)
         self._pose = _Pose(start_us)
 
     def take(self, frames: Frames) -> LiveRows:
-        """Take the next frames, in order.
+        """Process the next frames, in order.
 
-        Raises UnusableArrays: values that are not finite, or other shapes; then nothing has changed.
+        Raises UnusableArrays: values that are not finite, or other shapes; the state is then unchanged.
         """
         check_arrays(frames.acc_g, frames.gyr_dps, 1.0)
         elevation_deg = np.full(len(frames), np.nan, np.float32)
@@ -214,7 +213,7 @@ class LiveSession:
             self._first_us = int(frames.time_us[0])
         for first, stop in self._find_runs(frames):
             run = frames.cut(first, stop)
-            self._cross(run)
+            self._handle_gap(run)
             elevation_deg[first:stop], valid[first:stop] = self._fuse(run)
             self._count(elevation_deg[first:stop][valid[first:stop]])
             self._last = run.cut(len(run) - 1, len(run))
@@ -224,7 +223,7 @@ class LiveSession:
         return LiveRows(frames.time_us, elevation_deg, valid)
 
     def status(self) -> LiveStatus:
-        """Describe where the session stands."""
+        """Return the state of the session."""
         last_us = int(self._last.time_us[-1]) if self._last else self._first_us
         elapsed_us = last_us - self._first_us + self._period_us if self._last else 0.0
         pose, left_us = self._pose.describe(last_us, is_known=self._arm_axis is not None)
@@ -248,7 +247,7 @@ class LiveSession:
         )
 
     def _find_runs(self, frames: Frames) -> Iterator[tuple[int, int]]:
-        """Rows [first, stop) without a hole between them, and cut where a pose ends."""
+        """Yield rows [first, stop) without a gap between them, split where a pose ends."""
         steps_us = np.diff(frames.time_us)
         limit_us = LONGEST_BRIDGE_US + HOLE_PERIODS * self._period_us
         is_cut = (np.diff(frames.counter) != 1) | (steps_us > limit_us)
@@ -257,8 +256,8 @@ class LiveSession:
             edges.add(int(np.searchsorted(frames.time_us, self._pose.end_us)))
         yield from pairwise(sorted(edges))
 
-    def _cross(self, run: Frames) -> None:
-        """Go over what lies between the last frame and this run."""
+    def _handle_gap(self, run: Frames) -> None:
+        """Handle the gap between the last frame and this run."""
         if self._last is None:
             return
         step_us = int(run.time_us[0] - self._last.time_us[0])
@@ -278,7 +277,7 @@ class LiveSession:
         self._pose.break_off(int(self._last.time_us[0] + HOLE_PERIODS * self._period_us))
 
     def _bridge(self, last: Frames, run: Frames, lost: int) -> None:
-        """Feed the filter with interpolated rows, as the reader puts them into a file's segment."""
+        """Pass interpolated rows to the filter, as the reader does in a file's segment."""
         between = []
         for before, after in ((last.acc_g, run.acc_g), (last.gyr_dps, run.gyr_dps)):
             rows = np.zeros((lost + 2, 3), np.float32)
@@ -301,7 +300,7 @@ class LiveSession:
         return elevation_deg, is_settled & np.isfinite(elevation_deg)
 
     def _end_pose(self, now_us: int) -> None:
-        """Judge the pose when its time is over; an accepted one is the axis from here on."""
+        """Check the pose when its time is over; an accepted pose sets the axis from here on."""
         if not self._pose.is_open or now_us < self._pose.end_us:
             return
         axis = self._pose.judge()
@@ -320,30 +319,32 @@ class LiveSession:
         high, low = elevation_deg > RISE_DEG + HYSTERESIS_DEG, elevation_deg < RISE_DEG - HYSTERESIS_DEG
         if self._is_above is None:
             self._is_above = bool(high[0])
-        told = np.concatenate([[self._is_above], high[high | low]])
-        self._rises += int(np.count_nonzero(~told[:-1] & told[1:]))
-        self._is_above = bool(told[-1])
+        states = np.concatenate([[self._is_above], high[high | low]])
+        self._rises += int(np.count_nonzero(~states[:-1] & states[1:]))
+        self._is_above = bool(states[-1])
 
 
-# Whether gyroscope and accelerometer share one right-handed frame, as the motion itself shows it.
+# Check from the motion whether gyroscope and accelerometer share one right-handed frame.
 #
-# Gravity, seen from a turning sensor, turns backwards: ``da/dt = -(w x a)``. In a left-handed frame it turns
-# forwards, and the live angle is wrong while the arm moves. A file is put right by the same equation
-# (:mod:`fusion.checks.physics`); a stream is only doubted.
+# Seen from a turning sensor, gravity turns backwards: ``da/dt = -(w x a)``. In a left-handed frame it turns
+# forwards, and the live angle is wrong while the arm moves. The same equation corrects a file
+# (:mod:`fusion.checks.physics`); a stream is only flagged.
 
 BLOCK_S = 0.1
 SLOWEST_DPS = 20.0
 NEAR_1_G = 0.25
 ENOUGH_G2 = 0.5
-"""Of turned gravity, squared and summed: about five seconds at 60 deg/s."""
+"""Sum of squares of the rotated gravity: about five seconds at 60 deg/s."""
 LARGEST_SLOPE = -0.5
-"""Gravity turned as foreseen has the slope 1, in a left-handed frame -1."""
+"""Gravity turning as predicted has the slope 1, in a left-handed frame -1."""
 LEAST_EXPLAINED = 0.5
-"""Of what was seen, by the wrong turn: violent movement turns gravity any way, but by no rule."""
+"""Share of the observed rotation that the reversed frame must explain: violent movement turns gravity in any
+direction, but not consistently.
+"""
 
 
 class FrameWatch:
-    """Compares how gravity turns with how the gyroscope says it should, in blocks of 0.1 s."""
+    """Compares the rotation of gravity with the gyroscope's prediction, in blocks of 0.1 s."""
 
     def __init__(self, rate_hz: float) -> None:
         self._rows = max(2, round(BLOCK_S * rate_hz))
@@ -354,13 +355,13 @@ class FrameWatch:
 
     @property
     def is_doubtful(self) -> bool:
-        """Whether enough motion has been seen, and gravity turned the other way."""
+        """Whether there was enough motion, and gravity turned in the opposite direction."""
         if self._foreseen_g2 < ENOUGH_G2 or self._agreed_g2 > LARGEST_SLOPE * self._foreseen_g2:
             return False
         return self._agreed_g2**2 > LEAST_EXPLAINED * self._foreseen_g2 * self._seen_g2
 
     def take(self, acc_g: Samples, gyr_dps: Samples) -> None:
-        """Take the next samples of one unbroken run, shapes (n, 3)."""
+        """Process the next samples of one unbroken run, shapes (n, 3)."""
         self._gathered = np.concatenate([self._gathered, np.hstack([acc_g, gyr_dps]).astype(np.float64)])
         whole = len(self._gathered) // self._rows
         blocks = self._gathered[: whole * self._rows].reshape(whole, self._rows, 6).mean(axis=1)
@@ -371,7 +372,7 @@ class FrameWatch:
             self._before = block
 
     def break_off(self) -> None:
-        """Note a hole: what follows is no continuation."""
+        """Record a gap: the next samples do not continue the last ones."""
         self._gathered, self._before = np.empty((0, 6)), None
 
     def _compare(self, before: Float64Array, after: Float64Array) -> None:
@@ -405,11 +406,11 @@ class _Pose:
             self._gyr.append(run.gyr_dps[inside])
 
     def break_off(self, from_us: int) -> None:
-        """Note a hole from ``from_us`` on, longer than a bridge: it breaks a window that has begun."""
+        """Record a gap from ``from_us`` on, longer than a bridge: it breaks a window that has started."""
         self._is_broken |= self.is_open and self.start_us < from_us < self.end_us
 
     def judge(self) -> Float64Array | None:
-        """Return the axis; None where the window is refused, by the rules of a file's."""
+        """Return the axis; None if the window is rejected, by the rules for files."""
         self.is_open = False
         acc, gyr = (np.concatenate([*rows, np.empty((0, 3), np.float32)]) for rows in (self._acc, self._gyr))
         self._acc, self._gyr = [], []
@@ -431,9 +432,9 @@ class _Pose:
 
 
 def replay_frames(recording: Recording, chunk_s: float) -> Iterator[Frames]:
-    """Play a recording in chunks, as a sensor would send its frames.
+    """Replay a recording in chunks, as a sensor would send its frames.
 
-    The counter skips what the file lost; rows that bridge a hole of the file are not sent.
+    The counter skips rows that the file lost; rows that bridge a gap of the file are not sent.
     """
     counter = 0
     reached_us = 0
@@ -453,10 +454,10 @@ def replay_frames(recording: Recording, chunk_s: float) -> Iterator[Frames]:
         reached_us = segment.end_us
 
 
-# How the angle that was shown live differs from the one that the report gives afterwards.
+# The difference between the live angle and that of the later report.
 
 KEPT_HZ = 10.0
-"""So often the shown angle is kept: 8 h take 3.5 MB."""
+"""Rate at which the shown angle is stored: 8 h take 3.5 MB."""
 
 
 class ShownAngles:
@@ -468,7 +469,7 @@ class ShownAngles:
         self._next_us = 0
 
     def keep(self, rows: LiveRows) -> None:
-        """Take the rows of the next frames."""
+        """Store the rows of the next frames."""
         step_us = round(MICROSECONDS / KEPT_HZ)
         for row in np.flatnonzero(rows.valid & (rows.time_us >= self._next_us)).tolist():
             time_us = int(rows.time_us[row])
@@ -484,10 +485,10 @@ class ShownAngles:
 
 @dataclass(frozen=True, slots=True)
 class LiveDifference:
-    """Live against the report, at the same moments.
+    """Live angle compared with the report, at the same moments.
 
     ``compared_s``: seconds at which both are known.
-    ``rmse_deg``, ``bias_deg``: root mean square and mean of live less report.
+    ``rmse_deg``, ``bias_deg``: root mean square and mean of live minus report.
     ``live_percent``, ``report_percent``: shares of that time below 30 deg, from 30, from 60 and from 90 deg
     on.
     """
@@ -500,7 +501,7 @@ class LiveDifference:
 
 
 def compare_shown(shown: ShownAngles, elevation: Elevation) -> LiveDifference | None:
-    """Compare what was shown with the nearest row of the report; None where no moment has both."""
+    """Compare the shown angle with the nearest row of the report; None if no moment has both."""
     time_s, live_deg = shown.read()
     report_deg = np.full(len(time_s), np.nan)
     for segment in elevation.segments:

@@ -1,4 +1,4 @@
-"""The estimators: arrays in, unit vector to the zenith out; no recording and no arm here."""
+"""The estimators: from arrays to the unit vector to the zenith, independent of recordings and arms."""
 
 from typing import get_args
 
@@ -11,7 +11,7 @@ from fusion.orientation.live import LiveVertical
 from fusion.orientation.published import estimate_published
 from fusion.orientation.smoothed import smooth_nodes
 from fusion.recording import Float64Array
-from fusion.sensor.model import SensorRun, check_arrays, check_gravity, spread_rows
+from fusion.sensor.model import SensorRun, check_arrays, check_gravity, propagate_vertical
 from fusion.sensor.self_calibration import calibrate_sensor
 from fusion.sensor.stillness import find_quietest_rate, find_still_moments, reduce_run
 
@@ -21,7 +21,7 @@ __all__ = ["MethodName", "estimate_vertical"]
 def estimate_vertical(
     acc_g: ArrayLike, gyr_dps: ArrayLike, rate_hz: float, method: MethodName = "smoothed"
 ) -> Float64Array:
-    """Direction of the vertical in the sensor frame, from any sensor on anything.
+    """Return the direction of the vertical in the sensor frame, for any sensor on any object.
 
     Parameters
     ----------
@@ -31,8 +31,8 @@ def estimate_vertical(
     rate_hz
         Samples per second.
     method
-        `smoothed` finds the gyroscope's bias and the accelerometer's offset and scale itself; `published`
-        takes the mean rate of the quietest 2 s.
+        `smoothed` estimates the gyroscope's bias and the accelerometer's offset and scale itself;
+        `published` uses the mean rate of the quietest 2 s.
 
     Returns
     -------
@@ -59,5 +59,5 @@ def estimate_vertical(
     _, (calibrated,) = calibrate_sensor([run], blocks, find_still_moments(blocks))
     nodes, gyr_dps = calibrated.nodes, calibrated.run.gyr_dps
     up = np.empty((len(run), 3))
-    spread_rows(gyr_dps, run.rate_hz, nodes, smooth_nodes(nodes).up, up, 0)
+    propagate_vertical(gyr_dps, run.rate_hz, nodes, smooth_nodes(nodes).up, up, 0)
     return up

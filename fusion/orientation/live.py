@@ -1,13 +1,13 @@
-"""`live`: only the past, sample by sample or in chunks of any size, in constant memory.
+"""`live`: uses only past samples, one by one or in chunks of any size, in constant memory.
 
-The same idea as :mod:`fusion.orientation.smoothed`, one-sided: the acceleration is low-passed in a frame
-that turns with the gyroscope, and the filter's state is carried along. Weights at the age ``s = t /
-time_constant_s``: ``exp(-s) (freshness cos s + sin s)``, a second-order Butterworth low-pass with a little
-of the newest samples, which a start needs.
+A one-sided form of :mod:`fusion.orientation.smoothed`: the acceleration is low-passed in a frame that turns
+with the gyroscope, and the filter's state is kept between samples. The weight at age ``s = t /
+time_constant_s`` is ``exp(-s) (freshness cos s + sin s)``: a second-order Butterworth low-pass plus a small
+share of the newest samples, which the start needs.
 
-The gyroscope's bias is the mean rate of still moments, less the turn that gravity shows in them: an arm that
-turns slowly and evenly looks still, and its turn is not bias. Until the first still moment, gentle moments
-stand in for it; after it, the bias is not followed while the arm never rests.
+The gyroscope's bias is the mean rate of still moments, minus the rotation that gravity shows in them: a slow,
+even rotation looks still, but it is not bias. Until the first still moment, gentle moments are used instead.
+After it, the bias is not updated while the arm never rests.
 """
 
 from dataclasses import dataclass
@@ -21,17 +21,17 @@ from fusion.recording import Float64Array
 from fusion.sensor.model import RADIANS, bend, carry, check_arrays, check_rate, turn_factors
 from fusion.sensor.stillness import RULES
 
-# Places in the state: filter, previous rate, bias, then the still moment being gathered.
+# Indices in the state: filter, previous rate, bias, then the sums of the current moment.
 REAL, IMAGINARY, RATE, BIAS, ACC_SUM, ACC_SQUARE, GYR_SUM, GYR_SQUARE, ACC_TREND = range(0, 27, 3)
 SAMPLES, GATHERED, STILLS, GENTLES, SIZE = 27, 28, 29, 30, 31
 
 
 @dataclass(frozen=True, slots=True)
 class LiveParameters:
-    """Chosen on the even-numbered half of BROAD; ``memory_stills`` still moments share in the bias.
+    """Chosen on the even-numbered half of BROAD; the bias is a mean over ``memory_stills`` still moments.
 
-    ``gentle_acc_sd_g`` and ``gentle_gyro_sd_dps`` limit the moments that stand in until the first still one;
-    chosen on skin-mounted sensors of four people, with no effect on BROAD.
+    ``gentle_acc_sd_g`` and ``gentle_gyro_sd_dps`` limit the moments that are used before the first still one.
+    They were chosen on skin-mounted sensors of four people and have no effect on BROAD.
     """
 
     time_constant_s: float = 3.0
@@ -42,12 +42,12 @@ class LiveParameters:
 
 
 class LiveVertical:
-    """Direction of the vertical in the sensor frame, as the samples come."""
+    """Estimator of the vertical in the sensor frame, updated as samples arrive."""
 
     def __init__(
         self, rate_hz: float, bias_dps: Float64Array | None = None, parameters: LiveParameters | None = None
     ) -> None:
-        """Start afresh; raises UnusableArrays for a rate that is not positive."""
+        """Reset the state; raises UnusableArrays if the rate is not positive."""
         check_rate(rate_hz)
         parameters = parameters or LiveParameters()
         self._rate_hz = rate_hz
@@ -63,9 +63,9 @@ class LiveVertical:
         self._still = (block, *limits, parameters.memory_stills, *gentle)
 
     def update(self, acc_g: ArrayLike, gyr_dps: ArrayLike) -> Float64Array:
-        """Take the next samples, shapes (n, 3) or (3,), and give the unit vectors to the zenith, (n, 3).
+        """Process the next samples, shapes (n, 3) or (3,), and return the unit vectors to the zenith, (n, 3).
 
-        Where all samples so far are zero there is no direction, and the rows are NaN.
+        If all samples so far are zero, there is no direction and the rows are NaN.
 
         Raises UnusableArrays.
         """
@@ -76,12 +76,12 @@ class LiveVertical:
 
     @property
     def bias_dps(self) -> Float64Array:
-        """The gyroscope's bias as known now, shape (3,)."""
+        """The current estimate of the gyroscope's bias, shape (3,)."""
         return self._state[BIAS : BIAS + 3].copy()
 
     @property
     def has_rested(self) -> bool:
-        """Whether a still moment (or a bias given) stands behind the bias."""
+        """Whether the bias comes from a still moment or was given."""
         return bool(self._state[STILLS] > 0.0)
 
 
@@ -115,7 +115,7 @@ def _advance(acc: Any, gyr: Any, state: Any, settings: Any, out: Any) -> None:  
 
 @inner
 def _gather(acc: Any, gyr: Any, sample: int, state: Any, settings: Any) -> None:  # pragma: no cover
-    """Add a sample to the moment being gathered; when it is full, see whether it was still."""
+    """Add a sample to the current moment; when it is complete, check whether it was still."""
     from_middle = state[GATHERED] - (settings[1][0] - 1.0) / 2.0
     for i in range(3):
         state[ACC_SUM + i] += acc[sample, i]
@@ -133,7 +133,7 @@ def _gather(acc: Any, gyr: Any, sample: int, state: Any, settings: Any) -> None:
 
 @kernel
 def _judge(state: Any, settings: Any) -> None:  # pragma: no cover
-    """If the moment was still, its rate goes into the bias; the first one also sets the vertical."""
+    """If the moment was still, update the bias with its rate; the first still one also sets the vertical."""
     period_s, keep, mix, _ = settings[0]
     block, acc_limit, gyr_limit, bias_limit, memory, gentle_acc_limit, gentle_gyr_limit = settings[1]
     level, acc_total, gyr_total, gravity = 0.0, 0.0, 0.0, 1e-12
@@ -150,7 +150,7 @@ def _judge(state: Any, settings: Any) -> None:  # pragma: no cover
     kind = STILLS if is_still else GENTLES
     state[kind] += 1.0
     share = 1.0 / min(state[kind], memory)
-    # The regression of gravity on time, crossed with gravity: the turn across it, deg/s.
+    # The regression of gravity on time, crossed with gravity: the rotation across gravity, deg/s.
     to_dps = 12.0 / (block * (block * block - 1.0) * period_s * block * gravity * RADIANS)
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
@@ -158,8 +158,8 @@ def _judge(state: Any, settings: Any) -> None:  # pragma: no cover
         state[BIAS + i] += share * (state[GYR_SUM + i] / block - to_dps * turn_dps - state[BIAS + i])
     for i in range(3):
         if is_still and state[STILLS] == 1.0:
-            # What was carried with an unknown bias is forgotten: the filter stands as if it had always
-            # rested so.
+            # Discard the state from the time of the unknown bias: set the filter as if it had always rested
+            # here.
             settle = 1.0 / ((1.0 - keep) ** 2 + mix * mix)
             state[REAL + i] = settle * (1.0 - keep) * state[ACC_SUM + i] / block
             state[IMAGINARY + i] = settle * mix * state[ACC_SUM + i] / block

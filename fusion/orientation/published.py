@@ -1,11 +1,11 @@
 """`published`: the algorithm of Boyer, Frasie, Bouyer, Roy, Poitras and Campeau-Lecours.
 
-Orientation A comes from the ratios of the accelerations (Freescale AN3461), orientation G from turning the
-last known orientation by the resultant angular velocity. Both are split into a rotation about an axis in
-the world's XY plane and a rotation about world Z; the XY parts are joined by slerp and multiplied by the
-gyroscope's Z part; elevation is the tilt of Bonev's tilt-and-torsion angles.
-``tests/fusion/orientation/published_step_by_step.py`` does every step, sample by sample; the kernel here
-carries only the direction of the vertical, because nothing else bears on the tilt.
+Orientation A comes from the ratios of the accelerations (Freescale AN3461). Orientation G rotates the last
+orientation by the resultant angular velocity. Both are split into a rotation about an axis in the world's XY
+plane and a rotation about world Z. The XY parts are joined by slerp and multiplied by the gyroscope's Z part.
+Elevation is the tilt of Bonev's tilt-and-torsion angles.
+``tests/fusion/orientation/published_step_by_step.py`` follows every step, sample by sample. The kernel here
+only tracks the direction of the vertical, because nothing else affects the tilt.
 """
 
 from dataclasses import dataclass
@@ -22,27 +22,27 @@ from fusion.sensor.model import RADIANS, SensorRun, carry, turn_factors
 
 @dataclass(frozen=True, slots=True)
 class PublishedParameters:
-    """What the paper states, and what it leaves open.
+    """Parameters that the paper states, and choices that it leaves open.
 
     Compared to the publication
     ---------------------------
     lowpass_acc_hz, lowpass_gyr_hz
-        50 Hz, order 1, as stated. At 100 Hz this is the Nyquist frequency, which a Butterworth design
-        refuses; both are one-pole RC filters (backward Euler) at every rate.
+        50 Hz, order 1, as stated. At 100 Hz this is the Nyquist frequency, for which a Butterworth design
+        fails; both are one-pole RC filters (backward Euler) at every rate.
     highpass_gyr_hz
-        0.002 Hz, order 1, as stated, a one-pole RC filter. It removes true slow rotation; 0 leaves it out.
+        0.002 Hz, order 1, as stated; a one-pole RC filter. It removes true slow rotation; 0 disables it.
     time_constant_s
-        The slerp weight is not given. The share of A in each step is ``1 - exp(-period /
-        time_constant_s)``, so that both devices are treated alike. In the sweep that ``benchmarks/fusion.py``
-        prints, the best is 0.5 s on BROAD and 1.5 s on simulated shifts; 1 s (a weight of 0.01 at 100 Hz)
-        lies between.
+        The paper does not state the slerp weight. The share of A in each step is ``1 - exp(-period /
+        time_constant_s)``, so that the sampling rate has no effect. In the sweep that
+        ``benchmarks/fusion.py`` prints, the best is 0.5 s on BROAD and 1.5 s on simulated shifts; 1 s (a
+        weight of 0.01 at 100 Hz) is in between.
     The XY part
-        is taken as one rotation about an axis in the XY plane (the tilt of tilt-and-torsion), not as roll
-        and pitch: a slerp between two such rotations is again one, so the Z part stays the gyroscope's own,
-        as the paper wants.
+        is one rotation about an axis in the XY plane (the tilt of tilt-and-torsion), not roll and pitch. A
+        slerp between two such rotations is such a rotation again, so the Z part comes from the gyroscope
+        only, as in the paper.
     The static bias
-        is the mean rate of the calibration window, once, as stated. A bias that wanders later is not
-        followed.
+        is the mean rate of the calibration window, computed once, as stated. Later changes of the bias are
+        not tracked.
     The start
         of each run is orientation A; the filters start at their first sample.
     """
@@ -53,17 +53,17 @@ class PublishedParameters:
     time_constant_s: float = 1.0
 
     def accelerometer_weight(self, rate_hz: float) -> float:
-        """Share of orientation A in each slerp."""
+        """Return the share of orientation A in each slerp."""
         return 1.0 - exp(-1.0 / (rate_hz * self.time_constant_s))
 
 
 def lowpass_gain(cutoff_hz: float, rate_hz: float) -> float:
-    """Share of the new sample in a one-pole RC low-pass."""
+    """Return the share of the new sample in a one-pole RC low-pass."""
     return 1.0 / (1.0 + rate_hz / (2.0 * pi * cutoff_hz))
 
 
 def highpass_gain(cutoff_hz: float, rate_hz: float) -> float:
-    """Share that a one-pole RC high-pass keeps of its past; 1 (no high-pass) for 0 Hz."""
+    """Return the share of the past in a one-pole RC high-pass; 1 (no high-pass) for 0 Hz."""
     return 1.0 / (1.0 + 2.0 * pi * cutoff_hz / rate_hz)
 
 
@@ -77,7 +77,7 @@ def _unit(x: float, y: float, z: float) -> tuple[float, float, float]:  # pragma
 
 @inner
 def _tilt_quaternion(up: Any) -> tuple[float, float, float]:  # pragma: no cover
-    """(w, x, y) of the shortest rotation that takes ``up`` to z; its z component is nil."""
+    """Return (w, x, y) of the shortest rotation from ``up`` to z; its z component is zero."""
     across = np.sqrt(up[0] * up[0] + up[1] * up[1])
     if across < 1e-12:
         return (1.0, 0.0, 0.0) if up[2] > 0.0 else (0.0, 1.0, 0.0)
@@ -105,7 +105,7 @@ def _slerp(start: Any, end: Any, weight: float) -> tuple[float, float, float]:  
 
 @inner
 def _vertical_of(tilt: Any) -> tuple[float, float, float]:  # pragma: no cover
-    """The direction that the tilt quaternion (w, x, y) takes to z."""
+    """Return the direction that the tilt quaternion (w, x, y) rotates to z."""
     w, x, y = tilt
     return -2.0 * w * y, 2.0 * w * x, w * w - x * x - y * y
 
@@ -114,7 +114,7 @@ def _vertical_of(tilt: Any) -> tuple[float, float, float]:  # pragma: no cover
 def _run_published(
     acc: Any, gyr: Any, bias: Any, steps: Any, room: Any, out: Any
 ) -> None:  # pragma: no cover
-    """One pass: filters, A, G, slerp of the two tilts, vertical.
+    """Run one pass: filters, A, G, slerp of the two tilts, vertical.
 
     ``steps``: period, gains of acc, gyr and high-pass, weight of A; ``room``: (3,) for each filter.
     """
@@ -147,7 +147,9 @@ def estimate_published(
     parameters: PublishedParameters | None = None,
     dtype: type[np.float32] | type[np.float64] = np.float64,
 ) -> FloatArray:
-    """Unit vector to the zenith at each sample, (n, 3); ``bias_dps``: mean rate of the calibration."""
+    """Return the unit vector to the zenith at each sample, (n, 3); ``bias_dps``: mean rate of the
+    calibration.
+    """
     parameters = parameters or PublishedParameters()
     steps = (
         1.0 / run.rate_hz,

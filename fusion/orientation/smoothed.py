@@ -1,17 +1,17 @@
-"""`smoothed`: past and future, for a recording analysed after the fact.
+"""`smoothed`: uses past and future samples, for a complete recording.
 
-Idea: seen in a frame that turns with the gyroscope, the vertical stands still and a person's own acceleration
-averages out over a few seconds. The acceleration is low-passed in that frame, both ways, and
-looked at from the sensor again. Only the vertical is wanted, so the frame itself is never built: the filter's
-state is a vector carried into the sensor's next position (:mod:`fusion.sensor.model`).
+In a frame that turns with the gyroscope the vertical is constant, and a person's own acceleration averages
+out over a few seconds. The acceleration is low-passed in that frame in both directions, then transformed back
+to the sensor. Only the vertical is needed, so the frame itself is never computed: the filter's state is a
+vector that is rotated to the sensor's next position (:mod:`fusion.sensor.model`).
 
-The weights of the two-sided mean are ``exp(-s)(cos s + sin s)`` with ``s = |t| / time_constant_s``: the
-zero-phase second-order Butterworth low-pass ``1 / (1 + (w T)^4 / 4)``, half power at ``sqrt(2) / (2 pi T)``,
-0.075 Hz for 3 s. It lets the slow error of the gyroscope's integral be corrected and holds back what the arm
-does.
+The weights of the two-sided mean are ``exp(-s)(cos s + sin s)`` with ``s = |t| / time_constant_s``. This is
+the zero-phase second-order Butterworth low-pass ``1 / (1 + (w T)^4 / 4)``, with half power at ``sqrt(2) / (2
+pi T)``, 0.075 Hz for 3 s. It corrects the slow error of the gyroscope's integral and suppresses the arm's
+acceleration.
 
-So slow a filter need not run at every sample: it runs at nodes (:mod:`fusion.sensor.model`), and from
-each node the vertical is carried to the samples about it by the gyroscope alone.
+Such a slow filter does not need every sample. It runs at nodes (:mod:`fusion.sensor.model`), and the
+gyroscope alone propagates the vertical from each node to the samples around it.
 """
 
 from dataclasses import dataclass
@@ -27,12 +27,12 @@ from fusion.sensor.model import NODE_RATE_HZ, AccelerometerCorrection, Nodes, ca
 
 @dataclass(frozen=True, slots=True)
 class SmoothedParameters:
-    """How slow the filter is, how often it runs, how late the gyroscope is taken to be.
+    """Time constant of the filter, its node rate, and the assumed delay of the gyroscope.
 
-    ``time_constant_s`` was chosen on the even-numbered half of BROAD (2.6 to 3.2 s are alike within 0.002
-    deg). ``gyro_lag_s``: a gyroscope's internal filter may be slower than the accelerometer's (1 ms in an
-    MPU-9250, register map RM-MPU-9250A-00). It is taken as 0, because it differs between parts and cannot be
-    found from a recording: what the hand does passes for a lag.
+    ``time_constant_s`` was chosen on the even-numbered half of BROAD (2.6 to 3.2 s agree within 0.002 deg).
+    ``gyro_lag_s``: a gyroscope's internal filter may be slower than the accelerometer's (1 ms in an MPU-9250,
+    register map RM-MPU-9250A-00). It is 0 here, because it differs between parts and cannot be estimated from
+    a recording: hand motion looks like a lag.
     """
 
     time_constant_s: float = 3.0
@@ -42,7 +42,7 @@ class SmoothedParameters:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SmoothedNodes:
-    """The vertical at the nodes, and how far past and future disagree.
+    """The vertical at the nodes, and the disagreement of past and future.
 
     ``up``: shape (j, 3): unit vector to the zenith, sensor frame.
     ``disagreement_deg``: one value for each ``nodes_per_value`` nodes (about a second): the root mean square
@@ -56,7 +56,7 @@ class SmoothedNodes:
 
 
 def smooth_nodes(nodes: Nodes) -> SmoothedNodes:
-    """Filter both ways."""
+    """Filter in both directions."""
     decay = np.exp(-(1.0 + 1.0j) * nodes.period_s / SmoothedParameters().time_constant_s)
     per_second = max(1, round(1.0 / nodes.period_s))
     up = np.zeros((len(nodes.acc_g), 3))
@@ -68,7 +68,7 @@ def smooth_nodes(nodes: Nodes) -> SmoothedNodes:
 
 @fused
 def _disagree(past: Any, future: Any) -> Any:  # pragma: no cover
-    """Square of the angle (rad, as its sine; 1 beyond a right angle) times the smaller one's share."""
+    """Return the square of the angle (rad, as its sine; 1 beyond a right angle) times the smaller share."""
     first = past[0] * past[0] + past[1] * past[1] + past[2] * past[2]
     second = future[0] * future[0] + future[1] * future[1] + future[2] * future[2]
     both = past[0] * future[0] + past[1] * future[1] + past[2] * future[2]
@@ -81,7 +81,7 @@ def _disagree(past: Any, future: Any) -> Any:  # pragma: no cover
 
 @fused
 def _fade(real: Any, imaginary: Any, decay: complex, acc: Any) -> Any:  # pragma: no cover
-    """One step: the complex state shrinks and turns in its own plane, the new sample comes in."""
+    """Advance one step: the complex state decays and rotates in its own plane; add the new sample."""
     keep, mix = decay.real, decay.imag
     return (
         (
@@ -103,7 +103,7 @@ def _sweep(
 ) -> None:  # pragma: no cover
     """Filter in one direction and add to ``out``.
 
-    The backward sweep meets in ``out`` what the forward one left, notes how far they disagree, counts the
+    The backward sweep adds to the forward result in ``out``. It records the disagreement of both, counts the
     present node once, not twice, and scales to unit length.
     """
     nodes, backwards = len(acc), direction < 0
@@ -138,25 +138,27 @@ def _scale_to_unit(past: Any, future: Any, present: Any) -> Any:  # pragma: no c
     return 0.0, 0.0, 1.0
 
 
-# How uncertain the smoothed angle is, second by second, the calibration pose left out.
+# Uncertainty of the smoothed angle for each second, without the error of the calibration pose.
 #
-# Three parts are added as variances. What no recording shows: the gyroscope's misalignment, and the like.
-# What the directions seen at rest leave open of the accelerometer's offset
-# (:mod:`fusion.sensor.self_calibration`); much where the arm only hung. What the day's movements do:
-# half the angle between the estimates from past and future alone, as one of two directions, over nine
-# seconds. That grows with the speed of the arm by itself; speed adds nothing to it (a fit gave it a weight
-# of nil).
+# Three variances are added. First, errors that no recording shows, such as the gyroscope's misalignment.
+# Second, the part of the accelerometer's offset that the directions at rest leave undetermined
+# (:mod:`fusion.sensor.self_calibration`); it is large if the arm only hung. Third, the effect of the day's
+# movements: half the angle between the estimates from past and future alone, as one of two directions, over
+# nine seconds. The third part grows with the speed of the arm by itself, so speed is not a separate term (a
+# fit gave it zero weight).
 
 
 @dataclass(frozen=True, slots=True)
 class UncertaintySettings:
     """Weights, fitted on simulated days with even seeds: 2 to 10 of one hour, 2 and 4 of eight.
 
-    There 1.96 sigma covers the truth 95.5 % (LSM9DS1) and 95.8 % (GT9X) of the time, on single days 93.3 to
-    97.6 %. The figures of odd seeds are in ``docs/validation.md``.
+    On these days 1.96 sigma covers the truth 95.5 % (LSM9DS1) and 95.8 % (GT9X) of the time, on single days
+    93.3 to 97.6 %. Figures for odd seeds are in ``docs/validation.md``.
 
-    ``floor_deg``; ``offset_times`` what the offset's standard deviation counts for; ``disagreement_share``
-    of the variance between past and future, averaged over ``over_values`` seconds.
+    ``floor_deg``: the constant part.
+    ``offset_times``: factor of the offset's standard deviation.
+    ``disagreement_share``: share of the variance between past and future, averaged over ``over_values``
+    seconds.
     """
 
     floor_deg: float = 0.10
@@ -170,7 +172,7 @@ def estimate_sigma(
     accelerometer: AccelerometerCorrection,
     settings: UncertaintySettings = UncertaintySettings(),
 ) -> Float64Array:
-    """Standard deviation of the elevation, deg, one value as in ``smoothed.disagreement_deg``."""
+    """Return the standard deviation of the elevation, deg, one value per ``smoothed.disagreement_deg``."""
     offset_deg = settings.offset_times * float(np.degrees(accelerometer.offset_sd_g))
     between = average_around(smoothed.disagreement_deg**2 / 2.0, settings.over_values)
     steady = settings.floor_deg**2 + offset_deg**2
@@ -178,9 +180,9 @@ def estimate_sigma(
 
 
 def average_around(values: Float64Array, count: int) -> Float64Array:
-    """Mean of ``count`` values (odd) around each; the first and the last value are repeated beyond the ends.
+    """Return the mean of ``count`` values (odd) around each; the end values are repeated beyond the ends.
 
-    Shape (n,). To the bit what ``scipy.ndimage.uniform_filter1d`` gives with the mode "nearest".
+    Shape (n,). Bit-identical to ``scipy.ndimage.uniform_filter1d`` with mode "nearest".
     """
     padded = np.pad(values, count // 2, mode="edge")
     first = np.cumsum(padded[:count])[-1:]

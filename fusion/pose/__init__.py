@@ -1,1 +1,1 @@
-"""Where the sensor sits on the arm: pose windows, slips, wear, the arm's axis."""
+"""How the sensor is mounted on the arm: pose windows, slips, wear, the arm axis."""

@@ -1,4 +1,4 @@
-"""What ties the sensor to the arm: a pose that a person confirmed, the first stillness, or an axis."""
+"""Find the arm axis in the sensor: from a confirmed pose, the first still period, or a stated axis."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -9,7 +9,7 @@ import numpy as np
 
 from fusion.conventions import CONFIRMED, SAID_S, CalibrationState, Pose, PoseHeld
 from fusion.errors import UnusableCalibration
-from fusion.numerics import find_angle_deg, scale_to_unit
+from fusion.numerics import compute_angle_deg, scale_to_unit
 from fusion.pose.rules import (
     ALIKE_DEG,
     ASSUMED_SIGMA_DEG,
@@ -19,26 +19,26 @@ from fusion.pose.rules import (
     WALKING_SIGMA_DEG,
     AxisPart,
     Reading,
-    choose_apart,
+    compute_spread_deg,
     estimate_held_sigma,
     estimate_repeated_sigma,
-    find_spread_deg,
     point_along,
     score_still_period,
+    select_distinct_axes,
     window_rejection_reason,
 )
 from fusion.pose.wear import (
     MOVED_SHARE,
     Question,
     Wear,
-    ask_for_slip,
     compare_postures,
     divide_by_wear,
+    find_slip,
     find_walking,
     find_wear,
 )
 from fusion.recording import MICROSECONDS, Float64Array, Recording, Segment, join_overlapping
-from fusion.sensor.gyroscope import GyroScale, leave_gyro_scale
+from fusion.sensor.gyroscope import GyroScale, build_identity_gyro_scale
 from fusion.sensor.model import AccelerometerCorrection, GyroBias, view_segment
 from fusion.sensor.self_calibration import (
     CalibratedRun,
@@ -57,7 +57,7 @@ from fusion.sensor.stillness import (
 )
 from fusion.settings import DEFAULT_SETTINGS, AnalysisSettings
 
-# Stretches in which the arm did not move, and what a window of one says.
+# Stretches in which the arm did not move, and measurements of one.
 
 Blocks = Sequence[QuarterSeconds]
 Window = tuple[float, float]
@@ -65,8 +65,8 @@ Window = tuple[float, float]
 
 
 OFF_S, TABLE_SWAY_DPS = 300.0, 0.08
-"""Below it a stillness is a table. Recorded: 57 stillnesses on desks read 0.015 to 0.046 deg/s, three of worn
-upper arms 0.19 to 0.50, a plate on the skin of a resting arm 0.32 (a foot on the floor 0.04).
+"""A still period with less sway is on a table. Recorded: 57 still periods on desks have 0.015 to 0.046 deg/s,
+three of worn upper arms 0.19 to 0.50, a plate on the skin of a resting arm 0.32 (a foot on the floor 0.04).
 """
 
 
@@ -78,9 +78,9 @@ class StillPeriod:
     ``gravity_g``: shape (3,): mean acceleration, points to the zenith.
     ``gyro_bias_dps``: shape (3,): mean angular rate.
     ``score``: 0 to 1: how still, how near 1 g, how long (:func:`fusion.pose.rules.score_still_period`).
-    ``sway_dps``: how far the angular rate, averaged over quarter seconds, typically lies from its median: a
-    living arm sways, a table does not.
-    ``is_moving``: whether it moves more than a pose does, as only a window that a person gave may.
+    ``sway_dps``: typical distance of the angular rate, averaged over quarter seconds, from its median; an arm
+    sways, a table does not.
+    ``is_moving``: whether it moves more than a pose; only possible for a window that a person entered.
     """
 
     start_s: float
@@ -97,19 +97,19 @@ class StillPeriod:
         return self.start_s + self.duration_s
 
     def correct(self, accelerometer: AccelerometerCorrection) -> Float64Array:
-        """Unit vector to the zenith, (3,), as the accelerometer should have read it."""
+        """Return the unit vector to the zenith, (3,), after correction of the accelerometer."""
         return scale_to_unit(
             np.asarray(accelerometer.apply(self.gravity_g, self.start_s + self.duration_s / 2.0))
         )
 
 
 def reduce_recording(recording: Recording) -> list[QuarterSeconds]:
-    """Every segment in blocks of a quarter second."""
+    """Return every segment as blocks of a quarter second."""
     return [reduce_run(view_segment(segment)) for segment in recording.segments]
 
 
 def find_still_stretches(blocks: Blocks, accelerometer: AccelerometerCorrection) -> list[Window]:
-    """Start and end of every stretch that is still and near 1 g for 5 s or longer, in order."""
+    """Return start and end of every stretch of at least 5 s that is still and near 1 g, in order."""
     stretches_s: list[Window] = []
     for run in blocks:
         table = summarise_windows([run], RULES.length_s)
@@ -125,17 +125,17 @@ def find_still_stretches(blocks: Blocks, accelerometer: AccelerometerCorrection)
 
 
 def measure_stretch(recording: Recording, stretch_s: Window) -> StillPeriod:
-    """Measure a still stretch, at most its first 10 s."""
+    """Measure at most the first 10 s of a still stretch."""
     return _measure(recording, stretch_s[0], min(stretch_s[1], stretch_s[0] + RULES.measured_s))
 
 
 def find_tables(recording: Recording, stretches_s: Sequence[Window]) -> list[Window]:
-    """Return the stillnesses of five minutes or more that do not sway: the sensor was off the arm."""
+    """Return the still periods of five minutes or more without sway: the sensor was off the arm."""
     long_s = [span_s for span_s in stretches_s if span_s[1] - span_s[0] >= OFF_S]
     return [span_s for span_s in long_s if measure_stretch(recording, span_s).sway_dps < TABLE_SWAY_DPS]
 
 
-def measure_asked(recording: Recording, window_s: Window) -> StillPeriod:
+def measure_window(recording: Recording, window_s: Window) -> StillPeriod:
     """Measure a window that a person chose; raises UnusableCalibration."""
     start_s, end_s = window_s
     is_outside = start_s < 0.0 or end_s * MICROSECONDS > recording.duration_us + 1
@@ -148,8 +148,8 @@ def measure_pair(recording: Recording, windows_s: Sequence[Window]) -> tuple[Sti
     """Measure the two windows of the two-point pose, hanging and level; raises UnusableCalibration."""
     if len(windows_s) != 2:
         raise UnusableCalibration(why="count", start_s=0.0, end_s=0.0)
-    hanging, level = (measure_asked(recording, window) for window in windows_s)
-    if not 60.0 <= find_angle_deg(hanging.gravity_g, level.gravity_g) <= 120.0:
+    hanging, level = (measure_window(recording, window) for window in windows_s)
+    if not 60.0 <= compute_angle_deg(hanging.gravity_g, level.gravity_g) <= 120.0:
         raise UnusableCalibration(why="angle", start_s=windows_s[1][0], end_s=windows_s[1][1])
     return hanging, level
 
@@ -157,7 +157,7 @@ def measure_pair(recording: Recording, windows_s: Sequence[Window]) -> tuple[Sti
 def measure_stillest(recording: Recording, blocks: Blocks) -> StillPeriod:
     """Measure the stillest 2 s.
 
-    Raises UnusableCalibration: ``why`` "none": no 2 s in one piece; "moving", "gravity": even these are no
+    Raises UnusableCalibration: ``why`` "none": no unbroken 2 s; "moving", "gravity": even these are not at
     rest.
     """
     table = summarise_windows(blocks, RULES.moment_s)
@@ -168,16 +168,16 @@ def measure_stillest(recording: Recording, blocks: Blocks) -> StillPeriod:
     return _measure(recording, start_s, start_s + table.duration_s, refuses_motion=True)
 
 
-def share_between(hanging_g: Float64Array, level_g: Float64Array) -> Float64Array:
-    """Arm axis for the two-point pose.
+def compute_two_point_axis(hanging_g: Float64Array, level_g: Float64Array) -> Float64Array:
+    """Return the arm axis for the two-point pose.
 
-    With ``gamma`` the angle between both gravity directions, the axis lies in their plane, turned from the
-    hanging direction towards the level one by ``(gamma - 90 deg) / 2``: hanging then reads ``|gamma - 90| /
-    2`` and level ``90 + (gamma - 90) / 2``, the least-squares answer when both poses are trusted alike.
+    Let ``gamma`` be the angle between both gravity directions. The axis is in their plane, rotated from the
+    hanging direction towards the level one by ``(gamma - 90 deg) / 2``. Hanging then reads ``|gamma - 90| /
+    2`` and level ``90 + (gamma - 90) / 2``, the least-squares solution if both poses have the same weight.
     """
     first, second = scale_to_unit(hanging_g), scale_to_unit(level_g)
     across = scale_to_unit(second - (first @ second) * first)
-    turn = np.radians(find_angle_deg(first, second) - 90.0) / 2.0
+    turn = np.radians(compute_angle_deg(first, second) - 90.0) / 2.0
     return np.asarray(np.cos(turn) * first + np.sin(turn) * across)
 
 
@@ -206,11 +206,11 @@ def _measure(
     return StillPeriod(start_s, duration_s, gravity_g, gyr.mean(axis=0), score, sway_dps, is_moving)
 
 
-# Which stillness may be the pose.
+# Still periods that may be the pose.
 #
-# A person says when the pose was held, or that it was held at the start of wear. If nobody says, the first
-# stillness of 5 s or more within ten minutes of the start of wear is assumed, and every other of that time is
-# a candidate. A stillness that does not sway is a table: the sensor is worn from its end on.
+# A person states when the pose was held, or that it was held at the start of wear. Otherwise the first still
+# period of at least 5 s within ten minutes of the start of wear is assumed, and all others in that time are
+# candidates. A still period without sway is on a table: the sensor is worn from its end on.
 
 EARLY_S, HELD_S, AT_ONCE_S, LONGEST_POSE_S = 600.0, 60.0, 10.0, 60.0
 MOST_REPEATS = 3
@@ -218,11 +218,13 @@ MOST_REPEATS = 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundPose:
-    """A pose, several that agree, or what stands for one.
+    """A pose, several that agree, or a substitute for a pose.
 
-    ``time_s``, ``end_s``: when it was; ``axis`` (3,): the arm's axis in the sensor; ``sigma_deg``: its
-    standard deviation; ``repeat_deg``: the largest angle between several. ``candidates``: the stillnesses
-    that may be the pose, if nobody confirmed one.
+    ``time_s``, ``end_s``: when it was held.
+    ``axis`` (3,): the arm axis in the sensor.
+    ``sigma_deg``: its standard deviation.
+    ``repeat_deg``: the largest angle between several poses.
+    ``candidates``: the still periods that may be the pose, if it is not confirmed.
     """
 
     state: CalibrationState
@@ -237,7 +239,7 @@ class FoundPose:
 
 @dataclass(frozen=True, slots=True)
 class EarlyStills:
-    """When the sensor is worn from, and the stillnesses in the ten minutes after that may be the pose."""
+    """The start of wear, and the still periods in the next ten minutes that may be the pose."""
 
     worn_from_s: float
     stills: tuple[StillPeriod, ...]
@@ -246,9 +248,9 @@ class EarlyStills:
 def find_early_stills(
     recording: Recording, wears: Sequence[Wear], stretches_s: Sequence[Window]
 ) -> list[EarlyStills]:
-    """Return the stillnesses that sway, in the first ten minutes of each stretch of wear.
+    """Return the still periods with sway in the first ten minutes of each stretch of wear.
 
-    If none in the whole recording sways, it was made without an arm, and those of up to 60 s are taken.
+    If none in the whole recording sways, it was made without an arm, and those of up to 60 s are returned.
     """
     sways = any(measure_stretch(recording, span_s).sway_dps >= TABLE_SWAY_DPS for span_s in stretches_s)
     return [_find_in_wear(recording, wear, stretches_s, sways=sways) for wear in wears]
@@ -274,15 +276,18 @@ def _find_in_wear(
 def assume_pose(
     early: EarlyStills, accelerometer: AccelerometerCorrection, pose_held: PoseHeld | None
 ) -> FoundPose | None:
-    """Return the first stillness of wear as the pose; None if there is none.
+    """Return the first still period of wear as the pose; None if there is none.
 
-    Stated as held at the start, it is confirmed if it begins within 10 s of wear. If it begins later in the
-    first minute, other stillnesses of that minute that disagree with it remain candidates.
+    If the pose is stated as held at the start, it is confirmed when it starts within 10 s of wear. If it
+    starts later in the first minute, other still periods of that minute that disagree with it remain
+    candidates.
     """
     at_start = tuple(still for still in early.stills if still.start_s <= early.worn_from_s + HELD_S)
     if pose_held == "start" and at_start:
         is_late = at_start[0].start_s > early.worn_from_s + AT_ONCE_S
-        differ = is_late and find_spread_deg([each.correct(accelerometer) for each in at_start]) > ALIKE_DEG
+        differ = (
+            is_late and compute_spread_deg([each.correct(accelerometer) for each in at_start]) > ALIKE_DEG
+        )
         return describe_pose("held_at_start", at_start[0], accelerometer, at_start if differ else ())
     if not early.stills:
         return None
@@ -296,18 +301,18 @@ def describe_pose(
     accelerometer: AccelerometerCorrection,
     candidates: tuple[StillPeriod, ...] = (),
 ) -> FoundPose:
-    """Return a stillness as a pose."""
+    """Return a still period as a pose."""
     sigma_deg = estimate_held_sigma(still.duration_s)
     axis = still.correct(accelerometer)
     return FoundPose(state, still.start_s, still.end_s, axis, sigma_deg, None, still, candidates)
 
 
-def do_without_pose(
+def estimate_axis_without_pose(
     recording: Recording, blocks: Blocks, wear: Wear, accelerometer: AccelerometerCorrection
 ) -> FoundPose:
-    """Return how the arm hung in a minute of walking; without that, in the stillest moment.
+    """Return the direction of the arm in a minute of walking, or else in the stillest moment.
 
-    Raises UnusableCalibration: nothing was ever still.
+    Raises UnusableCalibration: no moment was still.
     """
     still = measure_stillest(recording, blocks)
     walking = find_walking(wear.strides)
@@ -319,7 +324,7 @@ def do_without_pose(
 
 @dataclass(frozen=True, slots=True)
 class ProposedPose:
-    """A stretch that a person may name: the "pose", or a "repeat" of it."""
+    """A stretch that a person may confirm: the "pose", or a "repeat" of it."""
 
     still: StillPeriod
     kind: Literal["pose", "repeat"]
@@ -328,15 +333,15 @@ class ProposedPose:
 def survey(
     recording: Recording, blocks: Blocks, accelerometer: AccelerometerCorrection
 ) -> tuple[list[Window], tuple[Wear, ...]]:
-    """Return every stillness, and the stretches of wear."""
+    """Return every still period, and the stretches of wear."""
     stretches_s = find_still_stretches(blocks, accelerometer)
     return stretches_s, divide_by_wear(blocks, accelerometer, find_tables(recording, stretches_s))
 
 
 def propose_poses(recording: Recording) -> tuple[ProposedPose, ...]:
-    """Return the early stillnesses of each stretch of wear, and those at the end that repeat the pose.
+    """Return the early still periods of each stretch of wear, and those at the end that repeat the pose.
 
-    Repeats: 5 to 60 s, in the last ten minutes, within 10 deg of the first early stillness.
+    Repeats: 5 to 60 s long, in the last ten minutes, within 10 deg of the first early still period.
     """
     blocks = reduce_recording(recording)
     accelerometer = calibrate_accelerometer(find_still_moments(blocks))
@@ -352,27 +357,29 @@ def propose_poses(recording: Recording) -> tuple[ProposedPose, ...]:
         for start_s, end_s in stretches_s
         if start_s >= late_s and end_s - start_s <= LONGEST_POSE_S
     ]
-    near = [still for still in late if find_angle_deg(axis, still.correct(accelerometer)) <= ALIKE_DEG]
+    near = [still for still in late if compute_angle_deg(axis, still.correct(accelerometer)) <= ALIKE_DEG]
     return (*proposed, *(ProposedPose(still, "repeat") for still in near[:MOST_REPEATS]))
 
 
-# Which axis reads which stretch of a recording, what a person is asked about it, and the other readings.
+# The axis of each stretch of a recording, the questions to the person, and the alternative readings.
 #
-# A pose reads on until one that disagrees, or until the sensor was put on for that one. After a slip that a
-# person named nothing reads until a pose is given. Nothing else moves an axis or leaves time out.
+# A pose applies until the next pose that disagrees, or until the sensor was put on for it. After a slip
+# that a person stated, no axis is known until a pose is given. Nothing else changes an axis or excludes time.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Read:
-    """The first axis, the stretches that it does not read, in order of time, and poses that disagree."""
+class AxisAssignment:
+    """The first axis, the stretches with another axis in time order, and poses that disagree."""
 
     first: FoundPose
     parts: tuple[AxisPart, ...]
     differ: tuple[Question, ...]
 
 
-def read_recording(wears: Sequence[Wear], poses: Sequence[FoundPose], slip_times_s: Sequence[float]) -> Read:
-    """Read each stretch between the slips that a person named by the poses held in it."""
+def assign_axes(
+    wears: Sequence[Wear], poses: Sequence[FoundPose], slip_times_s: Sequence[float]
+) -> AxisAssignment:
+    """Assign to each stretch between the stated slips the poses that were held in it."""
     slips = join_overlapping([(time_s - SAID_S, time_s + SAID_S) for time_s in slip_times_s])
     edges_s = [-np.inf, *(edge_s for slip in slips for edge_s in slip), np.inf]
     sections = list(zip(edges_s[::2], edges_s[1::2], strict=True))
@@ -385,18 +392,18 @@ def read_recording(wears: Sequence[Wear], poses: Sequence[FoundPose], slip_times
     for section, known in zip(sections, own, strict=True):
         parts += _place(section, known, wears, first) if known else [AxisPart(*section, None)]
     differ = [
-        Question("poses", before.end_s, one.time_s, find_angle_deg(before.axis, one.axis))
+        Question("poses", before.end_s, one.time_s, compute_angle_deg(before.axis, one.axis))
         for known in own
         for before, one in pairwise(known)
         if find_wear(wears, one.time_s).start_s <= before.end_s
     ]
-    return Read(first, tuple(sorted(parts, key=lambda part: part.start_s)), tuple(differ))
+    return AxisAssignment(first, tuple(sorted(parts, key=lambda part: part.start_s)), tuple(differ))
 
 
 def _place(
     section: Window, known: Sequence[FoundPose], wears: Sequence[Wear], first: FoundPose
 ) -> Iterator[AxisPart]:
-    """Yield the stretches of a section that the first axis does not read."""
+    """Yield the stretches of a section where the first axis does not apply."""
     start_s, end_s = section
     worn_s = [find_wear(wears, one.time_s).start_s for one in known[1:]]
     pairs = zip(worn_s, pairwise(known), strict=True)
@@ -408,10 +415,10 @@ def _place(
 
 
 def _join_agreeing(poses: Sequence[FoundPose]) -> list[FoundPose]:
-    """Join poses that follow each other within 10 deg."""
+    """Merge consecutive poses within 10 deg."""
     groups: list[list[FoundPose]] = []
     for pose in poses:
-        if groups and find_angle_deg(_average(groups[-1]), pose.axis) <= ALIKE_DEG:
+        if groups and compute_angle_deg(_average(groups[-1]), pose.axis) <= ALIKE_DEG:
             groups[-1].append(pose)
         else:
             groups.append([pose])
@@ -420,8 +427,8 @@ def _join_agreeing(poses: Sequence[FoundPose]) -> list[FoundPose]:
         one, axes = group[0], [pose.axis for pose in group]
         if len(group) > 1:
             axis = _average(group)
-            sigma_deg = estimate_repeated_sigma([find_angle_deg(axis, each) for each in axes])
-            repeat_deg, end_s = find_spread_deg(axes), group[-1].end_s
+            sigma_deg = estimate_repeated_sigma([compute_angle_deg(axis, each) for each in axes])
+            repeat_deg, end_s = compute_spread_deg(axes), group[-1].end_s
             one = replace(one, axis=axis, sigma_deg=sigma_deg, repeat_deg=repeat_deg, end_s=end_s)
         joined.append(one)
     return joined
@@ -431,14 +438,16 @@ def _average(poses: Sequence[FoundPose]) -> Float64Array:
     return poses[0].axis if len(poses) == 1 else scale_to_unit(np.sum([pose.axis for pose in poses], axis=0))
 
 
-def ask(wears: Sequence[Wear], poses: Sequence[FoundPose], answers_s: Sequence[float]) -> Iterator[Question]:
-    """Yield when the sensor may have moved, as no answer, no pose and no two poses that agree settle.
+def find_questions(
+    wears: Sequence[Wear], poses: Sequence[FoundPose], answers_s: Sequence[float]
+) -> Iterator[Question]:
+    """Yield when the sensor may have moved, if neither an answer nor poses settle it.
 
     Two poses settle a question if a person gave them, one before and one after, and they agree.
     """
     for wear in wears:
         is_posed = any(wear.start_s <= pose.time_s < wear.end_s for pose in poses)
-        asked = [ask_for_slip(wear.strides, wear.calm)]
+        asked = [find_slip(wear.strides, wear.calm)]
         if wear is not wears[0] and not is_posed and poses[0].state != "axis":
             asked.insert(0, Question("put_back", wear.worn_from_s - wear.off_s, wear.worn_from_s))
         for question in asked:
@@ -447,7 +456,7 @@ def ask(wears: Sequence[Wear], poses: Sequence[FoundPose], answers_s: Sequence[f
             before = [pose.axis for pose in poses if pose.time_s < question.first_s]
             after = [pose.axis for pose in poses if pose.time_s > question.end_s]
             is_given = poses[0].state in CONFIRMED and bool(before and after)
-            if not is_given or find_angle_deg(before[-1], after[0]) > ALIKE_DEG:
+            if not is_given or compute_angle_deg(before[-1], after[0]) > ALIKE_DEG:
                 yield replace(question, until_s=wear.end_s)
 
 
@@ -457,7 +466,7 @@ def assume_put_back(
     questions: Sequence[Question],
     accelerometer: AccelerometerCorrection,
 ) -> Iterator[FoundPose]:
-    """Yield the first stillness after the sensor was off, if the postures are other ones than before."""
+    """Yield the first still period after the sensor was off, if the postures differ from those before."""
     asked_s = [question.end_s for question in questions if question.kind == "put_back"]
     for (before, wear), one in zip(pairwise(wears), early[1:], strict=True):
         moments = before.calm.thin().up, wear.calm.thin().up
@@ -466,24 +475,25 @@ def assume_put_back(
 
 
 def list_readings(
-    read: Read,
+    read: AxisAssignment,
     candidates: Sequence[Float64Array],
     questions: Sequence[Question],
     stills: Sequence[tuple[Wear, list[Float64Array]]],
 ) -> Iterator[Reading]:
-    """Yield the readings beside the one that is used, as no person has ruled them out.
+    """Yield the alternative readings that no person has ruled out.
 
-    ``stills``: each stretch of wear with its early stillnesses. Later parts go before earlier ones.
+    ``stills``: each stretch of wear with its early still periods. Later parts take precedence over earlier
+    ones.
     """
     axis, parts = read.first.axis, read.parts
-    yield from (Reading(candidates[place], parts) for place in choose_apart(candidates)[1:])
+    yield from (Reading(candidates[place], parts) for place in select_distinct_axes(candidates)[1:])
     asked_s = [question.end_s for question in questions if question.kind == "put_back"]
     put_back = [(wear, axes) for wear, axes in stills if axes and wear.worn_from_s in asked_s]
-    for turn in range(max((len(choose_apart(axes)) for _, axes in put_back), default=0)):
+    for turn in range(max((len(select_distinct_axes(axes)) for _, axes in put_back), default=0)):
         again = [
             AxisPart(wear.start_s, wear.end_s, axes[place])
             for wear, axes in put_back
-            for place in choose_apart(axes)[turn : turn + 1]
+            for place in select_distinct_axes(axes)[turn : turn + 1]
         ]
         yield Reading(axis, (*parts, *again))
     for question in questions:
@@ -500,27 +510,27 @@ def list_readings(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
-    """What ties the sensor to the arm.
+    """The mounting of the sensor on the arm.
 
     ``pose``: how the arm was held.
     ``arm_axis``: shape (3,): unit vector in the sensor frame along the upper arm towards the shoulder. It
-    points to the zenith when the arm hangs, so that elevation is the angle between it and the vertical.
+    points to the zenith when the arm hangs, so elevation is the angle between it and the vertical.
     ``sigma_deg``: standard deviation of the axis.
-    ``state``: how the axis is known: one of :data:`fusion.conventions.CalibrationState`.
-    ``windows``: the pose; the same pose held again; for `two-point` hanging and level. Empty if none was
-    held.
-    ``gyro_bias_dps``: shape (3,): mean angular rate in the pose; without one, the mean of the followed bias.
-    ``walking_deg``: angle between the axis and the mean of gravity in walking; None if less than a minute was
-    walked.
-    ``repeat_deg``: largest angle between poses held again on the same arm without a slip between; None for
-    one pose.
-    ``proposals``: if nobody confirmed the pose: the early stillnesses that may be it, the one that is used
-    among them.
-    ``spread_deg``: largest angle between the proposals; above 10 the pose is needed before the figures mean
-    much.
-    ``apart_deg``: angle of each pose held again from the first; empty for one, and for `two-point`.
-    ``questions``, ``differ``: when the sensor may have moved on the arm, as nobody has confirmed or denied;
-    poses that disagree.
+    ``state``: how the axis was determined: one of :data:`fusion.conventions.CalibrationState`.
+    ``windows``: the pose and its repetitions; for `two-point` hanging and level. Empty if none was held.
+    ``gyro_bias_dps``: shape (3,): mean angular rate in the pose; without a pose, the mean of the tracked
+    bias.
+    ``walking_deg``: angle between the axis and the mean of gravity in walking; None with less than a minute
+    of walking.
+    ``repeat_deg``: largest angle between repetitions of the pose without a slip between them; None for one
+    pose.
+    ``proposals``: if the pose is not confirmed: the early still periods that may be it, including the one in
+    use.
+    ``spread_deg``: largest angle between the proposals; above 10 the results mean little until a person names
+    the pose.
+    ``apart_deg``: angle between each repetition and the first pose; empty for one pose, and for `two-point`.
+    ``questions``, ``differ``: when the sensor may have moved on the arm, not yet confirmed or denied; poses
+    that disagree.
     """
 
     pose: Pose
@@ -545,13 +555,16 @@ class Calibration:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibratedSamples:
-    """A recording together with its calibration, so that raw samples cannot be fused by mistake.
+    """A recording with its calibration, so that raw samples cannot be fused by mistake.
 
-    The samples are not copied. ``bias`` is the gyroscope's bias through the whole recording, shared by all
-    segments, as are ``accelerometer`` and ``gyro_scale``.
-    ``runs`` are the segments as the estimators take them, so that no sample is reduced twice; ``axis_parts``
-    the stretches with another axis, or none; ``readings`` the other ways to read the recording that no person
-    has ruled out; ``stills`` the still moments that calibrated the sensor.
+    The samples are not copied.
+
+    ``bias``: the gyroscope's bias through the whole recording, for all segments, like ``accelerometer`` and
+    ``gyro_scale``.
+    ``runs``: the segments as input for the estimators, so that no sample is reduced twice.
+    ``axis_parts``: the stretches with another axis, or none.
+    ``readings``: the alternative readings of the recording that no person has ruled out.
+    ``stills``: the still moments that calibrated the sensor.
     """
 
     recording: Recording
@@ -559,13 +572,13 @@ class CalibratedSamples:
     bias: GyroBias
     accelerometer: AccelerometerCorrection
     stills: QuietTable
-    gyro_scale: GyroScale = field(default_factory=leave_gyro_scale)
+    gyro_scale: GyroScale = field(default_factory=build_identity_gyro_scale)
     runs: tuple[CalibratedRun, ...] = ()
     axis_parts: tuple[AxisPart, ...] = ()
     readings: tuple[Reading, ...] = ()
 
     def run_of(self, segment: Segment) -> CalibratedRun:
-        """Return a segment as the estimators take it; one that was not there before is reduced now."""
+        """Return a segment as input for the estimators; a new segment is reduced now."""
         for known, run in zip(self.recording.segments, self.runs, strict=False):
             if known is segment and run.source is segment.gyr_dps:
                 return run
@@ -577,11 +590,10 @@ class CalibratedSamples:
 def calibrate(
     recording: Recording, settings: AnalysisSettings = DEFAULT_SETTINGS, *, blocks: Blocks | None = None
 ) -> CalibratedSamples:
-    """Tie the sensor to the arm by a pose held still; ``blocks``: the recording reduced, if known already.
+    """Find the arm axis in the sensor from a held pose; ``blocks``: the reduced recording, if already known.
 
-    The arm axis is the direction of gravity in the still window (`n-pose`, `side-lean`), or for `two-point`
-    the direction in the plane of both gravity directions that shares their departure from 90 deg equally
-    between them.
+    The arm axis is the direction of gravity in the still window (`n-pose`, `side-lean`). For `two-point` it
+    is the direction in the plane of both gravity directions that splits their departure from 90 deg equally.
 
     Raises UnusableCalibration: facts ``why`` ("count", "outside", "short", "hole", "moving", "gravity",
     "angle", "none"), ``start_s``, ``end_s``.
@@ -595,10 +607,10 @@ def calibrate(
     early = find_early_stills(recording, wears, stretches_s)
     found, windows = _find_stated(recording, wears[0], correction, settings)
     assumed = assume_pose(early[0], correction, settings.pose_held)
-    poses = found or (assumed or do_without_pose(recording, blocks, wears[0], correction),)
-    questions = tuple(ask(wears, poses, (*settings.slip_times_s, *settings.no_slip_times_s)))
+    poses = found or (assumed or estimate_axis_without_pose(recording, blocks, wears[0], correction),)
+    questions = tuple(find_questions(wears, poses, (*settings.slip_times_s, *settings.no_slip_times_s)))
     put_back = assume_put_back(wears, early, questions, correction)
-    first, read = poses[0], read_recording(wears, (*poses, *put_back), settings.slip_times_s)
+    first, read = poses[0], assign_axes(wears, (*poses, *put_back), settings.slip_times_s)
     windows = windows or ((first.still,) if first.still else ())
     axes = [[still.correct(correction) for still in one.stills] for one in early]
     candidates = [still.correct(correction) for still in first.candidates]
@@ -610,11 +622,11 @@ def calibrate(
         first.state,
         windows,
         windows[0].gyro_bias_dps if windows else sensor.bias.bias_dps.mean(axis=0),
-        None if walking is None else find_angle_deg(walking, read.first.axis),
+        None if walking is None else compute_angle_deg(walking, read.first.axis),
         read.first.repeat_deg,
         first.candidates,
-        find_spread_deg(candidates),
-        tuple(find_angle_deg(again.axis, first.axis) for again in poses[1:]),
+        compute_spread_deg(candidates),
+        tuple(compute_angle_deg(again.axis, first.axis) for again in poses[1:]),
         questions,
         read.differ,
     )
@@ -627,17 +639,17 @@ def calibrate(
 def _find_stated(
     recording: Recording, wear: Wear, accelerometer: AccelerometerCorrection, settings: AnalysisSettings
 ) -> tuple[tuple[FoundPose, ...], tuple[StillPeriod, ...]]:
-    """Return the poses or the axis that a person stated, in order of time, and the windows."""
+    """Return the poses or the axis that a person stated, in time order, and the windows."""
     if settings.calibration_windows_s and settings.pose == "two-point":
         hanging, level = measure_pair(recording, settings.calibration_windows_s)
-        axis = share_between(hanging.correct(accelerometer), level.correct(accelerometer))
+        axis = compute_two_point_axis(hanging.correct(accelerometer), level.correct(accelerometer))
         shorter = min(hanging, level, key=lambda still: still.duration_s)
         pose = replace(describe_pose("given", shorter, accelerometer), time_s=hanging.start_s, axis=axis)
         return (pose,), (hanging, level)
     if settings.calibration_windows_s:
         spans_s = join_overlapping(settings.calibration_windows_s)
-        windows = tuple(measure_asked(recording, span_s) for span_s in spans_s)
-        spread_deg = find_spread_deg([still.correct(accelerometer) for still in windows])
+        windows = tuple(measure_window(recording, span_s) for span_s in spans_s)
+        spread_deg = compute_spread_deg([still.correct(accelerometer) for still in windows])
         state: CalibrationState = "repeated" if len(windows) > 1 and spread_deg <= ALIKE_DEG else "given"
         return tuple(describe_pose(state, still, accelerometer) for still in windows), windows
     if settings.arm_axis is not None:

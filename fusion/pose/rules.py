@@ -1,4 +1,4 @@
-"""The rules of a pose: how still it has to be, and how well each way of knowing it gives the arm's axis."""
+"""Rules for a pose: how still it has to be, and how accurate the arm axis of each source is."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -7,19 +7,20 @@ from itertools import combinations
 import numpy as np
 
 from fusion.conventions import ARM_AXES, ArmAxis
-from fusion.numerics import find_angle_deg
+from fusion.numerics import compute_angle_deg
 from fusion.recording import Float64Array
 from fusion.still_limits import POSE
 
-# What counts as still enough to calibrate on.
+# Limits of stillness for a calibration.
 
 
 @dataclass(frozen=True, slots=True)
 class CalibrationRules:
-    """What counts as still (:data:`fusion.still_limits.POSE`), and as too much motion to calibrate on.
+    """Limits of a still period (:data:`fusion.still_limits.POSE`), and of a window with too much motion.
 
-    The acceleration is within ``one_g_within`` of 1 g, before or after the accelerometer's correction. Of a
-    longer stillness the first ``measured_s`` are measured. The last lines refuse windows.
+    The acceleration must be within ``one_g_within`` of 1 g, before or after the accelerometer's correction.
+    Of a longer still period only the first ``measured_s`` are measured. The last fields are the limits to
+    reject a window.
     """
 
     length_s: float = POSE.window_s
@@ -37,13 +38,13 @@ class CalibrationRules:
 
 RULES = CalibrationRules()
 WINDOW_FAULTS = ("short", "hole", "moving", "gravity")
-"""Why a window that a person chose is refused, within the recording."""
+"""Reasons to reject a window within the recording that a person chose."""
 
 
 def window_rejection_reason(
     duration_s: float, acc_sd_g: float, gravity_g: Float64Array, gyro_sd_dps: float = 0.0
 ) -> str:
-    """Return why a window that a person chose is refused by its length and motion; "" if it is not.
+    """Return why a window that a person chose is rejected for its length or motion; "" if it is accepted.
 
     ``acc_sd_g``, ``gyro_sd_dps``: the largest standard deviation of an axis; ``gravity_g``, shape (3,): the
     mean acceleration.
@@ -60,7 +61,7 @@ def window_rejection_reason(
 
 
 def score_still_period(duration_s: float, acc_sd_g: float, gravity_g: Float64Array) -> float:
-    """Grade a still period, 0 to 1: the product of how still, how near 1 g, how long.
+    """Return the score of a still period, 0 to 1: the product of how still, how near 1 g, how long.
 
     Still: ``1 / (1 + (sd / 0.01 g)^2)``, a half at the limit. Near: ``1 - ||a| - 1| / 0.2 g``, a half at the
     limit, not below 0. Long: ``duration / 5 s``, at most 1.
@@ -71,32 +72,33 @@ def score_still_period(duration_s: float, acc_sd_g: float, gravity_g: Float64Arr
     return float(still * near * min(1.0, duration_s / RULES.length_s))
 
 
-# The arm's axis in the sensor: how well each way of knowing it ties the two together.
+# The arm axis in the sensor: accuracy by source.
 #
-# A reading is one way to read the whole recording: an axis, and the stretches that another axis reads.
+# A reading is one interpretation of the whole recording: an axis, and the stretches with another axis.
 
 ALIKE_DEG = 10.0
 """Poses within this angle agree: two clips of one person in the same stance differ by 2 to 10 deg."""
 TENDENCY_SIGMA_DEG, REPEAT_SIGMA_DEG = 4.0, 3.0
-"""Standard deviations of a held pose: what this person always does (arms hang 8 to 13 deg from plumb), and
-what changes from one pose to the next; 5 deg together.
+"""Standard deviations of a held pose: a person's constant tendency (arms hang 8 to 13 deg from plumb), and
+the variation from one pose to the next; 5 deg together.
 """
 HELD_SIGMA_DEG = float(np.hypot(TENDENCY_SIGMA_DEG, REPEAT_SIGMA_DEG))
 ASSUMED_SIGMA_DEG, AXIS_SIGMA_DEG = 7.0, 8.0
 WALKING_SIGMA_DEG = 10.0
-"""In ordinary gait the mean of gravity lies 14 to 18 deg from the arm's axis."""
+"""In ordinary gait the mean of gravity is 14 to 18 deg from the arm axis."""
 MOMENT_SIGMA_DEG = 35.0
 SAME_DEG, MOST_READINGS = 3.0, 5
-"""Readings nearer to each other than this are not told apart."""
+"""Readings closer to each other than this are treated as the same."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AxisPart:
-    """A stretch, seconds from the first sample, that the first axis does not read.
+    """A stretch, seconds from the first sample, where the first axis does not apply.
 
-    ``arm_axis`` (3,) is the axis there, ``sigma_deg`` what its uncertainty adds to that of the first; None
-    if the stretch is left out because a person said that the sensor slipped. ``is_posed``: a pose was held
-    in it.
+    ``arm_axis`` (3,): the axis there; None if the stretch is excluded because a person stated that the sensor
+    slipped.
+    ``sigma_deg``: the uncertainty that it adds to that of the first axis.
+    ``is_posed``: whether a pose was held in it.
     """
 
     start_s: float
@@ -108,7 +110,7 @@ class AxisPart:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reading:
-    """One way to read a recording: the axis (3,), and the stretches that it does not read, in order."""
+    """One interpretation of a recording: the axis (3,), and the stretches with another axis, in order."""
 
     arm_axis: Float64Array
     parts: tuple[AxisPart, ...] = ()
@@ -120,10 +122,10 @@ def estimate_held_sigma(held_s: float) -> float:
 
 
 def estimate_repeated_sigma(apart_deg: Sequence[float]) -> float:
-    """Return the standard deviation of the mean of poses that lie so far from it.
+    """Return the standard deviation of the mean of several poses, from the angle of each to the mean.
 
-    What changes from pose to pose is measured, beside two poses' worth of what people show; its mean shrinks
-    with the number of poses. What the person always does stays.
+    The variation from pose to pose is measured, together with a prior worth two poses; its effect decreases
+    with the number of poses. The person's constant tendency remains.
     """
     count = len(apart_deg)
     squares = 2.0 * REPEAT_SIGMA_DEG**2 + float(np.sum(np.square(apart_deg)))
@@ -132,27 +134,27 @@ def estimate_repeated_sigma(apart_deg: Sequence[float]) -> float:
 
 
 def point_along(axis: ArmAxis) -> Float64Array:
-    """Return the unit vector (3,) of the sensor's axis that was strapped along the arm, to the shoulder."""
+    """Return the unit vector (3,) of the sensor axis that was strapped along the arm, to the shoulder."""
     return np.where(np.arange(3) == "xyz".index(axis[1]), -1.0 if axis[0] == "-" else 1.0, 0.0)
 
 
 def find_nearest_axis(direction: Float64Array) -> tuple[ArmAxis, float]:
-    """Return the sensor's axis nearest to a direction (3,), and the angle between them, deg."""
-    apart_deg = {axis: find_angle_deg(point_along(axis), direction) for axis in ARM_AXES}
+    """Return the sensor axis nearest to a direction (3,), and the angle between them, deg."""
+    apart_deg = {axis: compute_angle_deg(point_along(axis), direction) for axis in ARM_AXES}
     nearest = min(ARM_AXES, key=lambda axis: apart_deg[axis])
     return nearest, apart_deg[nearest]
 
 
-def find_spread_deg(axes: Iterable[Float64Array]) -> float:
+def compute_spread_deg(axes: Iterable[Float64Array]) -> float:
     """Return the largest angle between any two directions; 0 for one."""
-    return max((find_angle_deg(one, other) for one, other in combinations(axes, 2)), default=0.0)
+    return max((compute_angle_deg(one, other) for one, other in combinations(axes, 2)), default=0.0)
 
 
-def choose_apart(axes: Sequence[Float64Array], most: int = MOST_READINGS) -> list[int]:
-    """Return the places of axes that stand for all: the first, then each time the one farthest from those."""
+def select_distinct_axes(axes: Sequence[Float64Array], most: int = MOST_READINGS) -> list[int]:
+    """Return the indices of representative axes: the first, then each time the farthest from those chosen."""
     chosen = [0] if axes else []
     while axes and len(chosen) < most:
-        nearest_deg = [min(find_angle_deg(axis, axes[place]) for place in chosen) for axis in axes]
+        nearest_deg = [min(compute_angle_deg(axis, axes[place]) for place in chosen) for axis in axes]
         farthest = int(np.argmax(nearest_deg))
         if nearest_deg[farthest] < SAME_DEG:
             break

@@ -1,7 +1,7 @@
 """When the sensor was worn, how the arm hangs in walking, and when the sensor may have moved on it.
 
-A recording is cut where the sensor may have been off the arm: a table of five minutes or more
-(:func:`fusion.pose.calibrate.find_tables`), or a hole as long.
+A recording is split at times when the sensor may have been off the arm: five minutes or more on a table
+(:func:`fusion.pose.calibrate.find_tables`), or a gap of that length.
 """
 
 from collections.abc import Sequence
@@ -12,15 +12,15 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.numerics import cos_deg, find_angle_deg, find_turn
+from fusion.numerics import compute_angle_deg, compute_rotation, cos_deg
 from fusion.recording import Float64Array
 from fusion.sensor.model import AccelerometerCorrection
 from fusion.sensor.stillness import QuarterSeconds
 
-# The directions in which the sensor saw gravity, in windows of 2 s, at rest and in walking.
+# Directions of gravity in the sensor, in windows of 2 s, at rest and in walking.
 
-MOST = 500
-"""So many moments at even steps are enough to compare all with all."""
+MAX_MOMENTS = 500
+"""This many moments at even steps are enough to compare all pairs."""
 CALM_BLOCKS = 8
 CALM_WITHIN_G = 0.1
 STRIDING_SD_G = (0.15, 0.8)
@@ -40,11 +40,11 @@ class Moments:
         return Moments(self.time_s[rows], self.up[rows])
 
     def within(self, first_s: float, end_s: float) -> "Moments":
-        """Return those from ``first_s`` on and before ``end_s``."""
+        """Return the moments from ``first_s`` on and before ``end_s``."""
         return self.select((self.time_s >= first_s) & (self.time_s < end_s))
 
-    def thin(self, most: int = MOST) -> "Moments":
-        """Return at most so many, at even steps."""
+    def thin(self, most: int = MAX_MOMENTS) -> "Moments":
+        """Return at most ``most`` moments, at even steps."""
         step = -(-len(self.up) // most) or 1
         return Moments(self.time_s[::step], self.up[::step])
 
@@ -52,15 +52,14 @@ class Moments:
 def find_moments(
     blocks: Sequence[QuarterSeconds], accelerometer: AccelerometerCorrection
 ) -> tuple[Moments, Moments]:
-    """Return the calm moments, and those of them at which the wearer seems to walk.
+    """Return the calm moments, and the calm moments in which the wearer seems to walk.
 
-    Calm: the mean acceleration of 2 s is within 0.1 g of gravity.
-    Walking: five windows of 2 s in a row or more, each shaken as by steps (standard deviation of the
-    acceleration, the three axes together, 0.15 to 0.8 g) and within 15 deg of the one before. Some carrying
-    and work at a bench passes for it, so that only the commonest direction of many tells. In ordinary gait it
-    lies 14 to 18 deg from the arm's axis (optical capture of 16 styles, 5 to 42 over all), and 2.5 to 7 from
-    the same person's relaxed stance; on the two worn upper arms among the project's recordings (45 s of
-    walking) 6 and 10.
+    Calm: the mean acceleration of 2 s is within 0.1 g of gravity. Walking: at least five consecutive windows
+    of 2 s, each with step-like shaking (standard deviation of the acceleration, the three axes together, 0.15
+    to 0.8 g) and within 15 deg of the one before. Some carrying and bench work also fits this, so only the
+    most common direction of many is used. In ordinary gait it is 14 to 18 deg from the arm axis (optical
+    capture of 16 styles, 5 to 42 in total), and 2.5 to 7 from the same person's relaxed stance. On the two
+    upper-arm recordings of the project (45 s of walking) it is 6 and 10.
     """
     calm, striding = [], []
     for run in blocks:
@@ -96,16 +95,17 @@ def _join(found: Sequence[Moments]) -> Moments:
 
 HOLE_S = 300.0
 LEAST_SHARE = 0.15
-"""Of the calm moments of the longest stretch: one with fewer is a sensor in a bag or in a hand."""
+"""Share of the calm moments of the longest stretch; with fewer, the sensor was in a bag or in a hand."""
 Cut = tuple[float, float]
 """Start and end of a stretch in which the sensor may have been off, s."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Wear:
-    """A stretch of wear, at ``worn_from_s`` at the earliest; ``off_s``: how long it was off before.
+    """A stretch of wear, from ``worn_from_s`` at the earliest; ``off_s``: how long it was off before.
 
-    ``calm``: how the sensor saw gravity; ``strides``: while the wearer seemed to walk.
+    ``calm``: directions of gravity.
+    ``strides``: the same while the wearer seemed to walk.
     """
 
     start_s: float
@@ -119,7 +119,7 @@ class Wear:
 def divide_by_wear(
     blocks: Sequence[QuarterSeconds], accelerometer: AccelerometerCorrection, tables_s: Sequence[Cut]
 ) -> tuple[Wear, ...]:
-    """Return the stretches of wear worth the name, one at least, which cover the whole recording."""
+    """Return the substantial stretches of wear, at least one; together they cover the whole recording."""
     ends_s = [(run.start_s, run.start_s + len(run.acc) * run.block_s) for run in blocks]
     holes_s = [(before[1], after[0]) for before, after in pairwise(ends_s) if after[0] - before[1] >= HOLE_S]
     cuts = sorted([*tables_s, *holes_s])
@@ -145,40 +145,41 @@ def divide_by_wear(
 
 
 def find_wear(wears: Sequence[Wear], time_s: float) -> Wear:
-    """Return the stretch of wear that a time lies in."""
+    """Return the stretch of wear that contains a time."""
     return next(wear for wear in reversed(wears) if wear.start_s <= time_s)
 
 
-# How the arm hangs in walking, and when the sensor may have moved on it: a question, never an answer.
+# How the arm hangs in walking, and when the sensor may have moved on it: always a question to the person.
 #
-# A slip shows if somebody walked before and after it, half a minute each, with the arm hanging steadily in
-# two directions. Without walking a slip cannot be told from other work.
+# A slip is visible if the person walked for half a minute before and after it, and the arm hung steadily in
+# two different directions. Without walking, a slip looks like other work.
 
 NEAR_DEG = 10.0
-"""Directions are counted within this angle of each other."""
+"""A direction counts as near within this angle."""
 LEAST_STRIDING = 15
 """Half a minute of walking, in windows of 2 s."""
 MINUTE_STRIDING = 30
 STEADY_SHARE = 0.75
-"""Of recorded motion 93 to 100 % of walking lay within 10 deg of its commonest direction, 55 to 62 % of fast
-work that passes for walking.
+"""In recorded motion 93 to 100 % of walking was within 10 deg of its most common direction, and 55 to 62 % of
+fast work that looks like walking.
 """
 MOVED_DEG = 12.0
 OWN_SHARE, OTHER_SHARE, TOLD_SHARE = 0.6, 0.2, 0.97
 PLACES, MOST_STRIDES, LEAST_REST = 60, 150, 60
 ALIKE_SHARE, MOVED_SHARE = 0.8, 0.5
-"""Of recorded motion 0.85 to 1.05 without a slip, 0.69 at most after one of 20 deg, 0.38 after 45 deg."""
+"""In recorded motion 0.85 to 1.05 without a slip, at most 0.69 after a slip of 20 deg, 0.38 after 45 deg."""
 ANSWER_S = 600.0
-"""A person who answers knows the time this exactly."""
+"""Accuracy of the time that a person states."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Question:
     """The sensor may have moved between two times.
 
-    ``kind``: "slip" while it was worn, "put_back" after it was off, "poses" between two that disagree;
-    ``apart_deg``: by how much, if known. ``turn`` (3, 3): of the axis before it into the one after it, which
-    holds until ``until_s``; None if not known.
+    ``kind``: "slip" while it was worn, "put_back" after it was off, "poses" between two that disagree.
+    ``apart_deg``: by how much, if known.
+    ``turn`` (3, 3): rotation from the axis before to the axis after, which applies until ``until_s``; None if
+    unknown.
     """
 
     kind: Literal["slip", "put_back", "poses"]
@@ -189,19 +190,19 @@ class Question:
     until_s: float = np.inf
 
     def is_answered(self, times_s: Sequence[float]) -> bool:
-        """Return whether a person named a time in it, or near it."""
+        """Return whether a person stated a time within it, or near it."""
         return any(self.first_s - ANSWER_S <= time_s <= self.end_s + ANSWER_S for time_s in times_s)
 
 
 def share_near(up: Float64Array, directions: Float64Array) -> Float64Array:
     """Return the share of the moments near each direction."""
-    # Not `@`: the threads it starts for so little wait longer, at work, than the product takes.
+    # Not `@`: for such a small product, its threads take longer to start than to compute.
     cosines = np.einsum("md,nd->nm", up, directions)
     return np.asarray((cosines >= cos_deg(NEAR_DEG)).mean(axis=1))
 
 
 def find_commonest(up: Float64Array) -> tuple[Float64Array, float]:
-    """Return the commonest direction, and the share of the moments near it."""
+    """Return the most common direction, and the share of the moments near it."""
     shares = share_near(up, up)
     best = int(np.argmax(shares))
     mean = up[up @ up[best] >= cos_deg(NEAR_DEG)].mean(axis=0)
@@ -209,9 +210,9 @@ def find_commonest(up: Float64Array) -> tuple[Float64Array, float]:
 
 
 def find_walking(strides: Moments) -> Float64Array | None:
-    """Return how the arm hung in a minute of walking or more, most of it in one direction; None without.
+    """Return how the arm hung in at least a minute of walking, mostly in one direction; None otherwise.
 
-    Fast work passes for walking, but not in one direction.
+    Fast work looks like walking, but not in one direction.
     """
     if len(strides.up) < MINUTE_STRIDING:
         return None
@@ -219,10 +220,10 @@ def find_walking(strides: Moments) -> Float64Array | None:
     return direction if share >= STEADY_SHARE else None
 
 
-def ask_for_slip(strides: Moments, calm: Moments) -> Question | None:
-    """Return the slip that walking shows within one stretch of wear; None if it shows none.
+def find_slip(strides: Moments, calm: Moments) -> Question | None:
+    """Return the slip that walking shows within one stretch of wear; None if there is none.
 
-    The other postures must also have changed: if they stay as they were, the person carries loads.
+    The other postures must also have changed. If they have not, the person carries loads.
     """
     few = strides.thin(4 * MOST_STRIDES)
     count = len(few.up)
@@ -233,22 +234,25 @@ def ask_for_slip(strides: Moments, calm: Moments) -> Question | None:
         tuple(find_commonest(up[:: -(-len(up) // MOST_STRIDES)]) for up in (few.up[:edge], few.up[edge:]))
         for edge in edges
     ]
-    told = [edge * one[1] + (count - edge) * two[1] for edge, (one, two) in zip(edges, sides, strict=True)]
-    edge, ((before, before_share), (after, after_share)) = edges[np.argmax(told)], sides[int(np.argmax(told))]
-    apart_deg = find_angle_deg(before, after)
+    scores = [edge * one[1] + (count - edge) * two[1] for edge, (one, two) in zip(edges, sides, strict=True)]
+    edge, ((before, before_share), (after, after_share)) = (
+        edges[np.argmax(scores)],
+        sides[int(np.argmax(scores))],
+    )
+    apart_deg = compute_angle_deg(before, after)
     knows = max(share_near(few.up[:edge], after[None])[0], share_near(few.up[edge:], before[None])[0])
     if apart_deg < MOVED_DEG or min(before_share, after_share) < OWN_SHARE or knows > OTHER_SHARE:
         return None
-    likely = edges[np.array(told) >= TOLD_SHARE * max(told)]
+    likely = edges[np.array(scores) >= TOLD_SHARE * max(scores)]
     first_s, end_s = float(few.time_s[likely[0] - 1]), float(few.time_s[likely[-1]])
     rest = calm.select(~np.isin(calm.time_s, strides.time_s))
     earlier, later = rest.within(-np.inf, first_s).thin().up, rest.within(end_s, np.inf).thin().up
     if min(len(earlier), len(later)) >= LEAST_REST and compare_postures(earlier, later) > ALIKE_SHARE:
         return None
-    return Question("slip", first_s, end_s, apart_deg, find_turn(before, after))
+    return Question("slip", first_s, end_s, apart_deg, compute_rotation(before, after))
 
 
 def compare_postures(earlier: Float64Array, later: Float64Array) -> float:
-    """Return how often two stretches hold each other's postures, as a share of how often each its own."""
+    """Return the similarity of the postures of two stretches, relative to that within each."""
     own = np.mean([share_near(*np.array_split(side, 2)).mean() for side in (earlier, later)])
     return float(share_near(earlier, later).mean() / max(own, 1e-9))

@@ -1,6 +1,6 @@
-"""How far the numbers can be trusted: what was left out, where the time went, the verdict.
+"""Reliability of the figures: excluded time, the use of time, the verdict.
 
-Only the values are loaded with the package, so that a report can be written without the compiler.
+Importing the package only loads the values, so a report can be written without the compiler.
 """
 
 from dataclasses import dataclass
@@ -13,9 +13,9 @@ Verdict = Literal["good", "caution", "poor"]
 
 @dataclass(frozen=True, slots=True)
 class TimePart:
-    """What one kind of time adds to the recording: the work, a kind of task, a reason for leaving out.
+    """The time of one kind in the recording: the work, a kind of task, a reason for exclusion.
 
-    ``account``: which of the three sums it belongs to.
+    ``account``: the sum it belongs to.
     ``name``: the kind or the reason.
     ``duration_us``: microseconds.
     """
@@ -42,11 +42,11 @@ class TimeAccount:
 
 @dataclass(frozen=True, slots=True)
 class Quality:
-    """How far the figures can be trusted.
+    """Reliability of the figures.
 
     ``verdict``: "good", "caution" or "poor".
-    ``reasons``: codes of the flags that count in it.
-    ``flags``: all caveats, the gravest first.
+    ``reasons``: codes of the flags that count towards it.
+    ``flags``: all caveats, the most serious first.
     """
 
     verdict: Verdict

@@ -1,4 +1,4 @@
-"""Where the recording's time went."""
+"""Account for the time of a recording."""
 
 import math
 from bisect import bisect_right
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
-from fusion.elevation import AngleRows, Elevation, lay_rows
+from fusion.elevation import AngleRows, Elevation, group_rows
 from fusion.errors import TooShort
 from fusion.numba_kernels import kernel
 from fusion.pose.calibrate import Blocks, reduce_recording
@@ -35,7 +35,7 @@ from fusion.runs import (
 from fusion.sensor.self_calibration import find_limits
 from fusion.still_limits import OFF_THE_ARM
 
-# Where a sensor was driven to the end of its range.
+# Where a sensor reached the end of its range.
 
 
 MARGIN_S = 0.1
@@ -44,7 +44,7 @@ FloatMatrix = NDArray[np.float32]
 
 
 def _find_clipped(recording: Recording, blocks: Blocks) -> list[Span]:
-    """Find the stretches with a clipped sample (:func:`fusion.sensor.self_calibration.find_limits`).
+    """Return the stretches with a clipped sample (:func:`fusion.sensor.self_calibration.find_limits`).
 
     They are widened by 100 ms (in whole rows) on each side.
     """
@@ -60,7 +60,7 @@ def _find_clipped(recording: Recording, blocks: Blocks) -> list[Span]:
             continue
         marked = np.zeros(len(segment), np.bool_)
         marked[acc_rows] = marked[gyr_rows] = True
-        margin_rows = math.ceil(MARGIN_S * segment.rate_hz)  # whole rows, so that no part of one is left over
+        margin_rows = math.ceil(MARGIN_S * segment.rate_hz)  # whole rows, so that no partial row remains
         margin = np.array([-margin_rows, margin_rows])
         rows: IntArray = np.clip(find_runs(marked) + margin, 0, len(segment))
         times_us = segment.start_us + np.rint(rows * (MICROSECONDS / segment.rate_hz)).astype(np.int64)
@@ -71,7 +71,7 @@ def _find_clipped(recording: Recording, blocks: Blocks) -> list[Span]:
 def _list_outside(
     samples: FloatMatrix, ends: NDArray[np.float64], rows_per_block: int, limits: FloatMatrix
 ) -> NDArray[np.intp]:
-    """List the rows with an axis at or past a limit; only the blocks that get there are looked at."""
+    """Return the rows with an axis at or past a limit; only examine the blocks that reach it."""
     blocks = np.flatnonzero(((limits[0] >= ends[:3].T) | (limits[1] <= ends[3:].T)).any(axis=1))
     rows = (blocks[:, None] * rows_per_block + np.arange(rows_per_block)).ravel()
     rows = rows[rows < len(samples)]
@@ -80,22 +80,22 @@ def _list_outside(
     return np.asarray(rows[is_outside.any(axis=1)])
 
 
-# What is left out of the analysis, and why.
+# Time excluded from the analysis, and the reasons.
 
 
 SHORTEST_SEGMENT_US = MICROSECONDS
 SHORTEST_RECORDING_US = 10 * MICROSECONDS
 WITHOUT_MINIMUM = ("angles", "mvn")
-"""Devices of ready angles, any length of which can be analysed."""
+"""Devices of ready angles, which can be analysed at any length."""
 
 
 def find_exclusions(recording: Recording, blocks: Blocks | None = None) -> tuple[Span, ...]:
-    """Find what is left out: docked or asleep, segments under 1 s, clipped samples with 100 ms on each side.
+    """Return the excluded time: docked or asleep, segments under 1 s, clipped samples with 100 ms margins.
 
-    The spans are disjoint, in time order and inside the recording; where reasons overlap, the first of this
-    list is given. They begin and end with rows of the angle, so that no part of a row is left over. A ready
-    angle series has no samples, hence only what its file says. ``blocks``: the recording reduced, where the
-    caller has it already.
+    The spans are disjoint, in time order and within the recording; if reasons overlap, the first of this list
+    is used. They start and end with rows of the angle, so that no partial row remains. A ready angle series
+    has no samples, so only the exclusions of its file apply. ``blocks``: the reduced recording, if the caller
+    has it already.
     """
     if not recording.holds_samples:
         return make_disjoint(recording.excluded, recording.duration_us)
@@ -106,14 +106,14 @@ def find_exclusions(recording: Recording, blocks: Blocks | None = None) -> tuple
     ]
     clipped = _find_clipped(recording, blocks or reduce_recording(recording))
     spans = [*clipped, *short, *recording.excluded]
-    coarse = [rows for rows in map(lay_rows, recording.segments) if rows.per_row > 1]
+    coarse = [rows for rows in map(group_rows, recording.segments) if rows.per_row > 1]
     if coarse:
         spans = [_widen_to_rows(span, coarse) for span in spans]
     return make_disjoint(spans, recording.duration_us)
 
 
 def _widen_to_rows(span: Span, runs: Sequence[AngleRows]) -> Span:
-    """Let a span begin and end with a row of the angle where several samples make a row."""
+    """Widen a span to whole rows of the angle, if a row has several samples."""
     start_us, end_us = span.start_us, span.end_us
     for edge_us in (start_us, end_us):
         place = bisect_right(runs, edge_us, key=lambda run: run.start_us) - 1
@@ -125,8 +125,8 @@ def _widen_to_rows(span: Span, runs: Sequence[AngleRows]) -> Span:
     return replace(span, start_us=start_us, duration_us=end_us - start_us)
 
 
-def refuse_short(recording: Recording) -> None:
-    """Refuse what cannot hold the 10 s that an analysis needs, before anything is looked for in it.
+def check_minimum_duration(recording: Recording) -> None:
+    """Check that the recording can contain the 10 s that an analysis needs, before anything else.
 
     Raises TooShort.
     """
@@ -136,7 +136,7 @@ def refuse_short(recording: Recording) -> None:
 
 
 def make_disjoint(spans: Iterable[Span], duration_us: int) -> tuple[Span, ...]:
-    """Cut spans so that none overlap, the later in the list winning, and join equal neighbours."""
+    """Cut spans so that none overlap, later spans taking precedence, and join equal neighbours."""
     kept = [span for span in spans if span.start_us < duration_us and span.end_us > 0]
     bounds = [(max(span.start_us, 0), min(span.end_us, duration_us)) for span in kept]
     edges = np.unique(np.array(bounds, np.int64))
@@ -154,7 +154,10 @@ def make_disjoint(spans: Iterable[Span], duration_us: int) -> tuple[Span, ...]:
 
 
 def leave_out(elevation: Elevation, exclusions: tuple[Span, ...]) -> Elevation:
-    """Mark the rows that the exclusions, apart and in time order, touch as not valid; the angle is shared."""
+    """Mark the rows that the exclusions overlap as not valid; the angle array is shared.
+
+    The exclusions are sorted and do not overlap.
+    """
     if not exclusions:
         return elevation
     segments = []
@@ -169,11 +172,11 @@ def leave_out(elevation: Elevation, exclusions: tuple[Span, ...]) -> Elevation:
 
 Account = Literal["analysed", "excluded", "missing"]
 
-SAID_BY_A_PERSON = frozenset({"break", "not-worn", "outside", "seated", "supported", "task", "work", "shift"})
+STATED_REASONS = frozenset({"break", "not-worn", "outside", "seated", "supported", "task", "work", "shift"})
 
 
 CAUSES = {Caveat.RESOLUTION: "resolution", Caveat.ACC_DRIFT: "drift"}
-"""Of time that is lost in a way that does not show them."""
+"""Remedies for time that is lost without a visible reason."""
 
 
 def account_time(
@@ -182,13 +185,13 @@ def account_time(
     exclusions: tuple[Span, ...],
     flags: tuple[QualityFlag, ...] = (),
 ) -> TimeAccount:
-    """Account for every microsecond: analysed are the valid rows, missing is what nothing explains.
+    """Account for every microsecond: analysed time is the valid rows, missing time is unexplained.
 
-    A segment's rows last its fitted period, so sums and stamps can differ by a microsecond for each segment
-    and each exclusion; such a difference goes to the excluded time, and is not called missing. ``flags``:
-    further caveats, which may hold the cause if too little time is left.
+    A segment's rows last its fitted period, so sums and timestamps can differ by a microsecond for each
+    segment and each exclusion. Such a difference counts as excluded, not missing. ``flags``: more caveats,
+    which may explain why too little time is left.
 
-    Raises TooShort: when less than 10 s are analysed (ready angles: when nothing is).
+    Raises TooShort: less than 10 s are analysed (ready angles: nothing is).
     """
     analysed_us = sum(
         round(
@@ -213,19 +216,19 @@ def account_time(
 
 
 def count_holes_us(recording: Recording, exclusions: tuple[Span, ...]) -> int:
-    """Count the time without samples that no exclusion explains, with what falls with its row."""
+    """Return the time without samples that no exclusion explains, plus samples that share a row with it."""
     holes = find_missing(recording.segments, recording.duration_us, exclusions)
-    return sum(hole.duration_us for hole in holes) + count_beside_us(recording, exclusions)
+    return sum(hole.duration_us for hole in holes) + count_partial_rows_us(recording, exclusions)
 
 
-def count_beside_us(recording: Recording, exclusions: tuple[Span, ...]) -> int:
-    """Count the time of samples beside a bridged hole, which fall with the row that they share with it.
+def count_partial_rows_us(recording: Recording, exclusions: tuple[Span, ...]) -> int:
+    """Return the time of samples beside a bridged gap that share a row with it, so that the row is not valid.
 
-    None where each sample is a row, as `inspect` counts before an analysis.
+    Zero if each sample is a row, as when `inspect` counts before an analysis.
     """
     beside_us = 0
     for segment in recording.segments:
-        rows = lay_rows(segment)
+        rows = group_rows(segment)
         if rows.per_row == 1 or not segment.bridged:
             continue
         bridged, fallen = np.zeros(len(segment), np.bool_), np.zeros(len(rows), np.bool_)
@@ -246,9 +249,9 @@ def divide_time(
 ) -> TimeAccount:
     """Divide the time into parts: analysed time by kind of period, excluded time by its reason.
 
-    ``analysed_us`` is the analysed time of each kind and adds up to all of it; what rounding leaves over (a
-    microsecond for each segment) goes to the largest part of its account. Of the missing time ``holes_us``
-    is without samples; the rest, from a second on, was recorded and is not trusted.
+    ``analysed_us``: the analysed time of each kind; it adds up to the total. Rounding differences (a
+    microsecond per segment) go to the largest part of their sum. ``holes_us`` of the missing time have no
+    samples; the rest, if at least a second, was recorded but is not trusted.
     """
     untrusted_us = time.missing_us - holes_us if time.missing_us >= holes_us + MICROSECONDS else 0
     missing_us = {"missing": time.missing_us - untrusted_us}
@@ -279,15 +282,15 @@ def _build_parts(account: Account, lengths_us: Mapping[str, int], whole_us: int)
 
 
 def _find_cause(flags: Iterable[QualityFlag]) -> dict[str, str]:
-    """The cure for a sensor that loses time: its resolution, or its accelerometer's drift."""
+    """Return the remedy for a sensor that loses time: its resolution, or its accelerometer's drift."""
     found = [CAUSES[Caveat(flag.code)] for flag in flags if flag.code in CAUSES]
     return {"cure": found[0]} if found else {}
 
 
 def _describe_largest(exclusions: tuple[Span, ...], left_out_us: int = 0) -> dict[str, str | float]:
-    """Describe the largest exclusion: reason, duration, and the cure if a person can undo it.
+    """Describe the largest exclusion: reason, duration, and the remedy if a person can undo it.
 
-    ``left_out_us``: of the samples; what no exclusion explains was not trusted.
+    ``left_out_us``: of the samples; time that no exclusion explains was not trusted.
     """
     lengths_us = _sum_by_reason(exclusions)
     untrusted_us = left_out_us - sum(lengths_us.values())
@@ -296,13 +299,13 @@ def _describe_largest(exclusions: tuple[Span, ...], left_out_us: int = 0) -> dic
     if not lengths_us:
         return {}
     largest = max(lengths_us, key=lambda reason: lengths_us[reason])
-    told: dict[str, str | float] = {"left_out": largest, "left_out_s": lengths_us[largest] / MICROSECONDS}
-    if largest in SAID_BY_A_PERSON:
-        told["cure"] = "left out"
-    return told
+    facts: dict[str, str | float] = {"left_out": largest, "left_out_s": lengths_us[largest] / MICROSECONDS}
+    if largest in STATED_REASONS:
+        facts["cure"] = "left out"
+    return facts
 
 
-# Where the sensor may have lain on a desk: proposed to the person, never applied.
+# Time when the sensor may have been on a desk: proposed to the person, never applied.
 
 
 SHORTEST_S = 600.0
@@ -311,8 +314,8 @@ SHORTEST_S = 600.0
 def propose_nonwear(recording: Recording, left_out: tuple[Span, ...] = ()) -> tuple[Span, ...]:
     """Return the stretches in which the sensor may not have been worn.
 
-    ``left_out`` are stretches that are not analysed anyway; a proposal is dropped if
-    too little of it lies outside them.
+    ``left_out``: stretches that are excluded anyway; a proposal is dropped if too little of it is outside
+    them.
     """
     kept = []
     for span in (span for segment in recording.segments for span in _find_still(segment)):
@@ -337,14 +340,14 @@ def _find_still(segment: Segment) -> list[Span]:
 
 @kernel
 def _mark_still(acc_g: Any, rows: int, still_g: float, still: Any) -> None:  # pragma: no cover
-    """Mark the windows of ``rows`` rows in which every axis' standard deviation is under ``still_g``."""
+    """Mark the windows of ``rows`` rows in which every axis has a standard deviation under ``still_g``."""
     for k in range(len(still)):
         still[k] = True
         for axis in range(3):
             first = acc_g[k * rows, axis]
             total, squares = 0.0, 0.0
             for i in range(k * rows, (k + 1) * rows):
-                value = acc_g[i, axis] - first  # about a value of the window, so that nothing cancels
+                value = acc_g[i, axis] - first  # relative to a value of the window, to avoid cancellation
                 total += value
                 squares += value * value
             if squares / rows - (total / rows) ** 2 >= still_g * still_g:

@@ -1,4 +1,4 @@
-"""Caveats that an analysis raises itself, and the verdict: good, caution or poor, and why."""
+"""Caveats that the analysis adds, and the verdict (good, caution or poor) with its reasons."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
@@ -7,12 +7,12 @@ import numpy as np
 from fusion.caveats import FEW_H, POOR_H, TIME_LOST, Caveat, Grade
 from fusion.checks.summary import number_directions
 from fusion.conventions import NPOSE_ERROR_DEG, is_npose
-from fusion.elevation import Elevation, lay_rows
+from fusion.elevation import Elevation, group_rows
 from fusion.exposure.types import LEAST_RANGED_S, Exposure
 from fusion.pose.calibrate import TABLE_SWAY_DPS, CalibratedSamples, Calibration, StillPeriod
 from fusion.pose.rules import RULES
 from fusion.quality import Quality, TimeAccount, Verdict
-from fusion.quality.time_account import count_beside_us
+from fusion.quality.time_account import count_partial_rows_us
 from fusion.recording import (
     MICROSECONDS,
     Float64Array,
@@ -41,20 +41,20 @@ def assess_quality(
     exclusions: tuple[Span, ...],
     calibration_flags: tuple[QualityFlag, ...] = (),
 ) -> Quality:
-    """Collect every caveat and return the verdict with the codes of all that count, the gravest first.
+    """Collect every caveat and return the verdict with the codes that count, the most serious first.
 
-    Poor: less than 2 h or half of the recording analysed, no pose held still, a pose in a stretch that is not
-    trusted, more than 30 deg from walking or known no better than 10 deg, a sensor that sat otherwise for
-    half of the recording, sensor upside down. Caution: less than
-    4 h, 1 % or more missing, 0.1 % or more clipped, any other doubt about the signal (the sensor may
-    not have been worn). A note (a duplicate second, the N-pose) leaves the verdict good. Within a grade the
-    caveat that cost the most time comes first.
+    Poor: less than 2 h or half of the recording analysed; no pose held still; a pose in a stretch that is not
+    trusted, more than 30 deg from walking or with an uncertainty over 10 deg; a sensor with another
+    orientation for half of the recording; a sensor upside down. Caution: less than 4 h, 1 % or more missing,
+    0.1 % or more clipped, or any other doubt about the signal (such as a sensor that may not have been worn).
+    A note (a duplicate second, the N-pose) leaves the verdict good. Within a grade the caveat that cost the
+    most time comes first.
     """
     given = (*recording.flags, *calibration_flags)
-    told = {flag.code for flag in given}
+    known_codes = {flag.code for flag in given}
     own = _find_own_flags(recording, calibration, time, exclusions)
-    flags = [*given, *(flag for flag in own if flag.code not in told)]
-    # then by the time that a caveat cost; else as read
+    flags = [*given, *(flag for flag in own if flag.code not in known_codes)]
+    # then by the time that a caveat cost; otherwise in the order found
     flags = sorted(flags, key=lambda flag: (-_grade(flag, time), -flag.seconds * (flag.code in TIME_LOST)))
     worst = max((_grade(flag, time) for flag in flags), default=Grade.NOTE)
     reasons = dict.fromkeys(flag.code for flag in flags if _grade(flag, time) > Grade.NOTE)
@@ -62,7 +62,7 @@ def assess_quality(
 
 
 def _grade(flag: QualityFlag, time: TimeAccount) -> Grade:
-    """Return the grade that is declared for a caveat, or the next where it passes its limit."""
+    """Return the declared grade of a caveat, or the next one if it passes its limit."""
     caveat = Caveat(flag.code)
     is_graver = (
         flag.seconds * MICROSECONDS >= caveat.limit.from_share * time.recorded_us
@@ -84,14 +84,14 @@ def _find_own_flags(
 
 
 def _find_diary_spans(exclusions: tuple[Span, ...]) -> tuple[Span, ...]:
-    """Return the time that the person excluded, without what the signal or the device excluded."""
+    """Return the time that the person excluded, without exclusions by the signal or the device."""
     return tuple(span for span in exclusions if span.reason not in SIGNAL_REASONS)
 
 
 def find_holes(recording: Recording, left_out: tuple[Span, ...] = ()) -> list[Span]:
-    """Return the stretches between segments that neither the device nor the diary accounts for."""
+    """Return the stretches between segments that neither the device nor the diary explains."""
     if not recording.holds_samples:
-        return []  # its segments hold no samples; the reader of angles tells its holes
+        return []  # its segments have no samples; the reader of angles reports its gaps
     known = [(segment.start_us, segment.end_us) for segment in recording.segments]
     known += [(span.start_us, span.end_us) for span in (*recording.excluded, *left_out)]
     holes = find_uncovered(known, 0, recording.duration_us, 1)  # a microsecond is rounding
@@ -101,7 +101,7 @@ def find_holes(recording: Recording, left_out: tuple[Span, ...] = ()) -> list[Sp
 def _flag_untrusted(
     recording: Recording, time: TimeAccount, holes: list[Span], exclusions: tuple[Span, ...]
 ) -> Iterable[QualityFlag]:
-    """Flag time that was recorded but whose direction the fusion did not trust."""
+    """Return the flag of time that was recorded but whose direction the fusion did not trust."""
     if not recording.holds_samples:
         return
     bridged_us = sum(
@@ -113,7 +113,7 @@ def _flag_untrusted(
             for span in exclusions
         )
     )
-    beside_us = count_beside_us(recording, exclusions)
+    beside_us = count_partial_rows_us(recording, exclusions)
     untrusted_us = time.missing_us - bridged_us - beside_us - sum(span.duration_us for span in holes)
     if untrusted_us >= MICROSECONDS:
         yield QualityFlag(Caveat.UNTRUSTED, seconds=untrusted_us / MICROSECONDS)
@@ -122,7 +122,7 @@ def _flag_untrusted(
 def _flag_length(
     recording: Recording, time: TimeAccount, exclusions: tuple[Span, ...]
 ) -> Iterable[QualityFlag]:
-    """Flag too little time; what the person left out was never meant to be analysed."""
+    """Return the flags of too little time; time that the person excluded is not expected to be analysed."""
     analysed_s = time.analysed_us / MICROSECONDS
     wanted_us = time.recorded_us - sum(span.duration_us for span in _find_diary_spans(exclusions))
     share_percent = 100.0 * time.analysed_us / max(wanted_us, 1)
@@ -140,16 +140,16 @@ def _flag_length(
 # Caveats on the pose, the sensor, and the figures.
 
 LARGEST_DRIFT_DPS = 1.0
-"""The gyroscope's offset should keep within 1 deg/s from one still moment to another."""
+"""Usual limit of the change of the gyroscope's offset between still moments."""
 
 RAISED_DEG = 90.0
 LEAST_ANALYSED_S = 3600.0
 
 
 def flag_gyro_drift(bias: GyroBias) -> tuple[QualityFlag, ...]:
-    """Flag the drift of the axis that wandered most, from one extreme to the other (W-GYRO-DRIFT).
+    """Return the flag of the axis with the largest drift, from one extreme to the other (W-GYRO-DRIFT).
 
-    The fusion follows the offset; the drift casts doubt on the sensor (or on its temperature).
+    The fusion corrects the offset; the drift indicates a faulty sensor (or a change of temperature).
     """
     spread_dps = np.ptp(bias.bias_dps, axis=0)
     axis = int(np.argmax(spread_dps))
@@ -162,16 +162,18 @@ def flag_gyro_drift(bias: GyroBias) -> tuple[QualityFlag, ...]:
 
 
 SAME_DEG, FEWEST_RESTS, LEAST_DRIFT_G = 10.0, 8, 0.015
-"""Recordings in hand read up to 4 mg apart, simulated devices up to 7; from 25 mg on time is lost."""
+"""The recordings of the project differ by up to 4 mg, simulated devices by up to 7; from 25 mg on time is
+lost.
+"""
 
 
 def flag_accelerometer_drift(
     stills: QuietTable, accelerometer: AccelerometerCorrection
 ) -> tuple[QualityFlag, ...]:
-    """Flag an accelerometer that reads another length at the end, at rest in one direction (W-ACC-DRIFT).
+    """Return the flag of an accelerometer whose reading at rest changes from start to end (W-ACC-DRIFT).
 
-    The first and the last quarter of the still moments of each direction are compared. What stands still all
-    along, offset and gain, is taken off before: within a direction it would pass for a change.
+    Compares the first and the last quarter of the still moments of each direction. The constant offset and
+    gain are removed first, because within a direction they would look like a change.
     """
     read_g = (stills.gravity_g - accelerometer.mean_offset_g) @ accelerometer.gain
     length_g = np.linalg.norm(read_g, axis=1)
@@ -192,19 +194,19 @@ def flag_accelerometer_drift(
 
 
 def flag_published(bias: GyroBias, static_dps: Float64Array) -> tuple[QualityFlag, ...]:
-    """Flag `published`: it takes the offset once (``static_dps``, (3,)) and loses slow turns (W-PUBLISHED).
+    """Return the flag of `published`: its offset is constant, ``static_dps`` (3,) (W-PUBLISHED).
 
-    Fact ``dps``: how far the offset of this recording got from that one, as `smoothed` follows it.
+    Fact ``dps``: the largest difference between the offset tracked by `smoothed` and that one.
     """
     farthest_dps = float(np.linalg.norm(bias.bias_dps - static_dps, axis=1).max())
     return (QualityFlag(Caveat.PUBLISHED, facts={"dps": round(farthest_dps, 2)}),)
 
 
 def flag_upside_down(exposure: Exposure) -> tuple[QualityFlag, ...]:
-    """Flag an arm above level for half of an hour or more (W-UPSIDE).
+    """Return the flag of an arm above level for more than half of the time, in an hour or more (W-UPSIDE).
 
-    No work does that. Either the sensor was turned end for end after the pose, or the pose was another one
-    than the request says.
+    No work causes this. Either the sensor was reversed end to end after the pose, or the pose was another one
+    than stated.
     """
     if exposure.analysed_s < LEAST_ANALYSED_S or exposure.percentiles_deg[50] <= RAISED_DEG:
         return ()
@@ -215,13 +217,13 @@ def flag_upside_down(exposure: Exposure) -> tuple[QualityFlag, ...]:
 def flag_untrusted(
     recording: Recording, elevation: Elevation, exclusions: Sequence[Span]
 ) -> tuple[QualityFlag, ...]:
-    """Flag, with their times, the stretches that count as missing though samples are there.
+    """Return the flag of stretches that count as missing although they have samples, with their times.
 
-    ``elevation`` is that of the recording, segment by segment. Rows put in over a hole of up to 50 ms are a
-    part of that hole, and what is excluded is not missing. Less than a second in all is not flagged.
+    ``elevation``: of the recording, segment by segment. Rows that bridge a gap of up to 50 ms belong to that
+    gap, and excluded time is not missing. Less than a second in total is not flagged.
     """
     bridged = {
-        segment.start_us: [lay_rows(segment).hold(first, stop) for first, stop in segment.bridged]
+        segment.start_us: [group_rows(segment).hold(first, stop) for first, stop in segment.bridged]
         for segment in recording.segments
     }
     spans: list[Span] = []
@@ -237,7 +239,7 @@ def flag_untrusted(
 
 
 def flag_untrusted_pose(calibration: Calibration, elevation: Elevation) -> tuple[QualityFlag, ...]:
-    """Flag a calibration window of which at most half is trusted: all angles rest on it (W-POSE-DOUBT)."""
+    """Return the flag of a calibration window that is at most half trusted (W-POSE-DOUBT)."""
     found = []
     for still in calibration.windows:
         valid = []
@@ -265,7 +267,7 @@ def _flag_window(
 
 
 def _flag_state(calibration: Calibration, settings: AnalysisSettings) -> Iterator[QualityFlag]:
-    """Flag what is not known of the pose."""
+    """Yield the flags of what is unknown about the pose."""
     state, facts = calibration.state, {"deg": round(calibration.sigma_deg, 1)}
     if state in {"axis", "none"}:
         yield QualityFlag(Caveat.AXIS if state == "axis" else Caveat.NO_STILL, facts=facts)
@@ -274,7 +276,7 @@ def _flag_state(calibration: Calibration, settings: AnalysisSettings) -> Iterato
         yield flag_stretches(Caveat.WHICH_POSE, spans_s, {"apart_deg": round(calibration.spread_deg)})
     elif state == "assumed":
         yield flag_stretches(Caveat.POSE_ASSUMED, spans_s)
-    if state == "assumed" and calibration.pose == "side-lean":  # nobody said that the trunk was leaning
+    if state == "assumed" and calibration.pose == "side-lean":  # nobody stated that the trunk was leaning
         yield _flag_window(Caveat.LEAN, calibration.windows[0])
     if state in {"assumed", "none"} and settings.pose_held == "start":
         yield QualityFlag(Caveat.NOT_HELD)
@@ -288,7 +290,7 @@ def _flag_state(calibration: Calibration, settings: AnalysisSettings) -> Iterato
 
 
 def _flag_moves(samples: CalibratedSamples) -> Iterator[QualityFlag]:
-    """Flag when the sensor may have moved, poses that disagree, and what a slip that was named left out."""
+    """Yield the flags of possible slips, conflicting poses, and time excluded around a stated slip."""
     questions = (*samples.calibration.questions, *samples.calibration.differ)
     codes = {"slip": Caveat.SLIP, "put_back": Caveat.PUT_BACK, "poses": Caveat.POSES_DIFFER}
     for kind, code in codes.items():

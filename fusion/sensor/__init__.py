@@ -1,1 +1,1 @@
-"""The sensor's own errors: offset of the gyroscope, errors of the accelerometer, scale, still stretches."""
+"""Estimate the sensor's errors: gyroscope offset and scale, accelerometer errors; find still stretches."""

@@ -1,13 +1,12 @@
-"""What the gyroscope reads wrong: its bias through the recording, its axes' scale and misalignment.
+"""Gyroscope errors: the bias through the recording, and the scale and misalignment of its axes.
 
-The bias comes from still moments and from motion together. It is a straight line between knots
-one minute apart, held together by a random walk. Two kinds of observation pull at it: the mean
-angular rate of still moments, and window equations from motion. All are
-solved together by robust least squares (Cauchy weights).
-Where the still moments show that it jumped, the line is broken there: a part that was switched off and on, or
-another sensor from there on, has another offset, and one walk through both would be wrong on one side.
-Still moments are told by how little the rate varies, never by its level, so an offset of tens of deg/s does
-not hide them; a steady turn mistaken for rest is outvoted by the motion windows.
+The bias is estimated from still moments and from motion together. It is piecewise linear between knots one
+minute apart, regularised by a random walk. There are two kinds of observation: the mean angular rate of still
+moments, and window equations from motion. Robust least squares (Cauchy weights) solves all of them together.
+If the still moments show a jump, the line is broken there: a sensor that was switched off and on, or
+replaced, has another offset, and one random walk through both would be wrong on one side. Still moments are
+detected by the variation of the rate, not by its level, so an offset of tens of deg/s does not hide them. If
+a steady rotation is mistaken for rest, the motion windows outweigh it.
 """
 
 from collections.abc import Sequence
@@ -29,29 +28,32 @@ from fusion.sensor.model import (
     LinearInterpolator,
     Nodes,
     SensorRun,
+    build_constant_bias,
+    build_random_walk,
     carry,
-    hold_bias,
-    hold_together,
     reduce_to_nodes,
     solve_band,
     turn_factors,
 )
 from fusion.sensor.stillness import QuietTable
 
-# What motion itself says about the gyroscope's bias.
+# Estimate the gyroscope's bias from motion.
 #
-# Inside a window of about twelve seconds the acceleration is rotated into the frame in which the window
-# began. A person goes nowhere far, so the mean of the second half minus the mean of the first should be
-# nil; a remaining bias tilts the frame, and the difference becomes ``(dM b) x g`` with ``dM`` the
-# difference of the mean integrals of the rotation. It is linear in the bias: many windows together give it.
+# Within a window of about twelve seconds the acceleration is rotated into the frame at the start of the
+# window. A person does not accelerate for long, so the mean of the second half minus the mean of the first
+# should be zero. A remaining bias tilts the frame, and the difference becomes ``(dM b) x g`` with ``dM`` the
+# difference of the mean integrals of the rotation. This is linear in the bias, and many windows together
+# determine it.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WindowEquations:
-    """One vector equation ``matrix @ bias = difference`` for each window; ``bias`` is the whole one, deg/s.
+    """One vector equation ``matrix @ bias = difference`` per window; ``bias`` is the total bias, deg/s.
 
-    ``time_s`` (w,) middle of the window; ``matrix`` (w, 3, 3) in g per deg/s; ``difference`` (w, 3) in g;
-    ``every_s`` the distance of two windows, which overlap where it is less than their length.
+    ``time_s`` (w,): middle of the window.
+    ``matrix`` (w, 3, 3): in g per deg/s.
+    ``difference`` (w, 3): in g.
+    ``every_s``: distance between windows; they overlap if it is less than their length.
     """
 
     time_s: Float64Array
@@ -60,7 +62,7 @@ class WindowEquations:
     every_s: float
 
     def residual(self, bias_dps: Float64Array) -> Float64Array:
-        """What is left of the differences under a bias (3,) or (w, 3)."""
+        """Return the remaining differences for a bias (3,) or (w, 3)."""
         predicted = np.einsum("wij,wj->wi", self.matrix, np.broadcast_to(bias_dps, self.difference.shape))
         return np.asarray(self.difference - predicted)
 
@@ -68,7 +70,7 @@ class WindowEquations:
 def form_equations(
     nodes: Sequence[Nodes], bias: GyroBias, length_s: float, every_s: float
 ) -> WindowEquations:
-    """Place windows over all runs and write down what each says, linearised about ``bias``."""
+    """Build the equations of windows over all runs, linearised about ``bias``."""
     parts = [_form_of_run(run, bias, length_s, every_s) for run in nodes]
     time_s, matrix, difference = (np.concatenate(column) for column in zip(*parts, strict=True))
     return WindowEquations(time_s, matrix, difference, every_s)
@@ -97,10 +99,11 @@ def _form_of_run(
 def _walk_windows(
     acc: Any, turns: Any, first: Any, steps: Any, bias: Any, room: Any, out: Any
 ) -> None:  # pragma: no cover
-    """For the windows that begin at the nodes ``first``, with ``bias`` (w, 3), rad/s, taken off.
+    """Integrate the windows that begin at the nodes ``first``, with ``bias`` (w, 3), rad/s, subtracted.
 
-    Into ``out``, all in the window's first frame: mean of the second half less that of the first, of the
-    integrated rotation (w, 3, 3) and of the acceleration (w, 3); and the sum of the acceleration (w, 3).
+    Writes to ``out``, all in the window's first frame: the mean of the second half minus that of the first,
+    of the integrated rotation (w, 3, 3) and of the acceleration (w, 3); and the sum of the acceleration (w,
+    3).
     """
     half, period_s = steps
     frame, turned = room
@@ -132,13 +135,15 @@ LOOSE = 1e-4  # a very weak pull to the start, so that the equations can be solv
 
 @dataclass(frozen=True, slots=True)
 class BiasSettings:
-    """How the bias is sought.
+    """Settings of the bias estimate.
 
-    ``window_s`` is the length of the motion windows, placed every ``window_every_s`` in files up to
-    ``dense_up_to_s`` and every ``window_apart_s`` in longer ones; ``wander_dps_per_root_min`` is the random
-    walk; ``still_floor_dps`` the error of a still moment however quiet. With fewer than ``least_stills``
-    still moments the search starts from nil, with windows that grow. A change of ``jump_dps`` from the median
-    of ``jump_stills`` still moments to that of the next is a jump.
+    ``window_s``: length of the motion windows, placed every ``window_every_s`` in files up to
+    ``dense_up_to_s`` and every ``window_apart_s`` in longer ones.
+    ``wander_dps_per_root_min``: the random walk.
+    ``still_floor_dps``: the error of a still moment, however quiet.
+    ``least_stills``: with fewer still moments the search starts from zero, with windows of increasing length.
+    ``jump_dps``: a larger change from the median of ``jump_stills`` still moments to that of the next is a
+    jump.
     """
 
     window_s: float = 12.0
@@ -157,18 +162,18 @@ class BiasSettings:
 BIAS = BiasSettings()
 
 
-def follow_gyro_bias(nodes: Sequence[Nodes], stills: QuietTable) -> GyroBias:
-    """Find the bias of all runs of a recording together, from nodes with a bias near the true one taken off.
+def estimate_gyro_bias_track(nodes: Sequence[Nodes], stills: QuietTable) -> GyroBias:
+    """Estimate the bias of all runs of a recording together, from nodes with an approximate bias subtracted.
 
-    Compared to the publication: the paper subtracts the mean of one still period; this is ours, for
+    Compared to the publication: the paper subtracts the mean of one still period; this estimate is ours, for
     `smoothed`.
     """
-    bias = hold_bias(nodes[0].bias_rad[0] / RADIANS)
+    bias = build_constant_bias(nodes[0].bias_rad[0] / RADIANS)
     first_s = nodes[0].start_s
     last_s = max(nodes[-1].start_s + len(nodes[-1].acc_g) * nodes[-1].period_s, first_s + 1e-3)
     pieces = max(1, round((last_s - first_s) / BIAS.knot_s))
     knots_s = np.linspace(first_s, last_s, pieces + 1)
-    for jump_s in find_jumps(stills):  # two knots in place of those within a second of it
+    for jump_s in find_jumps(stills):  # two knots replace those within a second of it
         kept = knots_s[np.abs(knots_s - jump_s) > 1.0]
         knots_s = np.sort(np.concatenate([kept, [jump_s - JUMP_S / 2.0, jump_s + JUMP_S / 2.0]]))
     dense = sum(len(run.acc_g) * run.period_s for run in nodes) <= BIAS.dense_up_to_s
@@ -180,17 +185,17 @@ def follow_gyro_bias(nodes: Sequence[Nodes], stills: QuietTable) -> GyroBias:
 
 
 def reduce_about_start(runs: Sequence[SensorRun], stills: QuietTable) -> list[Nodes]:
-    """The nodes of all runs with a constant taken off: the median of the still moments, or grown from nil."""
+    """Return the nodes of all runs minus a constant: the median of still moments, or from motion."""
     if len(stills) >= BIAS.least_stills:
-        bias = hold_bias(np.median(stills.gyro_dps, axis=0))
+        bias = build_constant_bias(np.median(stills.gyro_dps, axis=0))
     else:
-        bias = _grow_windows([reduce_to_nodes(run, hold_bias(np.zeros(3))) for run in runs])
+        bias = _grow_windows([reduce_to_nodes(run, build_constant_bias(np.zeros(3))) for run in runs])
     return [reduce_to_nodes(run, bias) for run in runs]
 
 
 def _grow_windows(nodes: Sequence[Nodes]) -> GyroBias:
-    """From nil: windows so short that an offset of tens of deg/s barely turns them, then longer ones."""
-    bias = hold_bias(np.zeros(3))
+    """Estimate a constant bias from zero, with windows that start so short that it barely rotates them."""
+    bias = build_constant_bias(np.zeros(3))
     total_s = sum(len(run.acc_g) * run.period_s for run in nodes)
     for length_s in (1.0, 1.0, 2.0, 4.0, 8.0, BIAS.window_s):
         windows = form_equations(nodes, bias, length_s, max(length_s / 2.0, total_s / 200.0))
@@ -202,12 +207,12 @@ def _grow_windows(nodes: Sequence[Nodes]) -> GyroBias:
             normal = np.einsum("w,wij,wik->jk", weight, windows.matrix, windows.matrix) + 1e-3 * np.eye(3)
             right = np.einsum("w,wij,wi->j", weight, windows.matrix, windows.difference) + 1e-3 * start_dps
             bias_dps = np.linalg.solve(normal, right)
-        bias = hold_bias(bias_dps)
+        bias = build_constant_bias(bias_dps)
     return bias
 
 
 def find_jumps(stills: QuietTable) -> list[float]:
-    """Times, s, at which the offset jumped: between two still moments."""
+    """Return the times, s, at which the offset jumped: between two still moments."""
     count = BIAS.jump_stills
     if len(stills) < 2 * count:
         return []
@@ -226,7 +231,7 @@ def find_jumps(stills: QuietTable) -> list[float]:
 
 
 def _weigh(residual: Float64Array) -> Float64Array:
-    """Cauchy weights over the residuals' own scale, as inverse variances (per axis)."""
+    """Return Cauchy weights relative to the scale of the residuals, as inverse variances (per axis)."""
     size = np.linalg.norm(residual, axis=1)
     scale = max(1.2 * float(np.median(size)), 1e-4) if len(size) else 1.0
     return np.asarray(1.0 / (scale**2 * (1.0 + (size / (CAUCHY * scale)) ** 2)))
@@ -235,7 +240,7 @@ def _weigh(residual: Float64Array) -> Float64Array:
 def _solve(
     knots_s: Float64Array, start_dps: Float64Array, stills: QuietTable, windows: WindowEquations
 ) -> GyroBias:
-    """One round: all observations together, weights and solution in turn."""
+    """Run one round with all observations, alternating weights and solution."""
     overlap = max(1.0, BIAS.window_s / windows.every_s)
     variance = BIAS.still_floor_dps**2 + stills.gyro_sd_dps**2 / 4.0
     bias = GyroBias(knots_s, start_dps, len(stills), len(windows.time_s))
@@ -247,7 +252,7 @@ def _solve(
         weight = _weigh(windows.residual(bias.at(windows.time_s))) / overlap
         off_dps = np.linalg.norm(stills.gyro_dps - bias.at(stills.middle_s), axis=1)
         still_weight = 1.0 / (variance * (1.0 + off_dps**2 / (CAUCHY**2 * variance)))
-        band = hold_together(knots_s, BIAS.wander_dps_per_root_min)
+        band = build_random_walk(knots_s, BIAS.wander_dps_per_root_min)
         band[0] += LOOSE
         right = LOOSE * start_dps.ravel()
         squares = np.einsum("w,wij,wik->wjk", weight, windows.matrix, windows.matrix)
@@ -259,19 +264,22 @@ def _solve(
     return bias
 
 
-# Scale and misalignment of the gyroscope's axes, from how the arm turned from one still moment to the next.
+# Scale and misalignment of the gyroscope's axes, from the rotation between successive still moments.
 
 
 @dataclass(frozen=True, slots=True)
 class GyroScaleSettings:
-    """How scale is sought, and when it is believed.
+    """Settings of the scale estimate, and when it is applied.
 
-    Still moments up to ``longest_s`` apart are compared. ``scale`` is the standard deviation expected of each
-    of the nine errors in a part (1 % of scale and 0.3 % of misalignment together); ``still_g``, ``bias_dps``
-    and ``turn_share`` the error of a vertical at rest, of the bias, and for each radian turned. The gain is
-    applied only where the root mean square of the nine standard errors is under ``believed_error`` and no
-    rate is changed by more than ``most``; otherwise it is left out. Of more than ``most_pairs`` in a run, as
-    many are taken at even steps.
+    ``longest_s``: still moments up to this far apart are compared.
+    ``scale``: expected standard deviation of each of the nine errors (1 % of scale and 0.3 % of misalignment
+    together).
+    ``still_g``, ``bias_dps``, ``turn_share``: the error of a vertical at rest, of the bias, and per radian of
+    rotation.
+    ``believed_error``: the gain is applied only if the root mean square of the nine standard errors is
+    smaller.
+    ``most``: and only if no rate changes by more than this.
+    ``most_pairs``: of more pairs in a run, this many are used at even steps.
     """
 
     longest_s: float = 40.0
@@ -290,8 +298,9 @@ SCALE = GyroScaleSettings()
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GyroScale:
-    """True rate = ``gain`` (3, 3) @ the measured one; ``error``: root mean square of its nine standard
-    errors; ``pairs`` used.
+    """The correction: true rate = ``gain`` (3, 3) @ the measured one.
+
+    ``error``: root mean square of the nine standard errors; ``pairs``: number of pairs used.
     """
 
     gain: Float64Array
@@ -299,30 +308,30 @@ class GyroScale:
     pairs: int = 0
 
 
-def leave_gyro_scale() -> GyroScale:
-    """No correction."""
+def build_identity_gyro_scale() -> GyroScale:
+    """Return no correction."""
     return GyroScale(np.eye(3), SCALE.scale)
 
 
 def estimate_gyro_scale(
     nodes: Sequence[Nodes], stills: QuietTable, bias: GyroBias, accelerometer: AccelerometerCorrection
 ) -> GyroScale:
-    """Compare successive still moments; ``nodes`` with some bias taken off, ``bias`` the true one."""
+    """Compare successive still moments; ``nodes`` with some bias subtracted, ``bias`` the final one."""
     up = accelerometer.find_up(stills.gravity_g, stills.middle_s)
     parts = [_compare_in_run(run, stills.middle_s, up, bias) for run in nodes]
     slope, miss, variance = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     if len(miss) == 0:
-        return leave_gyro_scale()
+        return build_identity_gyro_scale()
     errors, standard_error = _fit(slope, miss, variance)
     if standard_error > SCALE.believed_error or np.linalg.norm(errors, 2) > SCALE.most:
-        return leave_gyro_scale()
+        return build_identity_gyro_scale()
     return GyroScale(np.eye(3) + errors, standard_error, len(miss))
 
 
 def _compare_in_run(
     nodes: Nodes, middle_s: Float64Array, up: Float64Array, bias: GyroBias
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Slopes (w, 3, 9), misses (w, 3) and variances (w,) of the pairs of still moments inside a run."""
+    """Return slopes (w, 3, 9), misses (w, 3) and variances (w,) of the still-moment pairs in a run."""
     place = np.round((middle_s - nodes.start_s) / nodes.period_s).astype(np.int64)
     inside = np.flatnonzero((place >= 0) & (place < len(nodes.acc_g)))
     gap_s = np.diff(middle_s[inside])
@@ -341,7 +350,7 @@ def _compare_in_run(
 
 
 def _fit(slope: Float64Array, miss: Float64Array, variance: Float64Array) -> tuple[Float64Array, float]:
-    """Damped least squares with Cauchy weights; the gain less one, (3, 3), and its standard error."""
+    """Solve damped least squares, Cauchy weights; return the gain minus one, (3, 3), and standard error."""
     prior = np.eye(9) / SCALE.scale**2
     weight, solution, normal = 1.0 / variance, np.zeros(9), prior
     for _ in range(SCALE.rounds):
@@ -357,10 +366,11 @@ def _fit(slope: Float64Array, miss: Float64Array, variance: Float64Array) -> tup
 def _carry_between(
     turns: Any, left: Any, first: Any, second: Any, frames: Any, drifts: Any, turned: Any
 ) -> None:  # pragma: no cover
-    """How the sensor turned from one node to another: what takes vectors of the second to the first.
+    """Compute the rotation from one node to another: it takes vectors of the second frame to the first.
 
-    ``left`` (w, 3) is the rotation of each step that is bias still. Column 3 j + k of the drifts: what a
-    share of the rate about axis k that shows on axis j does; ``turned`` is the length of the way, rad.
+    ``left`` (w, 3): the part of each step's rotation that is remaining bias. Column 3 j + k of the drifts:
+    the effect of a share of the rate about axis k that appears on axis j. ``turned``: length of the path,
+    rad.
     """
     for w in range(len(first)):
         x, y, z = left[w, 0], left[w, 1], left[w, 2]

@@ -1,4 +1,4 @@
-"""One unbroken run as the estimators take it: plain arrays, the sensor's errors as values, and its nodes."""
+"""One unbroken run as input for the estimators: plain arrays, the sensor's errors, and its nodes."""
 
 from dataclasses import dataclass, replace
 from math import isfinite, pi, sqrt
@@ -11,23 +11,23 @@ from fusion.errors import UnusableArrays
 from fusion.numba_kernels import fused, inner, kernel
 from fusion.recording import Float64Array, FloatArray, Segment
 
-# The rotation between two samples, and how a vector moves with it.
+# The rotation between two samples, and its effect on a vector.
 #
-# Time convention: the angular rate of sample k is the instantaneous rate at the time of sample k; between
-# two samples it is a straight line (trapezoid), with the first coning term (Bortz 1971): the rotation
-# vector over one period T is ``(w0 + w1) T / 2 + (w0 x w1) T^2 / 12``.
+# Time convention: the angular rate of sample k is the instantaneous rate at the time of sample k. Between two
+# samples it is linear (trapezoid), with the first coning term (Bortz 1971): the rotation vector over one
+# period T is ``(w0 + w1) T / 2 + (w0 x w1) T^2 / 12``.
 
 
 RADIANS = pi / 180.0
 Scalars = tuple[float, float, float]
 S1, S2, S3, S4 = 1.0 / 6.0, 1.0 / 20.0, 1.0 / 42.0, 1.0 / 72.0
 C1, C2, C3, C4 = 1.0 / 24.0, 1.0 / 30.0, 1.0 / 56.0, 1.0 / 90.0
-"""Ratios of successive terms of both series; products, because a division takes five times as long."""
+"""Ratios of successive terms of both series, as factors: a division takes five times as long."""
 
 
 @fused
 def bend(before: Any, after: Any, period_s: float) -> Scalars:  # pragma: no cover
-    """Rotation vector (rad) from one sample to the next; rates in rad/s, each a triple."""
+    """Return the rotation vector (rad) from one sample to the next; rates in rad/s, each a triple."""
     half, twelfth = 0.5 * period_s, period_s * period_s / 12.0
     x = half * (before[0] + after[0]) + twelfth * (before[1] * after[2] - before[2] * after[1])
     y = half * (before[1] + after[1]) + twelfth * (before[2] * after[0] - before[0] * after[2])
@@ -37,7 +37,7 @@ def bend(before: Any, after: Any, period_s: float) -> Scalars:  # pragma: no cov
 
 @fused
 def turn_factors(turn: Any) -> tuple[float, float]:  # pragma: no cover
-    """``sin(a)/a`` and ``(1 - cos(a))/a^2`` of a rotation vector of length a, by series (1e-7 at 1 rad)."""
+    """Return ``sin(a)/a`` and ``(1 - cos(a))/a^2`` of a rotation of length a, by series (1e-7 at 1 rad)."""
     square = turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]
     sine = 1.0 - square * S1 * (1.0 - square * S2 * (1.0 - square * S3 * (1.0 - square * S4)))
     cosine = 0.5 - square * C1 * (1.0 - square * C2 * (1.0 - square * C3 * (1.0 - square * C4)))
@@ -46,9 +46,9 @@ def turn_factors(turn: Any) -> tuple[float, float]:  # pragma: no cover
 
 @fused
 def carry(vector: Any, turn: Any, factors: Any) -> Scalars:  # pragma: no cover
-    """Coordinates, after the sensor has turned by ``turn``, of a vector that is fixed in space.
+    """Return the coordinates of a vector fixed in space after the sensor has turned by ``turn``.
 
-    A fixed vector seen from a turning sensor turns backwards: ``exp(-[turn]x) vector``.
+    Seen from a turning sensor, a fixed vector turns backwards: ``exp(-[turn]x) vector``.
     """
     sine, cosine = factors
     x = turn[1] * vector[2] - turn[2] * vector[1]
@@ -61,19 +61,19 @@ def carry(vector: Any, turn: Any, factors: Any) -> Scalars:  # pragma: no cover
     )
 
 
-# Normal equations of three unknowns that are straight lines between knots.
+# Normal equations of three unknowns that are piecewise linear between knots.
 
 
 BAND = 6
-"""Three unknowns at each knot, and neighbours touch."""
+"""Three unknowns at each knot, coupled to the neighbouring knots."""
 
 
 JUMP_S = 0.02
-"""Two knots so near each other stand for a jump, and are not held together."""
+"""Two knots this close represent a jump, and are not tied together."""
 
 
-def hold_together(knots_s: Float64Array, sd_per_root_min: float) -> Float64Array:
-    """Lower band of a random walk from knot to knot, the same for each of the three unknowns."""
+def build_random_walk(knots_s: Float64Array, sd_per_root_min: float) -> Float64Array:
+    """Return the lower band of a random walk from knot to knot, the same for each of the three unknowns."""
     band = np.zeros((BAND, 3 * len(knots_s)))
     apart_s = np.diff(knots_s)
     stiffness = 1.0 / (sd_per_root_min**2 * np.maximum(apart_s, 1.0) / 60.0)
@@ -86,9 +86,9 @@ def hold_together(knots_s: Float64Array, sd_per_root_min: float) -> Float64Array
 
 
 def solve_band(band: Float64Array, right: Float64Array) -> Float64Array:
-    """Solve a symmetric positive definite band for each row of the right side, by Cholesky's factors.
+    """Solve a symmetric positive definite band for each row of the right side, by Cholesky factors.
 
-    ``band``: shape (d, n): the diagonal, then what stands so many places below it.
+    ``band``: shape (d, n): row k is the k-th diagonal below the main one.
     ``right``: shape (m, n).
 
     Returns
@@ -109,7 +109,7 @@ def solve_band(band: Float64Array, right: Float64Array) -> Float64Array:
 
 @inner
 def _factor_band(band):  # type: ignore[no-untyped-def] # pragma: no cover
-    """Put the factor in place of the band; False where it has none."""
+    """Replace the band by its factor; return False if there is none."""
     depth, n = band.shape
     for j in range(n):
         if not band[0, j] > 0.0:
@@ -142,7 +142,7 @@ def _solve_band(band, right):  # type: ignore[no-untyped-def] # pragma: no cover
 
 
 class LinearInterpolator:
-    """Shares observations at given times between the two knots about each."""
+    """Distributes observations at given times to the two knots around each."""
 
     def __init__(self, knots_s: Float64Array, time_s: Float64Array) -> None:
         self.left = np.clip(np.searchsorted(knots_s, time_s, side="right") - 1, 0, len(knots_s) - 2)
@@ -166,7 +166,7 @@ class LinearInterpolator:
     def add_alike(
         self, band: Float64Array, right: Float64Array, weight: Float64Array, pulls: Float64Array
     ) -> None:
-        """The same where each observation is of the three unknowns themselves, with one ``weight`` (w,)."""
+        """Do the same for observations of the three unknowns themselves, with one ``weight`` (w,)."""
         here, there = 1.0 - self.share, self.share
         self.pull(right, pulls)
         for place, values in (
@@ -178,18 +178,18 @@ class LinearInterpolator:
             place[: 3 * len(sums)] += np.repeat(sums, 3)
 
     def pull(self, right: Float64Array, pulls: Float64Array) -> None:
-        """Add ``pulls`` (w, 3) to the right side alone."""
+        """Add ``pulls`` (w, 3) to the right side only."""
         for row in range(3):
             self._collect(right, row, (1.0 - self.share) * pulls[:, row])
             self._collect(right, row + 3, self.share * pulls[:, row])
 
     def read(self, values: Float64Array) -> Float64Array:
-        """Values (k, 3) of the knots at the times of the observations, (w, 3)."""
+        """Return values (k, 3) of the knots at the times of the observations, (w, 3)."""
         share = self.share[:, None]
         return np.asarray((1.0 - share) * values[self.left] + share * values[self.left + 1])
 
     def _collect(self, target: Float64Array, offset: int, values: Float64Array) -> None:
-        """Add ``values`` (w,) so many places behind the first unknown of the knot on the left."""
+        """Add ``values`` (w,) at ``offset`` places after the first unknown of the left knot."""
         sums = np.bincount(self.left, weights=values)
         target[offset : offset + 3 * len(sums) : 3] += sums
 
@@ -199,9 +199,9 @@ class LinearInterpolator:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GyroBias:
-    """Bias at knots: ``time_s`` (k,), ``bias_dps`` (k, 3); a straight line between them, constant outside.
+    """Bias at knots: ``time_s`` (k,), ``bias_dps`` (k, 3); linear between them, constant outside.
 
-    ``still_moments`` and ``motion_windows`` count the observations it rests on.
+    ``still_moments`` and ``motion_windows`` count the observations it is based on.
     """
 
     time_s: Float64Array
@@ -210,21 +210,21 @@ class GyroBias:
     motion_windows: int = 0
 
     def at(self, time_s: NDArray[np.floating[Any]]) -> Float64Array:
-        """Bias at the times asked for, shape (n, 3)."""
+        """Return the bias at the given times, shape (n, 3)."""
         if len(self.time_s) == 1:
             return np.repeat(self.bias_dps, len(time_s), axis=0)
         columns = [np.interp(time_s, self.time_s, self.bias_dps[:, axis]) for axis in range(3)]
         return np.stack(columns, axis=1)
 
 
-def hold_bias(bias_dps: Float64Array) -> GyroBias:
-    """One bias for the whole recording."""
+def build_constant_bias(bias_dps: Float64Array) -> GyroBias:
+    """Return one constant bias for the whole recording."""
     return GyroBias(np.zeros(1), np.asarray(bias_dps, dtype=np.float64).reshape(1, 3))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorRun:
-    """Evenly sampled acceleration (g) and angular rate (deg/s), (n, 3); ``start_s`` places it in the file."""
+    """Evenly sampled acceleration (g) and angular rate (deg/s), (n, 3), from ``start_s`` in the file."""
 
     start_s: float
     rate_hz: float
@@ -236,7 +236,7 @@ class SensorRun:
 
 
 def view_segment(segment: Segment) -> SensorRun:
-    """View a segment as a run, without a copy."""
+    """Return a segment as a run, without a copy."""
     return SensorRun(segment.start_s, segment.rate_hz, segment.acc_g, segment.gyr_dps)
 
 
@@ -246,12 +246,13 @@ PART_OFFSET_G = 0.04
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AccelerometerCorrection:
-    """``gain @ (acceleration - offset_g(t))``.
+    """The correction ``gain @ (acceleration - offset_g(t))``.
 
-    ``gain`` (3, 3) is symmetric; ``offset_g`` (k, 3) stands at the knots ``time_s`` (k,), a straight line
-    between them, constant outside. ``directions`` counts the distinct directions it rests on (0: none was
-    found). ``offset_sd_g`` is the standard deviation left in the offset, root mean square over all directions
-    of space: that of a part as delivered where nothing was seen.
+    ``gain`` (3, 3): symmetric.
+    ``offset_g`` (k, 3): at the knots ``time_s`` (k,), linear between them, constant outside.
+    ``directions``: the number of distinct directions it is based on (0: no correction was found).
+    ``offset_sd_g``: remaining standard deviation of the offset, root mean square over all directions of
+    space; that of a part as delivered if no direction was seen.
     """
 
     time_s: Float64Array
@@ -261,50 +262,52 @@ class AccelerometerCorrection:
     offset_sd_g: float = PART_OFFSET_G
 
     def apply(self, acc_g: Float64Array, time_s: float | Float64Array) -> Float64Array:
-        """Correct accelerations, shape (3,) or (n, 3), read at a time or at the times (n,)."""
+        """Correct accelerations, shape (3,) or (n, 3), measured at one time or at the times (n,)."""
         offset_g = [np.interp(time_s, self.time_s, self.offset_g[:, axis]) for axis in range(3)]
         return np.asarray((acc_g - np.stack(offset_g, axis=-1)) @ self.gain)
 
     def find_up(self, gravity_g: Float64Array, time_s: Float64Array) -> Float64Array:
-        """Directions to the zenith, unit vectors (n, 3), of accelerations at rest."""
+        """Return directions to the zenith, unit vectors (n, 3), of accelerations at rest."""
         up = self.apply(gravity_g, time_s)
         return np.asarray(up / np.maximum(np.linalg.norm(up, axis=1, keepdims=True), 1e-9))
 
     @property
     def mean_offset_g(self) -> Float64Array:
-        """Shape (3,): over the recording."""
+        """The mean over the recording, shape (3,)."""
         return np.asarray(self.offset_g.mean(axis=0))
 
 
-def leave_accelerometer() -> AccelerometerCorrection:
-    """No correction."""
+def build_identity_accelerometer() -> AccelerometerCorrection:
+    """Return no correction."""
     return AccelerometerCorrection(np.zeros(1), np.zeros((1, 3)), np.eye(3))
 
 
 # From samples to nodes and back: the slow filter runs at a few nodes, the gyroscope fills in between.
 #
-# A node stands at the middle sample of an odd number of rows. It holds their mean acceleration and the
-# rotation from the node before, composed from the samples' own rotations (``a + b + a x b / 2``, the first
-# terms of Baker-Campbell-Hausdorff), so that no motion of the arm is lost by the reduction.
+# A node is at the middle sample of an odd number of rows. It contains their mean acceleration and the
+# rotation from the previous node, composed from the samples' own rotations (``a + b + a x b / 2``, the first
+# terms of Baker-Campbell-Hausdorff), so that the reduction loses no motion of the arm.
 #
-# Between two samples the rate is a cubic through four of them: ``T (13 (w1 + w2) - w0 - w3) / 24``. A
-# straight line loses ``(w T)^2 / 12`` of a movement, 0.8 % at 5 Hz and 100 samples a second. Taking a twelfth
-# of the second difference off each sample and then the trapezoid is the same sum.
+# Between two samples the rate is a cubic through four of them: ``T (13 (w1 + w2) - w0 - w3) / 24``. A linear
+# rate would lose ``(w T)^2 / 12`` of a movement, 0.8 % at 5 Hz and 100 samples a second. The sum is computed
+# by subtracting a twelfth of the second difference from each sample and applying the trapezoid.
 
 NODE_RATE_HZ = 20.0
 LEAST_NODES = 30
 TAPS = -RADIANS / 12.0, RADIANS * (14.0 / 12.0), RADIANS * (-1.0 / 12.0)
-"""What the row before, the row and the row after give to its rate, rad/s for a deg/s."""
+"""Weights of the previous row, the row and the next row in its rate, rad/s per deg/s."""
 SMALL = (1.0, 0.5)  # the factors of a small turn: second order is enough within a node
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Nodes:
-    """Node j stands at row ``rows_per_node * j + rows_per_node // 2``.
+    """Reduced run: node j is at row ``rows_per_node * j + rows_per_node // 2``.
 
-    ``acc_g`` (j, 3) mean acceleration; ``turn_rad`` (j, 3) rotation vector from the node before (the first
-    is nil); ``bias_rad`` (j, 3) the gyroscope's bias taken off, rad/s; ``gyro_gain`` (3, 3) what the rest
-    was multiplied with. ``start_s`` is the time of the first node in the file.
+    ``acc_g`` (j, 3): mean acceleration.
+    ``turn_rad`` (j, 3): rotation vector from the previous node (zero for the first).
+    ``bias_rad`` (j, 3): the subtracted gyroscope bias, rad/s.
+    ``gyro_gain`` (3, 3): the gain applied after it.
+    ``start_s``: the time of the first node in the file.
     """
 
     start_s: float
@@ -317,7 +320,7 @@ class Nodes:
 
 
 def reduce_to_nodes(run: SensorRun, bias: GyroBias, node_rate_hz: float = NODE_RATE_HZ) -> Nodes:
-    """Take an odd number of rows to a node, about ``node_rate_hz``; every row in a run of few samples."""
+    """Reduce an odd number of rows to a node, about ``node_rate_hz``; a short run keeps every row."""
     rows = 2 * int((run.rate_hz / node_rate_hz - 1.0) / 2.0 + 0.25) + 1 if node_rate_hz < run.rate_hz else 1
     rows = rows if len(run) >= LEAST_NODES * rows else 1
     start_s, period_s, count = run.start_s + rows // 2 / run.rate_hz, rows / run.rate_hz, len(run) // rows
@@ -336,14 +339,14 @@ def correct_nodes(
     *,
     in_place: bool = False,
 ) -> Nodes:
-    """The same nodes under another bias, gyroscope gain and accelerometer correction; no sample is read.
+    """Return the nodes with another bias, gyroscope gain and accelerometer correction.
 
-    A constant rate adds to a rotation vector exactly where the axis stands still; within a node, a twentieth
-    of a second, it nearly does: 1e-4 deg for a bias wrong by 1 deg/s. ``in_place``: the given nodes are not
-    needed any more, and their arrays are written over (fresh memory takes ten times as long as the sums).
+    A constant rate adds exactly to a rotation vector if the axis is fixed. Within a node, a twentieth of a
+    second, it nearly is: the error is 1e-4 deg for a bias wrong by 1 deg/s. ``in_place``: overwrite the
+    arrays of the given nodes (allocating memory takes ten times as long as the sums).
     """
     gyro_gain = np.eye(3) if gyro_gain is None else gyro_gain
-    felt = accelerometer or leave_accelerometer()
+    felt = accelerometer or build_identity_accelerometer()
     bias_rad = nodes.bias_rad if in_place else nodes.bias_rad.copy()
     turn_rad, acc_g = (table if in_place else np.empty_like(table) for table in (nodes.turn_rad, nodes.acc_g))
     change = gyro_gain @ np.linalg.inv(nodes.gyro_gain)
@@ -357,9 +360,9 @@ def correct_nodes(
 
 @kernel
 def _correct(readings: Any, steps: Any, line: Any, taken: Any, out: Any) -> None:  # pragma: no cover
-    """Draw a line between knots (constant outside); ``gain @ (reading - share * change)``.
+    """Interpolate linearly between knots; compute ``gain @ (reading - share * change)``.
 
-    ``taken`` (n, 3) is what was taken off before, and holds the line afterwards; empty for nothing. ``out``
+    ``taken`` (n, 3): the values subtracted before; overwritten with the new ones; empty if none were. ``out``
     may be the readings themselves.
     """
     (start_s, period_s, share, gain), (knots_s, values) = steps, line
@@ -383,13 +386,13 @@ def _correct(readings: Any, steps: Any, line: Any, taken: Any, out: Any) -> None
             out[node, axis] = gain[axis, 0] * x + gain[axis, 1] * y + gain[axis, 2] * z
 
 
-def spread_rows(
+def propagate_vertical(
     gyr_dps: FloatArray, rate_hz: float, nodes: Nodes, up: Float64Array, out: FloatArray, first: int
 ) -> None:
-    """Carry the vertical from each node to the rows about it, into ``out`` for the nodes from ``first`` on.
+    """Propagate the vertical from each node to the rows around it, for the nodes from ``first`` on.
 
     ``out`` begins with the first row of node ``first`` and ends with the last row of a node, or of the run:
-    the last node also serves the rows left over.
+    the last node also covers the remaining rows.
     """
     gain = tuple(tuple(row) for row in nodes.gyro_gain.tolist())
     _spread(gyr_dps, nodes.bias_rad, (nodes.rows_per_node, 1.0 / rate_hz, TAPS, gain), up, first, out)
@@ -397,14 +400,14 @@ def spread_rows(
 
 @inner
 def _read(table: Any, row: int) -> Any:  # pragma: no cover
-    """A row as a triple; the first and last stand for what lies outside."""
+    """Return a row as a triple; rows outside are replaced by the first or last row."""
     inside = 0 if row < 0 else row if row < len(table) else len(table) - 1
     return float(table[inside, 0]), float(table[inside, 1]), float(table[inside, 2])
 
 
 @fused
 def _mix(before: Any, now: Any, after: Any, taps: Any, offset: Any) -> Any:  # pragma: no cover
-    """Rate of a row, rad/s, as the trapezoid wants it; ``taps`` rad/s for each deg/s, ``offset`` rad/s."""
+    """Return the rate of a row, rad/s, for the trapezoid; ``taps`` rad/s per deg/s, ``offset`` rad/s."""
     a, b, c = taps
     return (
         a * before[0] + b * now[0] + c * after[0] - offset[0],
@@ -422,10 +425,10 @@ def _add(table: Any, row: int, vector: Any, share: float) -> None:  # pragma: no
 
 @kernel
 def _reduce(acc: Any, gyr: Any, bias: Any, steps: Any, mean_acc: Any, turns: Any) -> None:  # pragma: no cover
-    """Fill the nodes' mean accelerations and the rotations between them.
+    """Compute the nodes' mean accelerations and the rotations between them.
 
-    One walk over the rows, from each node to the next: the rows still nearer to the node behind are carried
-    back to it, those nearer to the node ahead are gathered and carried along.
+    One pass over the rows, from each node to the next. The rows nearer to the previous node are rotated back
+    to it; those nearer to the next node are summed and rotated forward.
     """
     rows, period_s, taps = steps
     half, share = rows // 2, 1.0 / rows
@@ -460,7 +463,7 @@ def _reduce(acc: Any, gyr: Any, bias: Any, steps: Any, mean_acc: Any, turns: Any
 
 @fused
 def _compose(first: Any, second: Any) -> Any:  # pragma: no cover
-    """Rotation vector of ``first``, then ``second`` as seen after it."""
+    """Return the rotation vector of ``first``, then ``second`` in the rotated frame."""
     return (
         first[0] + second[0] + 0.5 * (first[1] * second[2] - first[2] * second[1]),
         first[1] + second[1] + 0.5 * (first[2] * second[0] - first[0] * second[2]),
@@ -470,7 +473,7 @@ def _compose(first: Any, second: Any) -> Any:  # pragma: no cover
 
 @kernel
 def _spread(gyr: Any, bias: Any, steps: Any, up: Any, first: int, out: Any) -> None:  # pragma: no cover
-    """Carry the vertical of each node to the rows before and after it."""
+    """Propagate the vertical of each node to the rows before and after it."""
     rows, period_s, taps, gain = steps
     shift = first * rows
     ahead, behind = (period_s, taps, gain), (-period_s, (taps[2], taps[1], taps[0]), gain)
@@ -500,7 +503,7 @@ def _multiply(matrix: Any, vector: Any) -> Any:  # pragma: no cover
 def _walk(
     gyr: Any, row: int, row_count: int, motion: Any, vertical: Any, shift_rows: int, out: Any
 ) -> None:  # pragma: no cover
-    """From the row beside a node outwards: forwards, or where the period is negative backwards in time."""
+    """Propagate from the row beside a node outwards; backwards in time if the period is negative."""
     (period_s, taps, gain), offset = motion
     step = 1 if period_s > 0.0 else -1
     last, now = _read(gyr, row - step), _read(gyr, row)
@@ -518,11 +521,11 @@ def _walk(
 
 UNIT_WITHIN = 0.01
 OTHER_UNIT = 3.0
-"""A median length this factor from 1 g means another unit: nobody moves so hard throughout."""
+"""A median length this factor from 1 g means another unit: nobody moves that hard throughout."""
 
 
 def check_arrays(acc_g: object, gyr_dps: object, rate_hz: float) -> tuple[FloatArray, FloatArray]:
-    """Return both as float32 or float64 arrays of shape (n, 3), C order; views where no change is needed.
+    """Return both as float32 or float64 arrays of shape (n, 3), C order; views if no change is needed.
 
     Raises UnusableArrays: other shapes, unequal lengths, values that are not finite, or a rate that is not
     positive.
@@ -537,7 +540,7 @@ def check_arrays(acc_g: object, gyr_dps: object, rate_hz: float) -> tuple[FloatA
 
 
 def check_rate(rate_hz: float) -> None:
-    """Refuse a rate that is not positive; raises UnusableArrays."""
+    """Raise UnusableArrays if the rate is not positive."""
     if not (isfinite(rate_hz) and rate_hz > 0.0):
         raise UnusableArrays(why="rate", rate_hz=float(rate_hz))
 
@@ -545,7 +548,7 @@ def check_rate(rate_hz: float) -> None:
 def check_direction(axis: object) -> Float64Array:
     """Return a unit vector as a separate array, shape (3,).
 
-    A length more than 1 % from 1 means that it is not a direction but an acceleration, or a typing error.
+    A length more than 1 % from 1 indicates an acceleration or a typing error instead of a direction.
 
     Raises UnusableArrays.
     """
@@ -559,7 +562,7 @@ def check_direction(axis: object) -> Float64Array:
 
 
 def check_gravity(acc_g: FloatArray) -> None:
-    """Refuse no sample at all, and an acceleration that is not in g: its median length is far from 1.
+    """Check that there are samples, and that the acceleration is in g: its median length is near 1.
 
     Raises UnusableArrays.
     """

@@ -1,8 +1,8 @@
-"""Everything that the recording says about its own sensor, found in one go.
+"""Calibrate the sensor from its own recording, in one pass.
 
-Order: still moments, clipped samples bridged, nodes (the samples are read no more after that), gyroscope
-bias, accelerometer (also from the moving arm, if it was still in few directions), gyroscope scale; then
-the nodes once more with all of it applied.
+Order: still moments, bridging of clipped samples, nodes (the samples are not read after that), gyroscope
+bias, accelerometer (also from the moving arm, if it was still in few directions), gyroscope scale. Then all
+corrections are applied to the nodes.
 """
 
 from collections.abc import Sequence
@@ -22,7 +22,12 @@ from fusion.checks.summary import (
 from fusion.numba_kernels import inner, kernel
 from fusion.numerics import weigh_cauchy
 from fusion.recording import Float64Array, FloatArray, Segment
-from fusion.sensor.gyroscope import GyroScale, estimate_gyro_scale, follow_gyro_bias, reduce_about_start
+from fusion.sensor.gyroscope import (
+    GyroScale,
+    estimate_gyro_bias_track,
+    estimate_gyro_scale,
+    reduce_about_start,
+)
 from fusion.sensor.model import (
     PART_OFFSET_G,
     AccelerometerCorrection,
@@ -30,9 +35,9 @@ from fusion.sensor.model import (
     LinearInterpolator,
     Nodes,
     SensorRun,
+    build_identity_accelerometer,
+    build_random_walk,
     correct_nodes,
-    hold_together,
-    leave_accelerometer,
     reduce_to_nodes,
     solve_band,
 )
@@ -40,41 +45,44 @@ from fusion.sensor.stillness import QuarterSeconds, QuietTable, reduce_run
 
 # Offset and gain of the accelerometer, from the recording's own still moments.
 #
-# At rest the length of the acceleration is 1 g in whatever direction it points. With still moments in many
-# directions this gives three offsets and a symmetric gain (scale and the mutual misalignment of the axes),
-# and how the offsets move through the day: a sensor that was strapped on cold warms up, and what the
-# calibration pose measured cold is used warm.
+# At rest the length of the acceleration is 1 g in every direction. Still moments in many directions determine
+# three offsets and a symmetric gain (scale and the mutual misalignment of the axes), and how the offsets
+# change through the day: a sensor that was cold when strapped on warms up, so its offset differs from that in
+# the calibration pose.
 #
-# What the directions seen cannot tell is left to the priors: the correction is pulled towards none, the
-# offset towards standing still, so that a file with few poses is not bent; and it is bounded. Priors, weights
-# and directions know no axes: a sensor strapped on another way gives the same correction, turned.
+# Priors determine what the directions do not show: the correction is pulled towards none and the offset
+# towards a constant, so that a file with few poses is not distorted. The correction is also bounded. Priors,
+# weights and directions are independent of the axes: a sensor strapped on in another orientation gets the
+# same correction, rotated.
 
 FIRST_AXIS, SECOND_AXIS = np.array([0, 1, 2, 0, 0, 1]), np.array([0, 1, 2, 1, 2, 2])
-"""Where the six numbers of a symmetric matrix stand."""
+"""Rows and columns of the six numbers of a symmetric matrix."""
 PAIRS = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
-"""How often each stands there."""
+"""How often each occurs in the matrix."""
 
 
 @dataclass(frozen=True, slots=True)
 class AccelerometerSettings:
-    """How far the data may pull.
+    """Settings of the accelerometer calibration.
 
-    ``offset_g`` and ``scale`` are the standard deviations expected of parts as delivered (``scale`` in every
-    direction alike), the bounds are three times that; ``wander_g_per_root_min`` is the random walk of the
-    offset, between knots ``knot_s`` apart. Still moments within ``cell_deg`` of each other and between the
-    same two knots are one observation; its variance is ``cell_g`` squared (what they have in common) and
-    ``still_g`` squared by their number. At rest in fewer than ``rest_directions``, an accelerometer is
-    corrected only where the departure from 1 g that is taken off is more than ``scale``: less is what a good
-    one reads, and few directions do not tell scale from offset (the trials of BROAD, at rest in one, 1 to 10
-    mg off, lost up to 0.05 deg; on shifts of recorded motion three told 31 and 57 mg to within 5 mg where the
-    departure was 4 and 7). At rest in fewer than ``least_directions``, a recording is also looked at while
-    the arm moves (:mod:`fusion.sensor.self_calibration`), if that shows as many directions:
-    ``moving_cell_g`` and ``moving_g`` are the errors of these readings, ``moving_doubt`` how many times more
-    they leave open, as they are wrong together: without it the band held the truth 88 % of the time on four
-    sessions of simulated tasks.
+    ``offset_g``, ``scale``: expected standard deviations of parts as delivered (``scale`` in every direction
+    alike). The bounds are three times that.
+    ``wander_g_per_root_min``: the random walk of the offset, between knots ``knot_s`` apart.
+    ``cell_deg``: still moments within this angle and between the same two knots are one observation. Its
+    variance is ``cell_g`` squared (their common error) plus ``still_g`` squared over their number.
+    ``rest_directions``: with fewer directions at rest, a correction is applied only if it removes a departure
+    from 1 g of more than ``scale``. A good accelerometer has a smaller departure, and few directions do not
+    separate scale from offset. (BROAD trials at rest in one direction, 1 to 10 mg off, lost up to 0.05 deg.
+    On shifts of recorded motion, three directions found 31 and 57 mg to within 5 mg with a departure of 4 and
+    7.)
+    ``least_directions``: with fewer directions at rest, the moving arm is also used
+    (:mod:`fusion.sensor.self_calibration`), if it shows this many directions.
+    ``moving_cell_g``, ``moving_g``: errors of the readings of the moving arm.
+    ``moving_doubt``: factor for the uncertainty that they leave, because their errors are common. Without it
+    the band contained the truth 88 % of the time on four sessions of simulated tasks.
 
-    Chosen on simulated shifts with even seeds (1 and 8 h, both devices); half or twice of any of them moves
-    the angle by less than 0.01 deg RMSE.
+    Chosen on simulated shifts with even seeds (1 and 8 h, both devices). Half or twice any value changes the
+    angle by less than 0.01 deg RMSE.
     """
 
     offset_g: float = PART_OFFSET_G
@@ -97,14 +105,14 @@ SETTINGS = AccelerometerSettings()
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MovingReadings:
-    """As if the sensor had been at rest: readings ``gravity_g`` (w, 3) at ``time_s`` (w,)."""
+    """Readings of the moving arm, as if at rest: ``gravity_g`` (w, 3) at ``time_s`` (w,)."""
 
     time_s: Float64Array
     gravity_g: Float64Array
 
 
-def sees_few_directions(stills: QuietTable) -> bool:
-    """Whether still moments alone do not tell the offset in every direction."""
+def has_few_directions(stills: QuietTable) -> bool:
+    """Return whether still moments alone do not determine the offset in every direction."""
     return _count_directions(stills) < SETTINGS.least_directions
 
 
@@ -122,13 +130,13 @@ def calibrate_accelerometer(
 ) -> AccelerometerCorrection:
     """Fit offset and gain so that every direction reads 1 g, by damped least squares with Cauchy weights.
 
-    ``moving``: readings of the moving arm, for a recording that was still in few directions; where they give
-    no correction, the still moments are asked alone.
-    Returns no correction where there is no still moment, where a bound is passed, where the departure from
-    1 g does not become smaller, or where still moments in few directions would have but a little taken off.
+    ``moving``: readings of the moving arm, for a recording that was still in few directions. If they give no
+    correction, only the still moments are used. Returns no correction if there is no still moment, if a bound
+    is exceeded, if the departure from 1 g does not decrease, or if still moments in few directions would only
+    remove a little.
     """
     if len(stills) == 0:
-        return leave_accelerometer()
+        return build_identity_accelerometer()
     if moving is not None:
         found = _find_correction(_average_cells(stills, moving), is_few=True)
         if found is not None and found.directions >= SETTINGS.least_directions:
@@ -136,17 +144,17 @@ def calibrate_accelerometer(
                 found, offset_sd_g=min(SETTINGS.moving_doubt * found.offset_sd_g, SETTINGS.offset_g)
             )
     is_few = _count_directions(stills) < SETTINGS.rest_directions
-    return _find_correction(_average_cells(stills, None), is_few=is_few) or leave_accelerometer()
+    return _find_correction(_average_cells(stills, None), is_few=is_few) or build_identity_accelerometer()
 
 
 def _find_correction(cells: "_Cells", *, is_few: bool) -> AccelerometerCorrection | None:
-    """None where a bound is passed, or where less is taken off than a good accelerometer is off.
+    """Return None if a bound is exceeded, or if less is removed than the usual error of a good accelerometer.
 
-    What is taken off counts, not the departure: that of few and lively readings may be their own error, and a
-    correction that follows it explains little of it.
+    The criterion is the departure that is removed, not the departure itself: that of a few noisy readings may
+    be their own error, and a fitted correction explains little of it.
     """
     offset_g, gain = _fit(cells)
-    corrected = (cells.reading_g - cells.hats.read(offset_g)) @ gain
+    corrected = (cells.reading_g - cells.interpolator.read(offset_g)) @ gain
     before, after = (
         float(np.mean((np.linalg.norm(table, axis=1) - 1.0) ** 2)) for table in (cells.reading_g, corrected)
     )
@@ -154,7 +162,7 @@ def _find_correction(cells: "_Cells", *, is_few: bool) -> AccelerometerCorrectio
     least = SETTINGS.scale**2 if is_few else 0.0
     if farthest_g > 3.0 * SETTINGS.offset_g or most > 3.0 * SETTINGS.scale or before - after <= least:
         return None
-    # what the directions seen leave open of an offset that stands still, beside the gain
+    # the uncertainty that the directions leave in a constant offset, estimated together with the gain
     slope = np.hstack([-corrected, _slope_by_gain(corrected, corrected)])
     weight = weigh_cauchy(np.linalg.norm(corrected, axis=1) - 1.0, cells.variance)
     prior = np.concatenate([np.full(3, SETTINGS.offset_g**-2.0), PAIRS / SETTINGS.scale**2])
@@ -164,23 +172,23 @@ def _find_correction(cells: "_Cells", *, is_few: bool) -> AccelerometerCorrectio
 
 
 def _slope_by_gain(along: Float64Array, bare: Float64Array) -> Float64Array:
-    """How the length along a direction (w, 3) changes with the six numbers of the gain, (w, 6)."""
+    """Return the derivative of the length along a direction (w, 3) by the six numbers of the gain, (w, 6)."""
     once = along[:, FIRST_AXIS] * bare[:, SECOND_AXIS] + along[:, SECOND_AXIS] * bare[:, FIRST_AXIS]
     return np.asarray(PAIRS / 2.0 * once)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Cells:
-    """One reading for each direction between each two knots, so that no pose outvotes the others.
+    """One reading for each direction between each two knots, so that no pose dominates.
 
-    ``reading_g`` (c, 3), ``variance`` (c,) of its length; ``hats`` places them among the knots.
+    ``reading_g`` (c, 3), ``variance`` (c,) of its length; ``hats`` interpolates between the knots.
     """
 
     knots_s: Float64Array
     reading_g: Float64Array
     variance: Float64Array
     directions: int
-    hats: LinearInterpolator = field(repr=False)
+    interpolator: LinearInterpolator = field(repr=False)
 
 
 def _average_cells(stills: QuietTable, moving: MovingReadings | None) -> _Cells:
@@ -199,7 +207,7 @@ def _average_cells(stills: QuietTable, moving: MovingReadings | None) -> _Cells:
     first = np.flatnonzero(np.diff(cell[order], prepend=-1))
     count = np.diff(first, append=len(order))
     mean_g = np.add.reduceat(gravity_g[order], first) / count[:, None]
-    # The median length in the mean direction: the mean itself is too short by the spread of the cell.
+    # The median length in the mean direction: the mean vector itself is too short because of the spread.
     median_g = (length_g[order][first + (count - 1) // 2] + length_g[order][first + count // 2]) / 2.0
     reading_g = mean_g * (median_g / np.maximum(np.linalg.norm(mean_g, axis=1), 1e-9))[:, None]
     middle_s = np.add.reduceat(time_s[order], first) / count
@@ -212,10 +220,10 @@ def _average_cells(stills: QuietTable, moving: MovingReadings | None) -> _Cells:
 
 
 def _fit(cells: _Cells) -> tuple[Float64Array, Float64Array]:
-    """Offsets at the knots (k, 3) and gain (3, 3)."""
+    """Return the offsets at the knots (k, 3) and the gain (3, 3)."""
     offset_g, gain = np.zeros((len(cells.knots_s), 3)), np.eye(3)
     for _ in range(SETTINGS.rounds):
-        bare = cells.reading_g - cells.hats.read(offset_g)
+        bare = cells.reading_g - cells.interpolator.read(offset_g)
         corrected = bare @ gain
         length = np.linalg.norm(corrected, axis=1)
         along = corrected / np.maximum(length, 1e-9)[:, None]
@@ -224,7 +232,7 @@ def _fit(cells: _Cells) -> tuple[Float64Array, Float64Array]:
         departure = length - 1.0
         weight = weigh_cauchy(departure, cells.variance)
         # Linear about the present solution, so that the unknowns are the solution itself.
-        present = (by_offset * cells.hats.read(offset_g)).sum(axis=1)
+        present = (by_offset * cells.interpolator.read(offset_g)).sum(axis=1)
         aim = present + by_gain @ (gain - np.eye(3))[FIRST_AXIS, SECOND_AXIS] - departure
         offset_g, six = _solve(cells, by_offset, by_gain, aim, weight)
         gain = np.eye(3)
@@ -236,14 +244,14 @@ def _fit(cells: _Cells) -> tuple[Float64Array, Float64Array]:
 def _solve(
     cells: _Cells, by_offset: Float64Array, by_gain: Float64Array, aim: Float64Array, weight: Float64Array
 ) -> tuple[Float64Array, Float64Array]:
-    """One round: the knots' offsets are eliminated (they form a band), then the six numbers of the gain."""
-    band = hold_together(cells.knots_s, SETTINGS.wander_g_per_root_min)
+    """Run one round: eliminate the knots' offsets (they form a band), then solve for the gain."""
+    band = build_random_walk(cells.knots_s, SETTINGS.wander_g_per_root_min)
     band[0] += 1.0 / (SETTINGS.offset_g**2 * len(cells.knots_s))
     right = np.zeros((1 + len(PAIRS), band.shape[1]))
     heavy = weight[:, None] * by_offset
-    cells.hats.add(band, right[0], heavy[:, :, None] * by_offset[:, None, :], heavy * aim[:, None])
+    cells.interpolator.add(band, right[0], heavy[:, :, None] * by_offset[:, None, :], heavy * aim[:, None])
     for k in range(len(PAIRS)):
-        cells.hats.pull(right[1 + k], heavy * by_gain[:, k, None])
+        cells.interpolator.pull(right[1 + k], heavy * by_gain[:, k, None])
     solved = solve_band(band, right).T
     both = right[1:] @ solved
     normal = (weight[:, None] * by_gain).T @ by_gain + np.diag(PAIRS / SETTINGS.scale**2) - both[:, 1:]
@@ -251,27 +259,30 @@ def _solve(
     return (solved[:, 0] - solved[:, 1:] @ six).reshape(-1, 3), np.asarray(six, dtype=np.float64)
 
 
-# What the accelerometer reads of gravity while the arm moves.
+# Accelerometer readings of gravity while the arm moves.
 #
-# Turned into one frame by the gyroscope and averaged over some seconds, the sensor's own acceleration
-# becomes the change of its velocity by the time, next to nothing: wherever the sensor sits, as centripetal
-# acceleration is a part of it. What is left is gravity and the offset as the motion turned it about, so
-# that the length of the mean tells the offset along the mean direction of gravity in the sensor.
+# The acceleration is rotated into one frame by the gyroscope and averaged over some seconds. The sensor's own
+# acceleration then becomes its change of velocity divided by the time, almost zero. This holds for any
+# position of the sensor, because centripetal acceleration is included. Gravity and the rotated offset remain.
+# The length of the mean therefore shows the offset along the mean direction of gravity in the sensor.
 
 
 WINDOW_S = 4.0
 EVERY_S = 1.0
 MOST_WINDOWS = 2000
 LEAST_SHARE = 0.5
-"""Where the sensor turned about so much that less of the offset is left, the window tells too little."""
+"""If the sensor rotated so much that a smaller share of the offset remains, the window is not used."""
 CALM_G = 0.15
-"""A livelier one (root mean square about the mean) also tells errors of scale, and of the gyroscope."""
+"""A window with more motion (root mean square about the mean) also contains errors of scale and of the
+gyroscope.
+"""
 
 
 def read_while_moving(nodes: Sequence[Nodes]) -> MovingReadings:
-    """One reading for each window of 4 s of all runs; ``nodes`` with the bias taken off.
+    """Return one reading for each window of 4 s of all runs; ``nodes`` with the bias subtracted.
 
-    Runs of one rate are read together: a day of thousands of short ones takes no longer than a whole one.
+    Runs with the same rate are processed together, so that thousands of short runs take no longer than one
+    long run.
     """
     alike: dict[int, list[Nodes]] = {}
     for run in nodes:
@@ -289,7 +300,7 @@ def _read_runs(runs: Sequence[Nodes], steps: int) -> MovingReadings:
     felt, turned, squares = _average(acc_g, turn_rad, first, steps)
     length_g = np.maximum(np.linalg.norm(felt, axis=1), 1e-9)
     spread = squares - length_g**2
-    # The mean is as long as gravity and, of the offset, what points along it in the mean.
+    # The length of the mean is gravity plus the mean component of the offset along it.
     slope = np.einsum("wij,wi->wj", turned, felt / length_g[:, None])
     share = np.linalg.norm(slope, axis=1)
     told = (share > LEAST_SHARE) & (spread < CALM_G**2)
@@ -299,7 +310,7 @@ def _read_runs(runs: Sequence[Nodes], steps: int) -> MovingReadings:
 
 
 def _place_windows(runs: Sequence[Nodes], steps: int) -> tuple[NDArray[np.intp], Float64Array]:
-    """First node of each window, counted through all runs, and its middle, s; none spans two runs."""
+    """Return the first node of each window, counted over all runs, and its middle, s; none spans two runs."""
     firsts, middles_s, before = [], [], 0
     for run in runs:
         own = np.arange(0, len(run.acc_g) - steps + 1, max(1, round(EVERY_S / run.period_s)))
@@ -314,7 +325,7 @@ def _place_windows(runs: Sequence[Nodes], steps: int) -> tuple[NDArray[np.intp],
 def _average(
     acc_g: Float64Array, turn_rad: Float64Array, first: NDArray[np.intp], steps: int
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Mean acceleration (w, 3) and rotation (w, 3, 3) in each window's first frame, and mean square (w,)."""
+    """Return acceleration (w, 3) and rotation (w, 3, 3) in the first frame, and mean square (w,): means."""
     weight = np.hanning(steps + 2)[1:-1]
     weight /= weight.sum()
     frame = np.repeat(np.eye(3)[None], len(first), axis=0)
@@ -329,7 +340,7 @@ def _average(
 
 
 def _turn_back(turn_rad: Float64Array) -> Float64Array:
-    """Matrices (w, 3, 3) that take what is seen after each turn (w, 3) to what was seen before."""
+    """Return matrices (w, 3, 3) that transform vectors after each turn (w, 3) to the frame before it."""
     angle = np.maximum(np.linalg.norm(turn_rad, axis=1), 1e-12)[:, None, None]
     x, y, z = turn_rad.T
     nil = np.zeros(len(turn_rad))
@@ -341,13 +352,13 @@ def _turn_back(turn_rad: Float64Array) -> Float64Array:
 
 # Samples at the end of a sensor's range, bridged so that the estimators lose less of the motion.
 #
-# A clipped run is replaced, axis by axis, by the cubic that leaves and meets the good samples on either
-# side with their own slope (Hermite), never under the limit and at most three times it. Nothing is hidden:
-# the rows and 100 ms about them are excluded by ``fusion.quality``; the repair is there so that the
-# direction is right again at once afterwards.
+# A clipped run is replaced, axis by axis, by the cubic that matches value and slope of the good samples on
+# either side (Hermite), never below the limit and at most three times it. The repair does not hide anything:
+# ``fusion.quality`` excludes the rows and 100 ms around them. It only makes the direction correct again right
+# afterwards.
 #
-# On BROAD cut at 2 g and 500 deg/s, without the repair 4.75 deg, with it 2.2 deg (offlineVQF 4.74, VQF
-# 6.9); leaving clipped accelerations out of the mean altogether was worse (6.6): what is cut off is not at
+# On BROAD cut at 2 g and 500 deg/s: 4.75 deg without the repair, 2.2 deg with it (offlineVQF 4.74, VQF 6.9).
+# Leaving clipped accelerations out of the mean altogether was worse (6.6), because the cut-off values are not
 # random.
 
 
@@ -361,9 +372,9 @@ def bridge_saturation(
     acc_range_g: float | None = None,
     gyr_range_dps: float | None = None,
 ) -> list[SensorRun]:
-    """Repair clipped stretches up to 0.3 s; a run without any is given back as it is, otherwise a copy.
+    """Repair clipped stretches up to 0.3 s; return a copy, or the run itself if nothing is clipped.
 
-    ``blocks`` are the same runs reduced (they know the extremes).
+    ``blocks`` are the same runs reduced; they contain the extremes.
     """
     acc_limits, gyr_limits = find_limits(runs, blocks, acc_range_g, gyr_range_dps)
     if not (np.isfinite(acc_limits).any() or np.isfinite(gyr_limits).any()):
@@ -386,10 +397,10 @@ def find_limits(
 ) -> tuple[Float64Array, Float64Array]:
     """Return the values from which each axis of accelerometer and gyroscope is clipped.
 
-    Sizes towards either side, (2, 3) each; infinite where nothing is clipped. Where the file tells the full
-    scale, a sample within 0.1 % of it is clipped. Where it does not, a channel is taken to be clipped at its
-    extreme of the whole recording if it rests exactly there for three rows or more and no sensor has so small
-    a range (2 g, 245 deg/s).
+    Absolute values in the negative and positive direction, (2, 3) each; infinite if nothing is clipped. If
+    the file states the full scale, a sample within 0.1 % of it is clipped. Otherwise a channel counts as
+    clipped at its extreme of the whole recording if it stays exactly there for three rows or more and the
+    extreme is not below the smallest range of any sensor (2 g, 245 deg/s).
     """
     acc = [(run.acc_g, part.acc_ends, part.rows_per_block) for run, part in zip(runs, blocks, strict=True)]
     gyr = [(run.gyr_dps, part.gyr_ends, part.rows_per_block) for run, part in zip(runs, blocks, strict=True)]
@@ -402,7 +413,7 @@ def find_limits(
 def _find_limits(
     channels: Sequence[tuple[FloatArray, Float64Array, int]], full_scale: float | None, least: float
 ) -> Float64Array:
-    """Find the limits of one sensor: samples (n, 3), ends (6, m) of each block of rows, rows of a block."""
+    """Return the limits of one sensor: samples (n, 3), ends (6, m) of each block of rows, rows of a block."""
     low = np.min([ends[:3].min(axis=1) for _, ends, _ in channels], axis=0)
     high = np.max([ends[3:].max(axis=1) for _, ends, _ in channels], axis=0)
     size = np.stack([-low, high])
@@ -425,7 +436,7 @@ def _find_limits(
 def _count_rest(
     samples: Any, axis: int, extreme: float, blocks: Any, rows_per_block: int
 ) -> int:  # pragma: no cover
-    """Longest rest of an axis at its extreme, rows; only the blocks in which it gets there are looked at."""
+    """Return the longest rest of an axis at its extreme, rows; only reads blocks with the extreme."""
     longest, resting, last = 0, 0, -1
     for block in blocks:
         first = block * rows_per_block
@@ -453,7 +464,7 @@ def _repair(samples: FloatArray, limits: Float64Array, rate_hz: float) -> FloatA
 def _bridge(
     samples: Any, axis: int, sign: float, limit: float, longest_rows: int, repaired: Any
 ) -> None:  # pragma: no cover
-    """Find the runs at or past a limit that have two good samples on each side, and replace them."""
+    """Replace the runs at or past a limit that have two good samples on each side."""
     row, rows = 0, len(samples)
     while row < rows:
         if sign * samples[row, axis] < limit:
@@ -485,7 +496,7 @@ def _draw_cubic(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorCalibration:
-    """What is taken off the samples, the same for all segments of a recording."""
+    """Corrections of the samples, the same for all segments of a recording."""
 
     bias: GyroBias
     accelerometer: AccelerometerCorrection
@@ -496,7 +507,7 @@ class SensorCalibration:
 class CalibratedRun:
     """One run with its clipped samples bridged, and its nodes with the calibration applied.
 
-    ``source`` is the array of angular rates that it was made from.
+    ``source``: the array of angular rates that it was made from.
     """
 
     run: SensorRun
@@ -511,12 +522,12 @@ def calibrate_sensor(
     acc_range_g: float | None = None,
     gyr_range_dps: float | None = None,
 ) -> tuple[SensorCalibration, tuple[CalibratedRun, ...]]:
-    """Find bias, accelerometer correction and gyroscope scale, and apply them."""
+    """Estimate bias, accelerometer correction and gyroscope scale, and apply them."""
     bridged = bridge_saturation(runs, blocks, acc_range_g, gyr_range_dps)
     rough = reduce_about_start(bridged, stills)
-    bias = follow_gyro_bias(rough, stills)
+    bias = estimate_gyro_bias_track(rough, stills)
     moving = None
-    if sees_few_directions(stills):
+    if has_few_directions(stills):
         moving = read_while_moving([correct_nodes(nodes, bias) for nodes in rough])
     accelerometer = calibrate_accelerometer(stills, moving=moving)
     gyro_scale = estimate_gyro_scale(rough, stills, bias, accelerometer)
@@ -533,7 +544,7 @@ def apply_calibration(
     acc_range_g: float | None = None,
     gyr_range_dps: float | None = None,
 ) -> CalibratedRun:
-    """Take a run with a calibration found elsewhere (in the whole of which it is a part)."""
+    """Apply a given calibration (for example that of the whole recording)."""
     (bridged,) = bridge_saturation([run], [reduce_run(run)], acc_range_g, gyr_range_dps)
     return CalibratedRun(
         bridged, _apply(reduce_to_nodes(bridged, calibration.bias), calibration), run.gyr_dps
@@ -541,6 +552,6 @@ def apply_calibration(
 
 
 def _apply(nodes: Nodes, calibration: SensorCalibration) -> Nodes:
-    """In the place of the nodes themselves, which nothing reads any more."""
+    """Apply in place; the original nodes are not used after this."""
     gain, accelerometer = calibration.gyro_scale.gain, calibration.accelerometer
     return correct_nodes(nodes, calibration.bias, gain, accelerometer, in_place=True)

@@ -1,7 +1,7 @@
-"""How quiet every quarter second was, and the still moments that follow from it.
+"""Measure the stillness of every quarter second, and find the still moments.
 
-The recording is reduced once to blocks of a quarter second (means and variances of the six channels); every
-question about stillness is then answered from the blocks, whatever the length of the recording.
+The recording is reduced once to blocks of a quarter second (means and variances of the six channels). All
+later steps use the blocks, for any length of recording.
 """
 
 from collections.abc import Sequence
@@ -24,8 +24,9 @@ BLOCK_S = 0.25
 class QuietTable:
     """Statistics of windows of one length, one row for each quarter second of window start.
 
-    ``gravity_g`` and ``gyro_dps`` are means, shapes (m, 3); ``acc_sd_g`` and ``gyro_sd_dps`` the largest
-    standard deviation of the three axes, shapes (m,), or the length of the three together.
+    ``gravity_g``, ``gyro_dps``: means, shapes (m, 3).
+    ``acc_sd_g``, ``gyro_sd_dps``: the largest standard deviation of the three axes, shapes (m,), or that of
+    all three together.
     """
 
     start_s: Float64Array
@@ -44,7 +45,7 @@ class QuietTable:
         return np.asarray(self.start_s + self.duration_s / 2.0)
 
     def select(self, rows: NDArray[np.intp] | NDArray[np.bool_]) -> "QuietTable":
-        """The same table with some of the rows."""
+        """Return the table with some of the rows."""
         return QuietTable(
             self.start_s[rows],
             self.duration_s,
@@ -59,7 +60,7 @@ class QuietTable:
 def reduce_to_blocks(
     samples: Any, rows_per_block: int, moments: Any, extremes: Any
 ) -> None:  # pragma: no cover
-    """Mean and mean square (m, 6), lowest and highest (6, m) of each block of rows; the last may be short."""
+    """Compute mean and mean square (m, 6), minimum and maximum (6, m) of each block of rows."""
     for block in range(len(moments)):
         first, stop = block * rows_per_block, (block + 1) * rows_per_block
         stop = stop if stop < len(samples) else len(samples)
@@ -80,8 +81,9 @@ def reduce_to_blocks(
 class QuarterSeconds:
     """One run in blocks of a quarter second.
 
-    ``acc`` and ``gyr``: mean (3) and mean square (3) of each whole block; ``acc_ends`` and ``gyr_ends``:
-    lowest (3) and highest (3), shape (6, m), with one block more for rows left over.
+    ``acc``, ``gyr``: mean (3) and mean square (3) of each whole block.
+    ``acc_ends``, ``gyr_ends``: minimum (3) and maximum (3), shape (6, m), with one more block for remaining
+    rows.
     """
 
     start_s: float
@@ -94,7 +96,7 @@ class QuarterSeconds:
 
 
 def reduce_run(run: SensorRun) -> QuarterSeconds:
-    """Walk once over the samples; all questions about stillness are answered from the result."""
+    """Reduce the samples in one pass."""
     per_block = max(1, round(BLOCK_S * run.rate_hz))
     acc, acc_ends = _reduce_sensor(run.acc_g, per_block)
     gyr, gyr_ends = _reduce_sensor(run.gyr_dps, per_block)
@@ -113,8 +115,8 @@ def summarise_windows(
 ) -> QuietTable:
     """Slide a window of ``duration_s`` over each run in steps of a quarter second.
 
-    ``together``: the standard deviations are those of all three axes together, which do not depend on how the
-    sensor is strapped on; otherwise of the axis that varies most, as published rules have it.
+    ``together``: use the standard deviation of all three axes together, which does not depend on the
+    mounting; otherwise that of the axis that varies most, as in published rules.
     """
     tables = [_summarise_run(run, duration_s, together=together) for run in blocks]
     if len(tables) == 1:
@@ -141,7 +143,7 @@ def _summarise_run(blocks: QuarterSeconds, duration_s: float, *, together: bool)
 
 @kernel
 def _slide(moments: Any, how: Any, sums: Any, mean: Any, sd: Any) -> None:  # pragma: no cover
-    """Mean and standard deviation of each window of ``length`` blocks, by a running sum."""
+    """Compute mean and standard deviation of each window of ``length`` blocks, by a running sum."""
     length, together = how
     for block in range(len(moments)):
         for k in range(6):
@@ -162,8 +164,9 @@ def _slide(moments: Any, how: Any, sums: Any, mean: Any, sd: Any) -> None:  # pr
 
 @dataclass(frozen=True, slots=True)
 class StillRules:
-    """What counts as a still moment: neither sensor varied, all axes together. The level of the rate is
-    bounded, no more.
+    """Limits of a still moment: small variation of both sensors, all axes together.
+
+    The level of the rate only has an upper bound.
     """
 
     still_s: float = MOMENT.window_s
@@ -176,7 +179,7 @@ RULES = StillRules()
 
 
 def find_still_moments(blocks: Sequence[QuarterSeconds]) -> QuietTable:
-    """Non-overlapping still moments of all runs, in time order."""
+    """Return non-overlapping still moments of all runs, in time order."""
     every = summarise_windows(blocks, RULES.still_s, together=True)
     rows = np.flatnonzero((every.acc_sd_g < RULES.acc_sd_g) & (every.gyro_sd_dps < RULES.gyro_sd_dps))
     rows = rows[np.linalg.norm(every.gyro_dps[rows], axis=1) < RULES.largest_bias_dps]
@@ -193,10 +196,9 @@ QUIETEST_S = 2.0
 
 
 def find_quietest_rate(run: SensorRun) -> Float64Array:
-    """Mean angular rate, shape (3,), of the moment in which both sensors varied least; nil where there is
-    none.
+    """Return the mean angular rate, (3,), of the moment with the least variation; zero if there is none.
 
-    The gyroscope's variation in deg/s and the accelerometer's in hundredths of a g are added.
+    The variation is the gyroscope's in deg/s plus the accelerometer's in hundredths of a g.
     """
     table = summarise_windows([reduce_run(run)], QUIETEST_S, together=True)
     if len(table) == 0:

@@ -1,4 +1,4 @@
-"""A working day, the arm's exact elevation, and the files an imperfect sensor writes."""
+"""Simulate a working day, the arm's exact elevation, and the files of an imperfect sensor."""
 
 from fusion.simulation.files import write_recordings, write_shift
 from fusion.simulation.shift import SimulatedShift, simulate_shift

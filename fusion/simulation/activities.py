@@ -1,6 +1,6 @@
-"""Who works, and what a worker does in a day: each activity writes movements until its time is up.
+"""People and their activities in a day: each activity adds movements until its time is up.
 
-Angles and tempi are plausible, not measured: chosen so that a day comes out near published ones
+Angles and tempos are plausible, not measured. They are chosen so that a day is near published ones
 (hairdressers: median 22 deg, 6.8 % of the time above 60 deg; Wahlström 2010).
 """
 
@@ -11,16 +11,16 @@ import numpy as np
 
 from fusion.simulation.body import Channel, Motion
 
-# How people differ in what the pose depends on: the way they stand, walk and repeat a posture.
+# Differences between people that affect the pose: how they stand, walk and repeat a posture.
 #
 # The figures are those of recorded motion (docs/validation.md, "Simulated people"): relaxed stance 8 to 15
-# deg from plumb; in walking, gravity's mean mostly 14 to 18 deg off the arm's axis, 5 to 42 over all, 2.5 to
-# 7 from the same person's stance, 15 to 23 in those who walk briskly.
+# deg from plumb; in walking, gravity's mean mostly 14 to 18 deg from the arm axis, 5 to 42 in total, 2.5 to 7
+# from the same person's stance, 15 to 23 in people who walk briskly.
 
 STANCE_DEG, STANCE_PLANE_DEG = (8.0, 15.0), (-110.0, -10.0)
 APART_DEG, BRISK_APART_DEG = (2.5, 7.0), (15.0, 23.0)
 OUTWARD_SD_DEG = 30.0
-"""Walking leads the arm further from plumb than standing does; so much to either side of that."""
+"""In walking the arm is further from plumb than in standing; standard deviation of that direction."""
 BRISK_SHARE = 0.2
 REPEAT_DEG, SWAY_DEG = (1.5, 4.0), (0.1, 0.4)
 
@@ -29,14 +29,14 @@ REPEAT_DEG, SWAY_DEG = (1.5, 4.0), (0.1, 0.4)
 class Person:
     """One worker.
 
-    ``stance_deg``, ``stance_plane_deg``: how far from plumb the arm hangs in relaxed standing, and in which
+    ``stance_deg``, ``stance_plane_deg``: angle from plumb of the hanging arm in relaxed standing, and its
     plane.
     ``repeat_deg``: standard deviation of each of the two components of that posture, from one time to the
     next.
     ``sway_deg``: size of the sway of an idle arm.
-    ``gait_deg``, ``gait_plane_deg``: the same of the mean posture in walking.
-    ``step_hz``, ``swing_deg``, ``heave_m``: steps a second, half the swing of the arm, half the rise and fall
-    of the trunk.
+    ``gait_deg``, ``gait_plane_deg``: angle and plane of the mean posture in walking.
+    ``step_hz``, ``swing_deg``, ``heave_m``: steps per second, half the swing of the arm, half the vertical
+    movement of the trunk.
     """
 
     stance_deg: float
@@ -54,7 +54,7 @@ TYPICAL = Person(11.0, -60.0, 2.5, 0.3, 15.0, -50.0, 1.8, 15.0, 0.02)
 
 
 def draw_person(chance: np.random.Generator, *, is_brisk: bool | None = None) -> Person:
-    """Draw a worker; one in five walks so briskly that steps do not look like those of others."""
+    """Draw a worker; one in five walks so briskly that the steps look different."""
     if is_brisk is None:
         is_brisk = bool(chance.random() < BRISK_SHARE)
     stance_deg, plane_deg = chance.uniform(*STANCE_DEG), chance.uniform(*STANCE_PLANE_DEG)
@@ -76,9 +76,9 @@ def draw_person(chance: np.random.Generator, *, is_brisk: bool | None = None) ->
 
 
 def shift_posture(deg: float, plane_deg: float, by_deg: float, towards_rad: float) -> tuple[float, float]:
-    """Return elevation and plane of a posture that lies ``by_deg`` from another, deg.
+    """Return elevation and plane of a posture at an angle of ``by_deg`` from another, deg.
 
-    ``towards_rad``: 0 further from plumb in the same plane. Small angles are taken for lengths in a plane.
+    ``towards_rad``: 0 further from plumb in the same plane. Small angles are treated as lengths in a plane.
     """
     plane = np.radians(plane_deg)
     outward, across = deg + by_deg * np.cos(towards_rad), by_deg * np.sin(towards_rad)
@@ -86,17 +86,17 @@ def shift_posture(deg: float, plane_deg: float, by_deg: float, towards_rad: floa
     return float(np.hypot(outward, across)), float(np.degrees(turned))
 
 
-# Writes a score while time passes, as a choreographer would: move this there, wait, meanwhile sway.
+# Build a motion in time order: start a movement, wait, sway in the meantime.
 
 
 Pose = Mapping[Channel, float]
 
 
 class Choreography:
-    """The body's pose now, and the strokes and waves that led to it.
+    """The body's current pose, and the strokes and waves that led to it.
 
-    ``time_s`` is where the writing stands; ``move`` starts a movement there, ``wait`` lets time pass.
-    ``person`` is whose body it is.
+    ``time_s``: current time; ``move`` starts a movement there, ``wait`` advances it.
+    ``person``: whose body it is.
     """
 
     def __init__(self, person: Person = TYPICAL) -> None:
@@ -108,11 +108,11 @@ class Choreography:
 
     @property
     def facing_deg(self) -> float:
-        """Where the body faces, or is turning to."""
+        """The direction that the body faces, or is turning to."""
         return self._pose[Channel.HEADING]
 
     def move(self, duration_s: float, pose: Pose, *, after_s: float = 0.0) -> None:
-        """Begin a movement towards ``pose``; channels that are not named stay. Time does not pass."""
+        """Start a movement towards ``pose``; other channels stay. Time does not advance."""
         for channel, value in pose.items():
             change = value - self._pose[channel]
             if change != 0.0:
@@ -120,11 +120,11 @@ class Choreography:
                 self._pose[channel] = value
 
     def wait(self, duration_s: float) -> None:
-        """Let time pass."""
+        """Advance the time."""
         self.time_s += duration_s
 
     def go(self, duration_s: float, pose: Pose) -> None:
-        """Move and wait until there."""
+        """Move, and wait until the movement ends."""
         self.move(duration_s, pose)
         self.wait(duration_s)
 
@@ -136,7 +136,7 @@ class Choreography:
         amplitude: float,
         phase_rad: float = 0.0,
     ) -> None:
-        """Begin a wave that swells over a second (or a third of its length) and fades likewise."""
+        """Start a wave that grows over a second (or a third of its length) and fades likewise."""
         ramp_s = min(1.0, duration_s / 3)
         start_s = self.time_s
         self._waves.append(
@@ -144,7 +144,7 @@ class Choreography:
         )
 
     def finish(self) -> Motion:
-        """Return the score, in order of time."""
+        """Return the motion, in time order."""
         strokes = np.array(sorted(self._strokes, key=lambda row: row[1:]), dtype=np.float64).reshape(-1, 4)
         waves = np.array(sorted(self._waves, key=lambda row: row[1:]), dtype=np.float64).reshape(-1, 7)
         return Motion(strokes, waves)
@@ -154,7 +154,7 @@ Activity = Callable[[Choreography, float, np.random.Generator], None]
 
 
 def place_arm(flexion_deg: float, plane_deg: float, elevation_deg: float, axial_deg: float) -> Pose:
-    """Return where trunk and arm are."""
+    """Return the pose of trunk and arm."""
     return {
         Channel.FLEXION: flexion_deg,
         Channel.PLANE: plane_deg,
@@ -167,7 +167,7 @@ HANGING = place_arm(0.0, 0.0, 0.0, 0.0)
 
 
 def relax(body: Choreography, chance: np.random.Generator) -> Pose:
-    """How the arm hangs when nobody thinks of it: each time a little elsewhere."""
+    """Return the pose of the relaxed, hanging arm, slightly different each time."""
     person = body.person
     by_deg = person.repeat_deg * float(np.hypot(chance.normal(), chance.normal()))
     deg, plane_deg = shift_posture(
@@ -177,7 +177,7 @@ def relax(body: Choreography, chance: np.random.Generator) -> Pose:
 
 
 def tremble(body: Choreography, duration_s: float, deg: float, chance: np.random.Generator) -> None:
-    """Breathing, sway and tremor that are always there; ``deg`` is the size of the slow part."""
+    """Add permanent breathing, sway and tremor; ``deg`` is the size of the slow part."""
     for channel, size, slowest_hz, fastest_hz in (
         (Channel.FLEXION, 0.8, 0.2, 0.35),
         (Channel.ELEVATION, 1.0, 0.4, 0.9),
@@ -192,13 +192,13 @@ def tremble(body: Choreography, duration_s: float, deg: float, chance: np.random
 
 
 def hold_still(body: Choreography, duration_s: float, chance: np.random.Generator) -> None:
-    """Let the arm hang or rest as still as a person can: some tenths of a deg/s."""
+    """Hang or rest the arm as still as a person can: some tenths of a deg/s."""
     tremble(body, duration_s, 0.08, chance)
     body.wait(duration_s)
 
 
 def idle(body: Choreography, duration_s: float, chance: np.random.Generator) -> None:
-    """Stand with the arm hanging, swaying slowly as idle arms do."""
+    """Stand with the arm hanging and swaying slowly."""
     for channel in (Channel.FLEXION, Channel.ELEVATION, Channel.SWING):
         amplitude = body.person.sway_deg * chance.uniform(0.4, 0.8)
         body.sway(channel, duration_s, chance.uniform(0.15, 0.5), amplitude, chance.uniform(0.0, 6.28))
@@ -206,7 +206,7 @@ def idle(body: Choreography, duration_s: float, chance: np.random.Generator) -> 
 
 
 def stand(body: Choreography, duration_s: float, chance: np.random.Generator) -> None:
-    """Stand about with the arm hanging; now and then it shifts a little."""
+    """Stand with the arm hanging; it moves a little from time to time."""
     end_s = body.time_s + duration_s
     while body.time_s < end_s:
         heading_deg = body.facing_deg + chance.normal(0.0, 20.0)
@@ -215,7 +215,7 @@ def stand(body: Choreography, duration_s: float, chance: np.random.Generator) ->
 
 
 def walk(body: Choreography, duration_s: float, chance: np.random.Generator) -> None:
-    """Walk about: two steps to each swing of the arm, trunk heaving with each step, turns on the way."""
+    """Walk: two steps per swing of the arm, the trunk moves vertically with each step, with turns."""
     duration_s = max(duration_s, 4.0)
     end_s = body.time_s + duration_s
     gait = {Channel.PLANE: body.person.gait_plane_deg, Channel.ELEVATION: body.person.gait_deg}
@@ -229,7 +229,7 @@ def walk(body: Choreography, duration_s: float, chance: np.random.Generator) -> 
 
 
 def _step(body: Choreography, duration_s: float, chance: np.random.Generator) -> None:
-    """Gait: the person's own steps, a little faster or slower each time; sizes in deg and m."""
+    """Add gait: the person's own steps, slightly faster or slower each time; sizes in deg and m."""
     person = body.person
     step_hz = person.step_hz * chance.uniform(0.96, 1.04)
     swing_deg, heave_m = person.swing_deg * chance.uniform(0.9, 1.1), person.heave_m
@@ -261,7 +261,7 @@ def assemble(body: Choreography, duration_s: float, chance: np.random.Generator)
 
 
 def pause(body: Choreography, duration_s: float, chance: np.random.Generator) -> None:
-    """Wait for a machine: the arm rests on the bench or a rail, one place after another."""
+    """Wait for a machine: the arm rests on the bench or a rail, in several places."""
     end_s = body.time_s + duration_s
     while body.time_s < end_s:
         pose = place_arm(
@@ -275,7 +275,7 @@ def pause(body: Choreography, duration_s: float, chance: np.random.Generator) ->
 
 
 def work_overhead(body: Choreography, duration_s: float, chance: np.random.Generator) -> None:
-    """Work above the shoulder: raised for some seconds, then down to fetch a part."""
+    """Work above the shoulder: raised for some seconds, then down to get a part."""
     end_s = body.time_s + duration_s
     tremble(body, duration_s, 0.6, chance)
     while body.time_s < end_s:
@@ -292,7 +292,7 @@ def work_overhead(body: Choreography, duration_s: float, chance: np.random.Gener
 
 
 def lift(body: Choreography, duration_s: float, chance: np.random.Generator) -> None:
-    """Bend with the arm plumb, lift, carry for some steps, put down at the height of the chest."""
+    """Bend with the arm plumb, lift, carry for some steps, put down at chest height."""
     end_s = body.time_s + duration_s
     tremble(body, duration_s + 6.0, 0.4, chance)
     while body.time_s < end_s:
@@ -310,7 +310,7 @@ def lift(body: Choreography, duration_s: float, chance: np.random.Generator) -> 
 
 
 def _carry(body: Choreography, chance: np.random.Generator) -> None:
-    """Some steps with the arm held."""
+    """Walk some steps with the arm held."""
     carried_s = chance.uniform(3.0, 6.0)
     step_hz = chance.uniform(1.6, 1.8)
     body.sway(Channel.SWAY_UP, carried_s, step_hz, 0.018, 0.0)
@@ -321,7 +321,7 @@ def _carry(body: Choreography, chance: np.random.Generator) -> None:
 
 
 def rest(body: Choreography, duration_s: float, chance: np.random.Generator) -> None:
-    """Sit with the arm on the table or in the lap; change the posture now and then."""
+    """Sit with the arm on the table or in the lap; change the posture from time to time."""
     end_s = body.time_s + duration_s
     while body.time_s < end_s:
         pose = place_arm(
@@ -349,7 +349,7 @@ def swing(body: Choreography, duration_s: float, chance: np.random.Generator) ->
 
 
 def throw(body: Choreography, duration_s: float, chance: np.random.Generator) -> None:
-    """Throw a part into a bin: wind up, fling, follow through, come to rest."""
+    """Throw a part into a bin: wind up, throw, follow through, come to rest."""
     end_s = body.time_s + duration_s
     tremble(body, duration_s, 0.4, chance)
     while body.time_s < end_s:
@@ -359,7 +359,7 @@ def throw(body: Choreography, duration_s: float, chance: np.random.Generator) ->
 
 
 def fling(body: Choreography, fast_s: float, chance: np.random.Generator) -> None:
-    """One throw; the arm turns about itself by 100 deg in ``fast_s``."""
+    """Throw once; the arm turns about its own axis by 100 deg in ``fast_s``."""
     body.go(0.5, {Channel.PLANE: -80.0, Channel.ELEVATION: chance.uniform(75.0, 100.0), Channel.AXIAL: -55.0})
     body.move(1.6 * fast_s, {Channel.PLANE: 5.0, Channel.FLEXION: 12.0})
     body.move(fast_s, {Channel.AXIAL: 45.0}, after_s=0.5 * fast_s)

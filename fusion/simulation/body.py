@@ -1,4 +1,4 @@
-"""A rigid upper arm on a shoulder on a trunk: from joint motion to what an ideal sensor would feel.
+"""Compute the readings of an ideal sensor from joint motion: a rigid upper arm on a shoulder on a trunk.
 
 Frames: the room has z up; the body's x points forward, y to the left, z up; the arm's z points along the
 upper arm towards the shoulder. The chain from the room to the arm is heading (about z), trunk flexion (about
@@ -15,21 +15,20 @@ import numpy as np
 from fusion.numba_kernels import njit
 from fusion.recording import STANDARD_GRAVITY, Float64Array
 
-# Joint motion as a score of strokes and waves, so that every derivative is exact.
+# Joint motion as a sum of strokes and waves, so that every derivative is exact.
 #
-# A channel of the body (an angle or a displacement) is the sum of *strokes* and *waves*. A stroke carries
-# it from one value to another along the minimum-jerk polynomial (Flash and Hogan, J Neurosci 1985;5:1688):
-# twice continuously differentiable, at rest at both ends. Strokes may overlap, so that a movement need not
-# stop before the next begins. A wave is a sinusoid that swells and fades along the same polynomial: gait,
-# tremor.
+# A channel of the body (an angle or a displacement) is the sum of *strokes* and *waves*. A stroke moves it
+# from one value to another along the minimum-jerk polynomial (Flash and Hogan, J Neurosci 1985;5:1688): twice
+# continuously differentiable, at rest at both ends. Strokes may overlap, so a movement need not stop before
+# the next one. A wave is a sinusoid that grows and fades along the same polynomial: gait, tremor.
 
 
 class Channel(IntEnum):
-    """What moves. Angles in deg, speed in m/s, sway of the pelvis in m.
+    """The moving channels. Angles in deg, speed in m/s, sway of the pelvis in m.
 
     ELEVATION is relative to the trunk (it equals the angle to gravity only while the trunk is upright), PLANE
     is the vertical plane in which the arm is raised (0 forward, -90 to the right), AXIAL turns the arm about
-    itself, SWING swings it forward whatever the plane, SPEED is that of walking along HEADING.
+    its own axis, SWING swings it forward in any plane, SPEED is that of walking along HEADING.
     """
 
     HEADING = 0
@@ -46,11 +45,11 @@ class Channel(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """A score, ready to be played at any instants.
+    """A motion that can be evaluated at any time.
 
-    ``strokes``: shape (k, 4), in order of start: channel, start in s, duration in s, change of value.
-    ``waves``: shape (w, 7), in order of start: channel, start in s, end in s, length of the swelling and of
-    the fading in s, frequency in Hz, amplitude, phase in rad.
+    ``strokes``: shape (k, 4), by start: channel, start in s, duration in s, change of value.
+    ``waves``: shape (w, 7), by start: channel, start in s, end in s, duration of growth and of fading in s,
+    frequency in Hz, amplitude, phase in rad.
     """
 
     strokes: Float64Array
@@ -93,7 +92,7 @@ def _ramp(x: float) -> tuple[float, float, float]:  # pragma: no cover - compile
 def _add_strokes(
     strokes: Float64Array, base: Float64Array, first_sample: int, rate_hz: float, out: Float64Array
 ) -> None:  # pragma: no cover - compiled
-    """Add each stroke where it moves; what it leaves behind is a step, summed up at the end."""
+    """Add each stroke during its movement; its final change is a step, summed at the end."""
     count = out.shape[2]
     steps = np.zeros((out.shape[0], count))
     steps[:, 0] = base
@@ -119,7 +118,7 @@ def _add_strokes(
 def _envelope(
     time_s: float, start_s: float, end_s: float, ramp_s: float
 ) -> tuple[float, float, float]:  # pragma: no cover - compiled
-    """Swell over ``ramp_s`` after the start, fade over ``ramp_s`` before the end."""
+    """Return an envelope that grows for ``ramp_s`` after the start and fades for ``ramp_s`` at the end."""
     if time_s - start_s < end_s - time_s:
         value, rate, acceleration = _ramp((time_s - start_s) / ramp_s)
         return value, rate / ramp_s, acceleration / (ramp_s * ramp_s)
@@ -152,11 +151,11 @@ def _add_waves(
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """Where things are, m. The defaults are those of an adult of average height.
+    """Positions in m. The defaults are those of an adult of average height.
 
-    ``shoulder_m`` is the right shoulder seen from the point about which the trunk bends; ``sensor_m`` is the
-    sensor seen from the shoulder, on the lateral side of the distal upper arm; ``field_ut`` is the Earth's
-    magnetic field in the room (Quebec City, about: x north, z up).
+    ``shoulder_m``: the right shoulder relative to the point about which the trunk bends.
+    ``sensor_m``: the sensor relative to the shoulder, on the lateral side of the distal upper arm.
+    ``field_ut``: the Earth's magnetic field in the room (approximately Quebec City: x north, z up).
     """
 
     shoulder_m: tuple[float, float, float] = (0.0, -0.18, 0.45)
@@ -166,7 +165,7 @@ class Body:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmState:
-    """What an ideal sensor aligned with the arm would read, and the truth.
+    """The readings of an ideal sensor aligned with the arm, and the truth.
 
     ``acc_g``: shape (n, 3): specific force, +1 g along the zenith at rest.
     ``gyr_dps``: shape (n, 3): angular rate of the arm in its own frame.
@@ -180,15 +179,17 @@ class ArmState:
     elevation_deg: Float64Array
 
 
-def feel(channels: Float64Array, body: Body) -> ArmState:
+def compute_readings(channels: Float64Array, body: Body) -> ArmState:
     """Derive the readings of an ideal sensor from the channels of :func:`fusion.simulation.body.play`.
 
     The pelvis is accelerated by walking (change of speed, speed times rate of turn) and by its sway, both in
-    the frame of the heading; the shoulder adds the trunk's turning, the sensor that of the arm.
+    the heading frame. The trunk's rotation accelerates the shoulder, the arm's rotation the sensor.
     """
     count = channels.shape[2]
     felt, elevation_deg = np.empty((count, 9)), np.empty(count)
-    _feel(channels, np.array([body.shoulder_m, body.sensor_m, body.field_ut]), felt, elevation_deg)
+    _compute_readings(
+        channels, np.array([body.shoulder_m, body.sensor_m, body.field_ut]), felt, elevation_deg
+    )
     return ArmState(felt[:, 0:3], felt[:, 3:6], felt[:, 6:9], elevation_deg)
 
 
@@ -204,10 +205,10 @@ _Y, _Z = 1, 2
 def _turn(
     seen: Float64Array, axis: int, angle_rad: float, rate_rad_s: float, acceleration_rad_s2: float
 ) -> None:  # pragma: no cover - compiled
-    """Go over to a frame turned about ``axis``: rows of ``seen`` are what is seen from there.
+    """Transform to a frame turned about ``axis``: the rows of ``seen`` are vectors in that frame.
 
-    With A the joint's rotation and e its axis: w' = A^T w + q' e, and
-    dw'/dt = A^T dw/dt + q'' e - q' e x A^T w. Angles in rad.
+    With A the joint's rotation and e its axis: w' = A^T w + q' e, and dw'/dt = A^T dw/dt + q'' e - q' e x A^T
+    w. Angles in rad.
     """
     a, b = (axis + 1) % 3, (axis + 2) % 3
     c, s = np.cos(angle_rad), np.sin(angle_rad)
@@ -234,7 +235,7 @@ def _add_lever(seen: Float64Array, lever: Float64Array) -> None:  # pragma: no c
 
 @njit(cache=True, nogil=True)
 def _stand(seen: Float64Array, q: Float64Array, field: Float64Array) -> None:  # pragma: no cover - compiled
-    """Begin in the frame of the heading (``q``: channels x derivatives, rad)."""
+    """Start in the heading frame (``q``: channels x derivatives, rad)."""
     seen[:] = 0.0
     seen[_FIELD] = field
     seen[_ZENITH, 2] = 1.0
@@ -245,10 +246,10 @@ def _stand(seen: Float64Array, q: Float64Array, field: Float64Array) -> None:  #
 
 
 @njit(cache=True, nogil=True)
-def _feel(
+def _compute_readings(
     channels: Float64Array, levers: Float64Array, felt: Float64Array, elevation: Float64Array
 ) -> None:  # pragma: no cover - compiled
-    """Walk the chain for each sample; ``felt`` (n, 9) takes force in g, rate in dps, field in uT."""
+    """Evaluate the chain for each sample; ``felt`` (n, 9) receives force in g, rate in dps, field in uT."""
     seen = np.empty((5, 3))
     degree = np.pi / 180.0
     for i in range(channels.shape[2]):

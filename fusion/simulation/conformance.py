@@ -1,7 +1,7 @@
-"""Angle series whose figures on page 1 are known in closed form, for software that gives the same figures.
+"""Angle series whose page 1 figures are known in closed form, to test other software.
 
-The definitions are those of docs/profile.md. An expected value is worked out from the curve, not by our own
-code; the tolerance leaves room for the low-pass filter (or none) and for a sample at the edge of a hold.
+The definitions are those of docs/profile.md. An expected value is computed from the curve, not by our code.
+The tolerance allows for the low-pass filter (or none) and for a sample at the edge of a hold.
 """
 
 from collections.abc import Callable
@@ -13,9 +13,9 @@ import numpy as np
 from fusion.recording import Float64Array
 
 RATE_HZ = 20.0
-"""Of every series; the samples lie half a period in, so that none sits on a threshold."""
+"""Rate of every series; the samples are offset by half a period, so that none is exactly at a threshold."""
 SWING_S = 4.0123
-"""No multiple of the sample period, so that the samples fall evenly on the arc."""
+"""Not a multiple of the sample period, so that the samples are evenly distributed over the arc."""
 SHARE_POINTS = 0.3
 ANGLE_DEG = 0.5
 EDGE_S = 0.3
@@ -23,7 +23,7 @@ EDGE_S = 0.3
 
 @dataclass(frozen=True, slots=True)
 class Expected:
-    """A figure of page 1 by its name in results: its value, and how far from it another's may lie."""
+    """A figure of page 1 by its name in the results: its value and tolerance."""
 
     figure: str
     unit: str
@@ -33,7 +33,7 @@ class Expected:
 
 @dataclass(frozen=True, slots=True)
 class TestSignal:
-    """A curve of elevation (deg over s, NaN where missing), how long it is, and its figures."""
+    """A curve of elevation (deg over s, NaN if missing), its duration, and its figures."""
 
     name: str
     duration_s: float
@@ -48,7 +48,7 @@ class TestSignal:
 
 
 def _above_sine(threshold_deg: float) -> float:
-    """Share of the time, percent, that 45 + 40 sin is at or above a threshold."""
+    """Return the share of the time, percent, that 45 + 40 sin is at or above a threshold."""
     return 100 * (0.5 - asin((threshold_deg - 45) / 40) / pi)
 
 
@@ -71,7 +71,7 @@ SIGNALS = (
         ),
     ),
     TestSignal(
-        "hold",  # 10 deg for 60 s, then 70 deg for 30 s, and again
+        "hold",  # 10 deg for 60 s, then 70 deg for 30 s, repeated
         3600.0,
         lambda time_s: np.where(time_s % 90 < 60, 10.0, 70.0),
         (
@@ -81,7 +81,7 @@ SIGNALS = (
         ),
     ),
     TestSignal(
-        "day",  # 20 deg for five hours, but ten minutes at 100 deg after two
+        "day",  # 20 deg for five hours, except ten minutes at 100 deg after two
         5 * 3600.0,
         lambda time_s: np.where((time_s >= 7200) & (time_s < 7800), 100.0, 20.0),
         (
@@ -99,7 +99,7 @@ SIGNALS = (
         (*_shares(100.0, 50.0, 0.0), Expected("entries_above_60_per_h", "per h", 0.0, 0.0)),
     ),
     TestSignal(
-        "hole",  # 35 deg for 20 min, nothing for 20 min, 75 deg for 20 min: what is missing is neither
+        "hole",  # 35 deg for 20 min, nothing for 20 min, 75 deg for 20 min: missing time counts as neither
         3600.0,
         lambda time_s: np.where(time_s < 1200, 35.0, np.where(time_s < 2400, np.nan, 75.0)),
         (
@@ -110,4 +110,6 @@ SIGNALS = (
         ),
     ),
 )
-"""The start of the worst 15 minutes of ``day`` is the earliest that holds all ten minutes: 7800 - 900 s."""
+"""The start of the worst 15 minutes of ``day`` is the earliest that includes all ten minutes: 7800 - 900
+s.
+"""

@@ -1,7 +1,7 @@
-"""A simulated day as the devices write it, beside its truth, in one pass and in bounded memory.
+"""Write a simulated day in the devices' file formats, with its truth, in one pass and bounded memory.
 
-A GT9X Link's `.gt3x`, ActiLife's "-IMU.csv" of it, the CSV of a logger with an LSM9DS1; and what is known
-exactly: truth.parquet and truth.json.
+The `.gt3x` of a GT9X Link, ActiLife's "-IMU.csv" of it, the CSV of a logger with an LSM9DS1; and the exact
+truth: truth.parquet and truth.json.
 """
 
 import itertools
@@ -36,8 +36,9 @@ def write_recordings(
 def write_shift(folder: Path, shift: SimulatedShift, *, actilife_csv: bool = True) -> tuple[Path, ...]:
     """Write the recording, then truth.parquet and truth.json; return the paths in this order.
 
-    gt9x: ``shift_seed1.gt3x`` and, unless told otherwise, ActiLife's export ``shift_seed1-IMU.csv``;
-    lsm9ds1: ``shift_seed1.csv``. The folder is made if it is not there. Same shift, same bytes.
+    gt9x: ``shift_seed1.gt3x`` and, unless ``actilife_csv`` is False, ActiLife's export
+    ``shift_seed1-IMU.csv``; lsm9ds1: ``shift_seed1.csv``. Creates the folder if needed. The same shift gives
+    the same bytes.
     """
     folder.mkdir(parents=True, exist_ok=True)
     truths = folder / "truth.parquet", folder / "truth.json"
@@ -65,7 +66,7 @@ def write_shift(folder: Path, shift: SimulatedShift, *, actilife_csv: bool = Tru
     return (*paths, *truths)
 
 
-# The rows of a GT9X's inertial unit, cut into the seconds of its clock.
+# The rows of a GT9X's inertial unit, split into the seconds of its clock.
 
 ROW = np.dtype([("acc", ">i2", 3), ("temp", ">i2"), ("gyr", ">i2", 3), ("mag", "<i2", 3), ("pad", "u1")])
 """21 bytes; the magnetometer is little-endian, the rest big-endian, as the device writes it."""
@@ -74,7 +75,7 @@ TEMPERATURE_PER_LSB, TEMPERATURE_AT_ZERO = 1 / 333.87, 21.0
 FIELD_UT_PER_LSB = 1 / 6.826667
 PADDING = 16
 FIELD_REFRESH = 13
-"""The magnetometer renews its value far more slowly than the rows come (23 times in 300 on a real one)."""
+"""The magnetometer updates far less often than the rows (23 times in 300 on a real device)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,12 +87,12 @@ class ImuSeconds:
     rows: Rows
 
     def starts(self) -> IntArray:
-        """Index of each second's first row; shape (s + 1,), the last is the number of rows."""
+        """Return the index of each second's first row; shape (s + 1,), the last is the number of rows."""
         return np.concatenate(([0], np.cumsum(self.counts)))
 
 
 def make_rows(shift: SimulatedShift, block: SampleBlock) -> Rows:
-    """Make the device's rows of a block."""
+    """Return the device's rows of a block."""
     rows = np.empty(len(block.time_s), ROW)
     rows["acc"], rows["gyr"] = shift.count(block.readings)
     knots_s = KNOT_S * np.arange(len(shift.errors.temperature_c))
@@ -104,7 +105,7 @@ def make_rows(shift: SimulatedShift, block: SampleBlock) -> Rows:
 
 
 class SecondCutter:
-    """Collects rows until a second of the device's clock is full."""
+    """Collects rows until a second of the device's clock is complete."""
 
     def __init__(self, rate_hz: float) -> None:
         self._rate_hz = rate_hz
@@ -112,12 +113,12 @@ class SecondCutter:
         self._rest = np.empty(0, ROW)
 
     def cut(self, rows: Rows) -> ImuSeconds:
-        """Take further rows and return all seconds that are complete now.
+        """Add rows and return all seconds that are now complete.
 
-        Row i was measured at i / rate, so second T holds the rows from ceil(T rate) on: at 100.09 Hz
-        mostly 100, now and then 101.
+        Row i was measured at i / rate, so second T has the rows from ceil(T rate) on: at 100.09 Hz mostly
+        100, sometimes 101.
         """
-        rows = np.concatenate((self._rest, rows), dtype=ROW)  # else numpy makes the rows little-endian
+        rows = np.concatenate((self._rest, rows), dtype=ROW)  # otherwise numpy makes the rows little-endian
         begun = int(np.ceil(self._second * self._rate_hz))
         last = int((begun + len(rows)) / self._rate_hz) + 2
         edges = np.ceil(np.arange(self._second, last) * self._rate_hz).astype(np.int64) - begun
@@ -131,7 +132,7 @@ class SecondCutter:
 # .gt3x, as a GT9X Link and ActiLife write it.
 
 PRIMARY_RATE_HZ = 90
-"""Rate of the primary accelerometer, the one that info.txt speaks of; not that of the inertial unit."""
+"""Rate of the primary accelerometer, to which info.txt refers; not that of the inertial unit."""
 ARCHIVE_TIME = (2026, 3, 2, 18, 0, 0)
 BATTERY, EVENT, METADATA, CAPSENSE, PARAMETERS, SCHEMA, SENSOR, ACTIVITY2 = 2, 3, 6, 13, 21, 24, 25, 26
 PARAMETER_VALUES = (
@@ -157,8 +158,8 @@ SCHEMA_COLUMNS = (
 
 @contextmanager
 def open_gt3x(path: Path, shift: SimulatedShift) -> Iterator[Callable[[ImuSeconds], None]]:
-    """Yield what writes seconds of rows on at once; at the end info.txt is written."""
-    start_s = int(shift.start.replace(tzinfo=UTC).timestamp())  # the device's clock as UTC, ActiLife's habit
+    """Yield a function that writes seconds of rows; info.txt is written at the end."""
+    start_s = int(shift.start.replace(tzinfo=UTC).timestamp())  # the device's clock as UTC, as ActiLife does
     second, primary = 0, b""
     with ZipFile(path, "w", ZIP_STORED) as archive:
         with archive.open(ZipInfo("log.bin", ARCHIVE_TIME), "w", force_zip64=False) as log:
@@ -186,14 +187,14 @@ def open_gt3x(path: Path, shift: SimulatedShift) -> Iterator[Callable[[ImuSecond
 
 
 def frame_record(kind: int, unix_s: int, payload: bytes) -> bytes:
-    """Frame a payload: separator, type, time, size, payload, checksum."""
+    """Return a framed payload: separator, type, time, size, payload, checksum."""
     body = struct.pack("<BBIH", 0x1E, kind, unix_s, len(payload)) + payload
     checksum = ~int(np.bitwise_xor.reduce(np.frombuffer(body, np.uint8))) & 0xFF
     return body + bytes((checksum,))
 
 
 def _write_opening(write_record: Callable[[int, bytes], None]) -> None:
-    """Write the records before the first sample; SENSOR_SCHEMA has id 1, and 0 samples a record."""
+    """Write the records before the first sample; SENSOR_SCHEMA has id 1, and 0 samples per record."""
     owner = {"MetadataType": "InitOwner", "System": "ActiLife", "Parsed": True}
     zone = {
         "MetadataType": "LocalTimeLog",
@@ -213,7 +214,7 @@ def _write_opening(write_record: Callable[[int, bytes], None]) -> None:
 
 
 def _resample_primary(rows: Rows) -> bytes:
-    """Return the primary accelerometer's second: 90 samples at 256 counts per g, cut at 8 g."""
+    """Return the primary accelerometer's second: 90 samples at 256 counts per g, clipped at 8 g."""
     picked = rows["acc"][np.arange(PRIMARY_RATE_HZ) * len(rows) // PRIMARY_RATE_HZ]
     return np.clip(np.rint(picked / 8), -2048, 2047).astype("<i2").tobytes()
 
@@ -250,7 +251,7 @@ def format_serial(seed: int) -> str:
     return f"TAS1E{seed % 100_000_000:08d}"
 
 
-# Text, millions of rows at a time: fixed decimals from whole numbers, so nothing is rounded.
+# Text, millions of rows at a time: fixed decimals from integers, so nothing is rounded.
 
 COMMA, DOT, MINUS, NEWLINE, ZERO = 44, 46, 45, 10, 48
 Bytes = NDArray[np.uint8]
@@ -258,7 +259,7 @@ Bytes = NDArray[np.uint8]
 
 @njit(cache=True, nogil=True)
 def _put_digits(out: Bytes, at_byte: int, value: int, width: int) -> int:  # pragma: no cover - compiled
-    """Write ``value`` >= 0 with leading zeros to at least ``width`` digits; return the place after it."""
+    """Write ``value`` >= 0 with leading zeros to at least ``width`` digits; return the position after it."""
     digits, rest = 1, value // 10
     while rest > 0:
         digits += 1
@@ -272,7 +273,7 @@ def _put_digits(out: Bytes, at_byte: int, value: int, width: int) -> int:  # pra
 
 @njit(cache=True, nogil=True)
 def _put_fixed(out: Bytes, at_byte: int, value: int, decimals: int) -> int:  # pragma: no cover - compiled
-    """Write ``value`` / 10**decimals with all its decimals; return the place after it."""
+    """Write ``value`` / 10**decimals with all its decimals; return the position after it."""
     if value < 0:
         out[at_byte] = MINUS
         at_byte += 1
@@ -287,11 +288,11 @@ def _put_fixed(out: Bytes, at_byte: int, value: int, decimals: int) -> int:  # p
 def put_rows(
     out: Bytes, stamps: Bytes, counter: IntArray, width: int, values: IntArray, decimals: IntArray
 ) -> int:  # pragma: no cover - compiled
-    """Write rows ``counter,value,...``, each behind its stamp; return the number of bytes written.
+    """Write rows ``counter,value,...``, each after its timestamp; return the number of bytes written.
 
-    ``stamps`` (s, length): text, each for as many of the n rows. ``counter`` (n,): to at least ``width``
-    digits. ``values`` (n, columns): in units of 10**-decimals. ``out`` must hold 24 bytes for each number,
-    and the stamps.
+    ``stamps`` (s, length): text, each for the same number of the n rows. ``counter`` (n,): to at least
+    ``width`` digits. ``values`` (n, columns): in units of 10**-decimals. ``out`` needs 24 bytes for each
+    number, plus the timestamps.
     """
     at = 0
     for i in range(values.shape[0]):
@@ -306,15 +307,15 @@ def put_rows(
     return at
 
 
-# What a logger with an LSM9DS1 writes: a CSV with a microsecond counter, in g and deg/s.
+# Output of a logger with an LSM9DS1: a CSV with a microsecond counter, in g and deg/s.
 #
-# The part's registers are left-handed; loggers that print g and deg/s, as this one, turn them into one
-# right-handed frame, and so does this file: acc and gyr share it.
+# The sensor's registers are left-handed. Loggers that print g and deg/s, like this one, convert them to one
+# right-handed frame for acc and gyr, and so does this file.
 
 COUNTER_SIZE = 2**32
 """micros() wraps here: every 71.6 minutes."""
 LATENCY_US = 40.0
-"""A sample is read up to so long after it was taken."""
+"""A sample is read up to this long after it was measured."""
 LSM9DS1_COLUMNS = "time_us,acc_x_g,acc_y_g,acc_z_g,gyr_x_dps,gyr_y_dps,gyr_z_dps"
 DECIMALS = np.array([6, 6, 6, 3, 3, 3])
 NO_STAMPS = np.empty((1, 0), np.uint8)
@@ -322,7 +323,7 @@ NO_STAMPS = np.empty((1, 0), np.uint8)
 
 @contextmanager
 def open_lsm9ds1_csv(path: Path, shift: SimulatedShift) -> Iterator[Callable[[SampleBlock], None]]:
-    """Yield what writes blocks of samples on at once; the values are whole multiples of the resolution."""
+    """Yield a function that writes blocks of samples; the values are whole multiples of the resolution."""
     part, chance = shift.part, np.random.default_rng([shift.seed, 4])
     switched_on_us = chance.integers(3_000_000, 600_000_000)
     head = (
@@ -355,13 +356,13 @@ ACTILIFE_COLUMNS = (
     "Gyroscope X,Gyroscope Y,Gyroscope Z,Magnetometer X,Magnetometer Y,Magnetometer Z"
 )
 DIVISORS = np.array([2048.0] * 3 + [333.87] + [16.383999] * 3 + [6.826667] * 3)
-"""What ActiLife divides the counts by; 16.383999 is its own rounding."""
+"""ActiLife's divisors of the counts; 16.383999 is its own rounding."""
 ROWS_PER_SECOND, MILLIONTHS = 100, np.full(len(DIVISORS), 6)
 
 
 @contextmanager
 def open_actilife_csv(path: Path, shift: SimulatedShift) -> Iterator[Callable[[ImuSeconds], None]]:
-    """Yield what resamples seconds to 100 rows by ActiLife's rule and writes them on."""
+    """Yield a function that resamples seconds to 100 rows by ActiLife's rule and writes them."""
     with path.open("wb") as file:
         file.write(_write_actilife_head(shift))
 
@@ -397,7 +398,7 @@ def _resample(seconds: ImuSeconds) -> Float64Array:
 
 
 def _write_actilife_head(shift: SimulatedShift) -> bytes:
-    """Return the ten lines above the columns, and these."""
+    """Return the ten lines above the columns, and the column line."""
     start = shift.start
     end = start + timedelta(seconds=int(shift.sample_count / shift.rate_hz) + 301)
     title = (
@@ -430,9 +431,9 @@ HALF_HYSTERESIS_DEG = 5.0
 
 @contextmanager
 def open_truth(paths: tuple[Path, Path], shift: SimulatedShift) -> Iterator[Callable[[SampleBlock], None]]:
-    """Yield what writes the angle of a block on at once and adds up the true exposure.
+    """Yield a function that writes the angle of a block and sums the true exposure.
 
-    ``truth.parquet`` holds every k-th sample, k such that the nominal rate comes to at most 100 Hz.
+    ``truth.parquet`` contains every k-th sample, with k such that the nominal rate is at most 100 Hz.
     """
     every = max(1, int(np.ceil(shift.nominal_rate_hz / 100.0)))
     in_bins = np.zeros(len(EDGES_DEG) - 1, np.int64)
@@ -482,19 +483,19 @@ def open_truth(paths: tuple[Path, Path], shift: SimulatedShift) -> Iterator[Call
 
 
 def _describe_errors(errors: SensorErrors) -> dict[str, Any]:
-    """Return the specimen's values; of what wanders, the first and last knot and the span."""
-    told: dict[str, Any] = {
+    """Return the specimen's values; for drifting values, the first and last knot and the span."""
+    values: dict[str, Any] = {
         name: getattr(errors, name).tolist()
         for name in ("mounting", "acc_gain", "gyr_gain", "acc_offset_g", "gyr_offset_dps")
     }
     for name in ("acc_wander_g", "gyr_wander_dps"):
         knots = getattr(errors, name)
-        told[name] = {
+        values[name] = {
             "first": knots[0].tolist(),
             "last": knots[-1].tolist(),
             "span": np.ptp(knots, axis=0).tolist(),
         }
-    return told | {"acc_noise_g": errors.acc_noise_g, "gyr_noise_dps": errors.gyr_noise_dps}
+    return values | {"acc_noise_g": errors.acc_noise_g, "gyr_noise_dps": errors.gyr_noise_dps}
 
 
 @njit(cache=True, nogil=True)
@@ -503,7 +504,8 @@ def count_entries(
 ) -> tuple[int, int]:  # pragma: no cover - compiled
     """Count rises above the threshold with 10 deg of hysteresis.
 
-    ``state``: 1 above, 0 below, -1 not known yet (a start above is not counted); it is returned beside them.
+    ``state``: 1 above, 0 below, -1 not known yet (a start above is not counted). Returns the count and the
+    new state.
     """
     entries = 0
     for angle in elevation_deg:

@@ -1,7 +1,7 @@
 """An imperfect sensor on the arm: mounting, offset, scale, wander, noise, range and resolution.
 
-Not simulated: the part's own low-pass filter and its delay, sensitivity of the gyroscope to acceleration,
-and soft tissue: the sensor sits on a rigid arm.
+Not simulated: the sensor's own low-pass filter and its delay, sensitivity of the gyroscope to acceleration,
+and soft tissue: the sensor is mounted on a rigid arm.
 """
 
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from fusion.recording import Float64Array
 from fusion.simulation.body import ArmState
 
-# The two sensors as parts: ranges, resolution, noise and how far their makers let them be off.
+# The two sensor models: ranges, resolution, noise and the makers' tolerances.
 
 
 Device = Literal["gt9x", "lsm9ds1"]
@@ -21,20 +21,20 @@ Device = Literal["gt9x", "lsm9ds1"]
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """One kind of inertial sensor as it is sold and set.
+    """One model of inertial sensor, as sold and configured.
 
-    ``nominal_rate_hz``, ``rate_error``: the rate it is set to, and the range (low, high) of the relative
-    error of its own clock.
+    ``nominal_rate_hz``, ``rate_error``: the configured rate, and the range (low, high) of the relative error
+    of the sensor's clock.
     ``acc_g_per_lsb``, ``gyr_dps_per_lsb``, ``acc_range_g``, ``gyr_range_dps``: resolution and full scale as
-    set.
+    configured.
     ``acc_noise_g_per_sqrt_hz``, ``gyr_noise_dps_per_sqrt_hz``, ``bandwidth_hz``: white noise up to the
-    smaller of half the rate and the part's own filter.
+    smaller of half the rate and the sensor's own filter.
     ``acc_offset_g``, ``gyr_offset_dps``, ``acc_scale``, ``gyr_scale``, ``misalignment``: standard deviations
-    between parts of what a calibration would remove (scale and misalignment as fractions); all but
-    misalignment lie within 1.73 times as much.
-    ``acc_drift_g_per_k``, ``gyr_drift_dps_per_k``: standard deviations between parts of the offset's
+    between specimens of errors that a calibration would remove (scale and misalignment as fractions); all but
+    misalignment are within 1.73 times these.
+    ``acc_drift_g_per_k``, ``gyr_drift_dps_per_k``: standard deviations between specimens of the offset's
     dependence on temperature.
-    ``gyr_walk_dps_per_sqrt_h``: random walk of the gyroscope's offset that no temperature explains.
+    ``gyr_walk_dps_per_sqrt_h``: random walk of the gyroscope's offset that is independent of temperature.
     """
 
     nominal_rate_hz: float
@@ -75,9 +75,10 @@ GT9X = Part(
     gyr_drift_dps_per_k=0.015,
     gyr_walk_dps_per_sqrt_h=0.03,
 )
-"""ActiGraph GT9X Link: ranges and resolution from its files; rate, offset and noise about those of the first
-23 s (lying still) of a real one: 100.09 Hz, (-0.77, 0.26, 0.11) dps, 1.2 to 2.2 mg, 0.035 to 0.05 dps.
-Scale, drift and walk: of the order that data sheets of such parts state; not measured."""
+"""ActiGraph GT9X Link: ranges and resolution from its files; rate, offset and noise similar to those of the
+first 23 s (at rest) of a real one: 100.09 Hz, (-0.77, 0.26, 0.11) dps, 1.2 to 2.2 mg, 0.035 to 0.05 dps.
+Scale, drift and walk: the order of magnitude in data sheets of such sensors; not measured.
+"""
 
 LSM9DS1 = Part(
     nominal_rate_hz=500.0,
@@ -98,9 +99,10 @@ LSM9DS1 = Part(
     gyr_drift_dps_per_k=0.04,
     gyr_walk_dps_per_sqrt_h=0.08,
 )
-"""ST LSM9DS1 at 8 g and 2000 dps: resolution from ST's driver; noise densities from a real part lying still
-at 14.54 Hz (0.034 dps, 0.65 mg); rate error between that part's -2.4 % and +0.4 %. Offsets, scale and drift:
-within what is quoted for the part (90 mg, 30 dps); not measured."""
+"""ST LSM9DS1 at 8 g and 2000 dps: resolution from ST's driver; noise densities from a real one at rest at
+14.54 Hz (0.034 dps, 0.65 mg); rate error between its -2.4 % and +0.4 %. Offsets, scale and drift: within the
+quoted limits (90 mg, 30 dps); not measured.
+"""
 
 PARTS: dict[Device, Part] = {"gt9x": GT9X, "lsm9ds1": LSM9DS1}
 
@@ -108,25 +110,25 @@ PARTS: dict[Device, Part] = {"gt9x": GT9X, "lsm9ds1": LSM9DS1}
 RawArray = NDArray[np.int16]
 
 KNOT_S = 60.0
-"""Distance between the knots of what changes slowly (temperature, offsets)."""
+"""Distance between the knots of slowly changing values (temperature, offsets)."""
 
 CALIBRATION_K = 25.0
-"""Temperature (deg C) at which the stated offsets hold."""
+"""Temperature (deg C) at which the stated offsets apply."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorErrors:
-    """One specimen of a part, strapped on one morning.
+    """One specimen of a sensor model, mounted on one morning.
 
-    A reading is ``gain @ mounting @ ideal + offset + offset_wander(t) + noise``, cut at the range and rounded
-    to the resolution.
+    A reading is ``gain @ mounting @ ideal + offset + offset_wander(t) + noise``, clipped at the range and
+    rounded to the resolution.
 
     ``mounting``: shape (3, 3): from the arm's frame to the sensor's.
-    ``acc_gain``, ``gyr_gain``: shape (3, 3): scale on the diagonal, misalignment beside it.
+    ``acc_gain``, ``gyr_gain``: shape (3, 3): scale on the diagonal, misalignment off it.
     ``acc_offset_g``, ``gyr_offset_dps``: shape (3,).
     ``acc_wander_g``, ``gyr_wander_dps``: shape (knots, 3): change of the offsets, every ``KNOT_S`` seconds,
     linear in between.
-    ``temperature_c``: shape (knots,): of the part.
+    ``temperature_c``: shape (knots,): of the sensor.
     ``acc_noise_g``, ``gyr_noise_dps``: standard deviation of each sample.
     """
 
@@ -144,14 +146,14 @@ class SensorErrors:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Readings:
-    """What the sensor gives before it is made digital: shapes (n, 3), g and dps."""
+    """The sensor's readings before they are digitised: shapes (n, 3), g and dps."""
 
     acc_g: Float64Array
     gyr_dps: Float64Array
 
 
 def draw_errors(part: Part, rate_hz: float, duration_s: float, chance: np.random.Generator) -> SensorErrors:
-    """Draw a specimen of ``part`` and the way it is strapped on."""
+    """Draw a specimen of ``part`` and its mounting."""
     knots = int(duration_s / KNOT_S) + 2
     bandwidth_hz = min(rate_hz / 2, part.bandwidth_hz)
     # it warms up on the skin within the first hour, then drifts with the work
@@ -178,7 +180,7 @@ def draw_errors(part: Part, rate_hz: float, duration_s: float, chance: np.random
 def sense(
     state: ArmState, errors: SensorErrors, time_s: Float64Array, chance: np.random.Generator
 ) -> Readings:
-    """Read the arm's motion with this specimen at the instants ``time_s``, shape (n,)."""
+    """Return the readings of this specimen of the arm's motion at the times ``time_s``, shape (n,)."""
     knots_s = KNOT_S * np.arange(len(errors.temperature_c))
     acc_g = state.acc_g @ (errors.acc_gain @ errors.mounting).T + errors.acc_offset_g
     gyr_dps = state.gyr_dps @ (errors.gyr_gain @ errors.mounting).T + errors.gyr_offset_dps
@@ -191,14 +193,14 @@ def sense(
 
 
 def quantise(values: Float64Array, unit_per_lsb: float, full_scale: float) -> RawArray:
-    """Round to the nearest step and cut at full scale, as 16-bit counts."""
+    """Round to the nearest step and clip at full scale, as 16-bit counts."""
     limit = min(32767, int(full_scale / unit_per_lsb))
     counts = np.rint(values / unit_per_lsb)
     return np.clip(counts, -limit, limit).astype(np.int16)
 
 
 def draw_mounting(chance: np.random.Generator) -> Float64Array:
-    """Strap it on: its y axis about along the arm, turned any way about it, tilted by a few degrees."""
+    """Draw a mounting: y axis roughly along the arm, any rotation about it, tilted by a few degrees."""
     along_y = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
     tilt_deg = chance.normal(0.0, 3.0, 3)
     tilt_deg[1] = chance.uniform(-180.0, 180.0)
@@ -208,7 +210,7 @@ def draw_mounting(chance: np.random.Generator) -> Float64Array:
 
 
 def _rotation_about(angle_deg: float, axis: int) -> Float64Array:
-    """Rotation matrix about a coordinate axis."""
+    """Return the rotation matrix about a coordinate axis."""
     c, s = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
     a, b = (axis + 1) % 3, (axis + 2) % 3
     matrix = np.eye(3)
@@ -218,13 +220,13 @@ def _rotation_about(angle_deg: float, axis: int) -> Float64Array:
 
 
 def _draw_evenly(deviation: float, chance: np.random.Generator) -> Float64Array:
-    """Draw three values of a given standard deviation within hard limits: a maker sorts out the worst."""
+    """Draw three values of a given standard deviation within hard limits (makers reject the worst)."""
     limit = deviation * float(np.sqrt(3.0))
     return chance.uniform(-limit, limit, 3)
 
 
 def _draw_gain(scale: float, misalignment: float, chance: np.random.Generator) -> Float64Array:
-    """Scale errors on the diagonal, misalignment beside it."""
+    """Draw scale errors on the diagonal and misalignment off it."""
     gain = chance.normal(0.0, misalignment, (3, 3))
     np.fill_diagonal(gain, 1.0 + _draw_evenly(scale, chance))
     return gain

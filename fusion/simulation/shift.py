@@ -1,4 +1,4 @@
-"""A simulated working day: its plan, its exact truth, and what the sensor read, block by block."""
+"""A simulated working day: its plan, its exact truth, and the sensor's readings, block by block."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -8,7 +8,7 @@ import numpy as np
 
 from fusion.recording import Float64Array
 from fusion.simulation.activities import ACTIVITIES, HANGING, Choreography, draw_person, hold_still, relax
-from fusion.simulation.body import ArmState, Body, Motion, feel, play
+from fusion.simulation.body import ArmState, Body, Motion, compute_readings, play
 from fusion.simulation.sensor import (
     PARTS,
     Device,
@@ -38,9 +38,9 @@ WORK = {
 
 ON_FOOT = frozenset({"walking", "lifting"})
 WITHOUT_WALKING_SHARE, WORK_BLOCK_S, WHOLE_DAY_S = 0.3, (1200.0, 5400.0), 8 * 3600.0
-"""Work comes in blocks of so long on a whole day; in a share of them nobody takes a step."""
+"""Duration of work blocks on a whole day, and the share of blocks without a step."""
 BREAKS = ((0.25, 0.02), (0.48, 0.06), (0.75, 0.02))
-"""When (fraction of the shift) and how long (fraction of the shift) the breaks are."""
+"""Start and duration (fractions of the shift) of the breaks."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,10 +54,10 @@ class PlannedActivity:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampleBlock:
-    """A stretch of samples as they come.
+    """A stretch of samples.
 
     ``first_sample``: index of its first sample in the recording.
-    ``time_s``: shape (n,): exact instants, seconds from the first sample.
+    ``time_s``: shape (n,): exact times, seconds from the first sample.
     ``state``: the truth.
     ``readings``: with the sensor's errors, before rounding and clipping.
     """
@@ -70,9 +70,9 @@ class SampleBlock:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SimulatedShift:
-    """A day that can be played as often as wanted, always alike.
+    """A day that can be generated repeatedly with identical results.
 
-    ``rate_hz`` is the true rate, which is a little off the nominal one.
+    ``rate_hz``: the true rate, which differs slightly from the nominal one.
     """
 
     device: Device
@@ -88,7 +88,7 @@ class SimulatedShift:
 
     @property
     def part(self) -> Part:
-        """The kind of sensor."""
+        """The sensor model."""
         return PARTS[self.device]
 
     @property
@@ -97,17 +97,17 @@ class SimulatedShift:
         return next((entry.start_s, entry.end_s) for entry in self.plan if entry.name == "calibration")
 
     def blocks(self) -> Iterator[SampleBlock]:
-        """Play the day in blocks of about a minute, each with noise of its own seed."""
+        """Yield the day in blocks of about a minute, each with its own noise seed."""
         size = round(BLOCK_S * self.nominal_rate_hz)
         for number, first in enumerate(range(0, self.sample_count, size)):
             count = min(size, self.sample_count - first)
             time_s = np.arange(first, first + count) / self.rate_hz
-            state = feel(play(self.motion, first, count, self.rate_hz), self.body)
+            state = compute_readings(play(self.motion, first, count, self.rate_hz), self.body)
             readings = sense(state, self.errors, time_s, np.random.default_rng([self.seed, 3, number]))
             yield SampleBlock(first, time_s, state, readings)
 
     def count(self, readings: Readings) -> tuple[RawArray, RawArray]:
-        """Round and clip as the part does: acceleration and angular rate as counts, shapes (n, 3)."""
+        """Round and clip as the sensor does: acceleration and angular rate as counts, shapes (n, 3)."""
         part = self.part
         return (
             quantise(readings.acc_g, part.acc_g_per_lsb, part.acc_range_g),
@@ -120,9 +120,10 @@ def simulate_shift(
 ) -> SimulatedShift:
     """Simulate a day of work with a sensor on the right upper arm.
 
-    ``duration_h``: length, to the second; a short day holds the same activities, each shorter.
-    ``seed``: decides everything: the person, the day, the specimen of the sensor, the noise. Same seed, same
-    bytes. ``rate_hz``: nominal rate (the part's own if None); the true rate is off by the part's clock error.
+    ``duration_h``: length, to the second; a short day has the same activities, each shorter.
+    ``seed``: determines everything: the person, the day, the sensor specimen, the noise. The same seed gives
+    the same bytes.
+    ``rate_hz``: nominal rate (the sensor's own if None); the true rate differs by its clock error.
     """
     duration_s = float(max(1, round(duration_h * 3600.0)))
     plan, motion = plan_day(duration_s, np.random.default_rng([seed, 1]))
@@ -135,7 +136,7 @@ def simulate_shift(
 def wear_sensor(
     device: Device, seed: int, plan: tuple[PlannedActivity, ...], motion: Motion, rate_hz: float | None = None
 ) -> SimulatedShift:
-    """Strap a specimen of the sensor on, from the first second of the plan to its last."""
+    """Mount a specimen of the sensor, from the first second of the plan to its last."""
     part, duration_s = PARTS[device], plan[-1].end_s
     nominal_hz = rate_hz or part.nominal_rate_hz
     chance = np.random.default_rng([seed, 2])
@@ -146,7 +147,7 @@ def wear_sensor(
 
 
 def plan_day(duration_s: float, chance: np.random.Generator) -> tuple[tuple[PlannedActivity, ...], Motion]:
-    """Write the score of a person's day: a pose, then work in bouts, with breaks at fixed times."""
+    """Return plan and motion of a person's day: a pose, then bouts of work with breaks at fixed times."""
     body = Choreography(draw_person(chance))
     body.move(1e-6, HANGING, after_s=-1.0)
     hold_still(body, min(CALIBRATION_S, duration_s), chance)
@@ -162,7 +163,7 @@ def plan_day(duration_s: float, chance: np.random.Generator) -> tuple[tuple[Plan
 def work(
     body: Choreography, until_s: float, duration_s: float, chance: np.random.Generator
 ) -> list[PlannedActivity]:
-    """Write bouts of work until a time; ``duration_s`` is that of the whole day."""
+    """Add bouts of work until a time; ``duration_s`` is that of the whole day."""
     plan = []
     scale = min(1.0, duration_s / 3600.0)
     block_end_s, is_on_foot = body.time_s, True
@@ -182,7 +183,7 @@ def work(
 def _perform(
     body: Choreography, name: str, duration_s: float, chance: np.random.Generator
 ) -> PlannedActivity:
-    """Write one activity; the arm is let down after the one before."""
+    """Add one activity, after lowering the arm from the previous one."""
     start_s = body.time_s
     if start_s > 0.0:
         body.go(0.8, relax(body, chance))

@@ -85,8 +85,10 @@ def list_texts() -> list[Path]:
 
 
 def read_prose(path: Path) -> Iterator[tuple[int, str]]:
-    """Return the lines with their numbers; of Python only comments and strings."""
+    """Return the lines with their numbers; Python without code, TOML without keys and placeholders."""
     text = path.read_text("utf-8")
+    if path.suffix == ".toml":
+        text = re.sub(r"^[\w.\-\"{}]+ = |\{\w+\}", "", text, flags=re.MULTILINE)
     if path.suffix != ".py":
         yield from enumerate(text.split("\n"), 1)
         return

@@ -88,11 +88,11 @@ def test_a_stranger_is_led_to_the_login_and_then_to_where_he_wanted(
     page.goto(f"{clinic.address}trash?lang=en")
     expect(page).to_have_url(re.compile(r"/login\?next=%2Ftrash"))
 
-    page.get_by_label("Login name").fill("clara")
+    page.get_by_label("User name").fill("clara")
     page.get_by_label("Password").fill(PASSWORD)
-    page.get_by_role("button", name="Enter").click()
+    page.get_by_role("button", name="Sign in").click()
     page.get_by_label("Code").fill(pyotp.TOTP(SECRET).at(int(time.time())))
-    page.get_by_role("button", name="Enter").click()
+    page.get_by_role("button", name="Sign in").click()
 
     expect(page).to_have_url(re.compile(r"/trash"))
     expect(page.get_by_role("link", name="Clara Léger")).to_be_visible()
@@ -111,11 +111,11 @@ def test_a_password_can_be_pasted(page: Page, clinic: RunningServer) -> None:
 
 def test_a_wrong_password_is_told_above_the_form(page: Page, clinic: RunningServer) -> None:
     page.goto(f"{clinic.address}login?lang=en")
-    page.get_by_label("Login name").fill("nobody")
+    page.get_by_label("User name").fill("nobody")
     page.get_by_label("Password").fill("nine blue bicycles")
-    page.get_by_role("button", name="Enter").click()
+    page.get_by_role("button", name="Sign in").click()
 
-    expect(page.get_by_role("alert")).to_contain_text("That does not let you in")
+    expect(page.get_by_role("alert")).to_contain_text("Sign-in failed")
 
 
 def test_who_has_no_authenticator_sets_one_up_on_the_way_in(
@@ -125,9 +125,9 @@ def test_who_has_no_authenticator_sets_one_up_on_the_way_in(
     assert person is not None
     sign_in.drop_second_factor(person.id)
     page.goto(f"{clinic.address}login?lang=en")
-    page.get_by_label("Login name").fill("maria")
+    page.get_by_label("User name").fill("maria")
     page.get_by_label("Password").fill(PASSWORD)
-    page.get_by_role("button", name="Enter").click()
+    page.get_by_role("button", name="Sign in").click()
 
     drawn = page.locator("img.qr")
     expect(drawn).to_be_visible()
@@ -136,10 +136,10 @@ def test_who_has_no_authenticator_sets_one_up_on_the_way_in(
     secret = page.locator("code.secret").inner_text()
     page.get_by_label("The six digits").fill(pyotp.TOTP(secret).at(int(time.time())))
     page.get_by_role("button", name="Turn on").click()
-    expect(page.get_by_role("heading", name="Keep these codes")).to_be_visible()
+    expect(page.get_by_role("heading", name="Save these codes")).to_be_visible()
     keep_picture(page, "access-codes-en")
     assert page.locator(".plain-codes li").count() == 10
-    page.get_by_role("link", name="I have kept them").click()
+    page.get_by_role("link", name="I have saved them").click()
 
     expect(page.get_by_role("heading", name="People")).to_be_visible()
 
@@ -150,9 +150,9 @@ def test_a_person_is_invited_chooses_a_password_and_is_ended(
     log_in(page, clinic, "maria")
     page.goto(f"{clinic.address}people?lang=en")
     page.get_by_label("Name", exact=True).fill("Dora Tremblay")
-    page.get_by_label("Login name").fill("dora")
+    page.get_by_label("User name").fill("dora")
     page.locator("form[action$='/people'] input[value=clinician]").check()
-    page.get_by_role("button", name="Make an address").click()
+    page.get_by_role("button", name="Create link").click()
     link = page.locator("code.secret").inner_text()
     keep_picture(page, "access-invited-en")
 
@@ -160,22 +160,22 @@ def test_a_person_is_invited_chooses_a_password_and_is_ended(
         other.goto(link)
         other.get_by_label("New password").fill("five yellow umbrellas")
         other.get_by_role("button", name="Save").click()
-        expect(other.get_by_role("heading", name="Log in")).to_be_visible()
+        expect(other.get_by_role("heading", name="Sign in")).to_be_visible()
         page.get_by_role("button", name="End access: Dora Tremblay").click()
-        other.get_by_label("Login name").fill("dora")
+        other.get_by_label("User name").fill("dora")
         other.get_by_label("Password").fill("five yellow umbrellas")
-        other.get_by_role("button", name="Enter").click()
+        other.get_by_role("button", name="Sign in").click()
         expect(other.get_by_role("alert")).to_be_visible()
 
-    expect(page.get_by_role("button", name="Let in again: Dora Tremblay")).to_be_visible()
+    expect(page.get_by_role("button", name="Restore access: Dora Tremblay")).to_be_visible()
 
 
 def test_a_token_is_shown_once_on_the_page(page: Page, clinic: RunningServer) -> None:
     log_in(page, clinic)
     page.goto(f"{clinic.address}account?lang=en")
-    page.get_by_label("What it is for").fill("nightly")
+    page.get_by_label("Purpose").fill("nightly")
     page.get_by_label("upload recordings").check()
-    page.get_by_role("button", name="Make a token").click()
+    page.get_by_role("button", name="Create a token").click()
     expect(page.locator("code.secret")).to_have_text(re.compile(r"^acr_[\w-]{43}$"))
     keep_picture(page, "access-token-en")
 
@@ -195,10 +195,10 @@ def test_whoever_takes_many_recordings_out_is_asked_for_the_password_again(
     make_session_old(sign_in)
 
     page.locator(f".take a[href*='{name}']").click()
-    expect(page.get_by_role("heading", name="Is it still you?")).to_be_visible()
+    expect(page.get_by_role("heading", name="Confirm that it is you")).to_be_visible()
     page.get_by_label("Password or code").fill(PASSWORD)
     with page.expect_download() as download:
-        page.get_by_role("button", name="Go on").click()
+        page.get_by_role("button", name="Continue").click()
 
     assert download.value.suggested_filename == name
 
@@ -220,7 +220,7 @@ def make_session_old(sign_in: SignIn) -> None:
 def test_logging_out_leads_to_the_login_and_nothing_opens_any_more(page: Page, clinic: RunningServer) -> None:
     log_in(page, clinic)
 
-    page.get_by_role("button", name="Log out").click()
+    page.get_by_role("button", name="Sign out").click()
     page.goto(clinic.address)
 
     expect(page).to_have_url(re.compile("/login"))

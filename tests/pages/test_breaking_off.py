@@ -223,7 +223,7 @@ def test_uploads_that_were_cut_are_given_up_by_a_click(
     page.unroute(UPLOADS)
 
     with page.expect_response(lambda answer: answer.request.method == "DELETE") as deleted:
-        page.get_by_role("button", name="Give them up").click()
+        page.get_by_role("button", name="Discard them").click()
 
     assert deleted.value.status == 204
     expect(page.locator("#interrupted")).to_be_hidden()

@@ -57,7 +57,7 @@ def test_shift_chooses_all_rows_between(listed: Page) -> None:
     find_box(listed, 2).click(modifiers=["Shift"])
 
     assert list_chosen(listed) == list(NAMES[:3])
-    expect(listed.locator(".chosen")).to_have_text("3 chosen")
+    expect(listed.locator(".chosen")).to_have_text("3 selected")
 
 
 def test_rows_are_chosen_by_the_keyboard_alone(listed: Page) -> None:
@@ -88,7 +88,7 @@ def test_tags_are_given_to_many_filter_the_list_and_are_taken_away(
     find_box(listed, 1).click(modifiers=["Shift"])
     listed.get_by_label("Tag", exact=True).fill("line 2, spring")
     listed.get_by_role("button", name="Add tag").click()
-    expect(listed.locator("#acted")).to_contain_text("2 recordings have got the tag line 2, spring.")
+    expect(listed.locator("#acted")).to_contain_text("2 recordings now have the tag line 2, spring.")
     expect(listed.locator("#rows .row").first.locator(".tags")).to_have_text("line 2 spring")
 
     listed.locator("#rows .row").first.get_by_role("link", name="spring").click()
@@ -107,9 +107,9 @@ def test_the_chosen_are_deleted_and_taken_back(listed: Page) -> None:
     listed.get_by_role("button", name="Delete").click()
     expect(listed.locator("#rows .row")).to_have_count(2)
 
-    listed.locator("#acted").get_by_role("button", name="Take back").click()
+    listed.locator("#acted").get_by_role("button", name="Undo").click()
 
-    expect(listed.locator("#acted")).to_contain_text("2 recordings are back.")
+    expect(listed.locator("#acted")).to_contain_text("2 recordings were restored.")
     expect(listed.locator("#rows .row")).to_have_count(4)
 
 
@@ -119,7 +119,7 @@ def test_the_arm_of_many_is_set_and_they_are_analysed_again(listed: Page) -> Non
     listed.locator("#acts").get_by_label("Arm").select_option("left")
     listed.get_by_role("button", name="Set arm").click()
 
-    expect(listed.locator("#acted")).to_contain_text("2 recordings are analysed again with this arm")
+    expect(listed.locator("#acted")).to_contain_text("2 recordings are being analysed again with this arm")
     sides = listed.locator("#rows .row .side")
     expect(sides).to_have_text(["–", "–", "left", "left"])
     expect(listed.locator("#rows [data-active]")).to_have_count(0, timeout=END_MS)
@@ -145,14 +145,14 @@ def test_one_table_and_the_pdfs_of_the_chosen_are_taken(
 
 def test_all_that_match_are_chosen_by_one_click(listed: Page) -> None:
     listed.locator("#pick-all").click()
-    expect(listed.get_by_role("button", name="Choose all")).to_be_hidden()  # the page shows all that match
+    expect(listed.get_by_role("button", name="Select all")).to_be_hidden()  # the page shows all that match
     listed.evaluate("document.querySelector('#rows .rows').dataset.number = '99'")
     listed.locator("#pick-all").click()
     listed.locator("#pick-all").click()
 
-    listed.get_by_role("button", name="Choose all").click()
+    listed.get_by_role("button", name="Select all").click()
 
-    expect(listed.locator(".chosen")).to_have_text("All 99 chosen")
+    expect(listed.locator(".chosen")).to_have_text("All 99 selected")
     listed.evaluate("document.querySelector('#rows .rows').dataset.number = '4'")
 
 
@@ -168,7 +168,7 @@ def test_a_view_is_saved_under_a_name_opened_by_one_click_and_forgotten(
 
     expect(page.locator("#rows .row")).to_have_count(4)
     expect(page.get_by_role("link", name="the four")).to_have_attribute("aria-current", "true")
-    page.get_by_role("button", name="Forget").click()
+    page.get_by_role("button", name="Delete").click()
     expect(page.get_by_role("link", name="the four")).to_have_count(0)
 
 
@@ -182,7 +182,7 @@ def test_rows_sent_by_a_script_are_named_by_subject_date_and_arm_in_french_on_a_
     expect(row.locator(".subject")).to_contain_text("S012")
     expect(row.locator(".date")).to_contain_text("2026-03-02")
     expect(row.locator(".side")).to_have_text("droit")
-    expect(row.get_by_role("checkbox", name="Choisir S012, 2026-03-02 07:00, droit")).to_be_visible()
+    expect(row.get_by_role("checkbox", name="Sélectionner S012, 2026-03-02 07:00, droit")).to_be_visible()
     row.get_by_role("checkbox").click()
     expect(page.get_by_role("button", name="PDF (ZIP)")).to_be_in_viewport()
     assert page.evaluate("document.documentElement.scrollWidth") == 360

@@ -57,7 +57,7 @@ def test_one_answer_serves_all_that_were_dropped_and_those_that_follow(
     expect(page.locator("#bar")).to_have_class(re.compile("is-bar"))
     expect(page.locator(".chips a", has_text="No report").locator("b")).to_have_text(str(COUNT))
 
-    page.get_by_role("link", name="Say what the columns are: 0.csv").click()
+    page.get_by_role("link", name="Name the columns: 0.csv").click()
     choose_columns(page)
     expect(page.get_by_role("checkbox")).to_be_checked()
     keep_picture(page, "columns")
@@ -85,7 +85,7 @@ def test_a_mapping_that_leads_to_a_refusal_leads_back_to_the_columns(
     expect(page.get_by_text("No report")).to_be_visible(timeout=END_MS)
     page.get_by_role("link", name="Name the columns again").first.click()
 
-    expect(page.get_by_text("Read by the columns named before, the file was refused:")).to_be_visible()
+    expect(page.get_by_text("The file was refused with the columns that were named earlier:")).to_be_visible()
     expect(page.locator("[data-problem]")).to_be_visible()
     expect(page.locator("[name=acceleration_x]")).to_have_value("2")
 
@@ -101,7 +101,7 @@ def test_of_two_sensors_in_a_table_the_page_asks_which_one_is_on_the_arm(
     failed = server.send(table)
     see_end(server, failed["id"])
     open_analysis(page, server, failed["id"])
-    page.get_by_role("link", name="Say which sensor it is").click()
+    page.get_by_role("link", name="Choose the sensor").click()
     page.get_by_role("radio", name="arm").check()
     keep_picture(page, "sensors")
     page.get_by_role("button", name="Analyse this sensor").click()

@@ -97,7 +97,7 @@ def test_a_server_that_does_not_answer_is_said_where_it_matters(day: Page, tmp_p
     expect(day.get_by_role("alert")).to_be_hidden()
 
     day.set_input_files("#import", diary)
-    expect(day.get_by_role("alert")).to_contain_text("The server does not answer.")
+    expect(day.get_by_role("alert")).to_contain_text("The server does not respond.")
 
 
 def test_the_calibration_window_is_a_band_with_its_stillness(day: Page) -> None:
@@ -112,7 +112,9 @@ def test_the_calibration_window_is_a_band_with_its_stillness(day: Page) -> None:
 def test_a_window_that_moved_is_told_to_be_so(day: Page) -> None:
     set_window(day, "07:00:34", "07:00:40")
 
-    expect(day.locator(".window [data-stillness]").first).to_have_text("cannot be used: the arm moved in it")
+    expect(day.locator(".window [data-stillness]").first).to_have_text(
+        "cannot be used: the arm moved during it"
+    )
 
 
 def test_a_handle_is_moved_by_keys_and_speaks_its_time(day: Page) -> None:

@@ -29,7 +29,7 @@ def test_a_day_is_taken_away_and_the_form_stays_for_another_choice(
     chosen.first.uncheck()
     page.get_by_role("button", name="Apply").click()
 
-    expect(page.get_by_role("alert")).to_contain_text("a profile takes two recordings or more")
+    expect(page.get_by_role("alert")).to_contain_text("a profile needs at least two recordings")
     expect(page.locator("input[name=analysis]:checked")).to_have_count(1)
 
 
@@ -63,7 +63,9 @@ def test_whether_today_is_better_than_march_is_told_in_three_clicks(
     find_row(page, "2026-11-24").get_by_role("link", name="S077", exact=True).click()
     page.get_by_role("link", name="Compare with: march.gt3x").click()
 
-    expect(page.locator(".sentences p").first).to_contain_text(re.compile("Time above 60° went from .* to"))
+    expect(page.locator(".sentences p").first).to_contain_text(
+        re.compile("Time above 60° changed from .* to")
+    )
     expect(page.locator(".sentences p").first).to_contain_text("usual day-to-day variation")
 
 

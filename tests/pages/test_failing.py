@@ -101,6 +101,6 @@ def test_a_server_that_is_gone_is_told_and_the_list_stays(
     open_home(page, server)
     page.route("**/rows*", lambda route: route.abort())
 
-    expect(page.get_by_text("The server does not answer.")).to_be_visible(timeout=END_MS)
+    expect(page.get_by_text("The server does not respond.")).to_be_visible(timeout=END_MS)
 
     assert page.locator("#rows .row").count() > 0

@@ -52,7 +52,7 @@ def test_poor_data_are_not_told_in_green_and_the_page_says_why_they_are_poor(
     row.get_by_role("link", name="S012", exact=True).click()
 
     expect(page.locator(".verdict")).to_contain_text("Too short: 3 min analysed")
-    page.get_by_role("link", name="Say which arm").click()
+    page.get_by_role("link", name="State the arm").click()
     expect(page.locator("#correct")).to_be_in_viewport()
 
 
@@ -77,7 +77,7 @@ def test_problems_and_figures_are_taken_as_tables(
     search(page, "S099")
 
     with page.expect_download() as download:
-        page.get_by_role("link", name="problems with their cures").click()
+        page.get_by_role("link", name="problems and solutions").click()
     (row,) = csv.DictReader(download.value.path().read_text().splitlines())
     page.goto(f"{server.address}?text=S012&lang=en")
     with page.expect_download() as download:
@@ -157,9 +157,9 @@ def test_a_recording_is_thrown_away_taken_back_and_deleted_for_good(
 
     page.get_by_role("link", name="Delete this recording").click()
     expect(page.get_by_text("Analyses with all their reports and files: 1")).to_be_visible()
-    page.get_by_role("button", name="Put into the trash").click()
+    page.get_by_role("button", name="Move to the trash").click()
     expect(page.get_by_text("after 30 days")).to_be_visible()
-    page.get_by_role("button", name="Take back: gone.gt3x").click()
+    page.get_by_role("button", name="Restore: gone.gt3x").click()
     expect(find_row(page, "gone.gt3x")).to_be_visible()
     page.goto(f"{server.address}analyses/{analysis_id}?lang=en")
     page.get_by_role("link", name="Delete this recording").click()
@@ -209,7 +209,7 @@ def test_both_arms_of_a_shift_are_offered_as_a_pair_with_an_offset(
     page.get_by_label("Right after left, in seconds").fill("12,5")
     page.get_by_role("button", name="Apply").click()
 
-    expect(page.get_by_text("As set here: 12.5 s.")).to_be_visible()
+    expect(page.get_by_text("As entered here: 12.5 s.")).to_be_visible()
     expect(page.get_by_role("row", name="Time above 60°")).to_be_visible()
     with page.expect_download() as download:
         page.get_by_role("link", name="PDF").click()
@@ -227,7 +227,7 @@ def test_two_visits_are_compared_and_unlike_settings_are_told(
 
     page.goto(f"{server.address}beside/compare?first={first}&second={second}&lang=en")
     expect(page.get_by_text("made with different settings (method)")).to_be_visible()
-    page.get_by_role("button", name="Analyse the earlier one with the settings").click()
+    page.get_by_role("button", name="Analyse the earlier recording with the settings").click()
 
     expect(page.get_by_role("row", name="Method published smoothed")).to_be_visible()
 
@@ -243,7 +243,7 @@ def test_a_batch_of_the_api_has_a_page_with_counts_and_tables(
     expect(page.get_by_text("2 recordings · 1 with a report · 1 failed")).to_be_visible()
     expect(page.locator("#rows .row")).to_have_count(2)
     with page.expect_download() as download:
-        page.get_by_role("link", name="Problems with their cures").click()
+        page.get_by_role("link", name="Problems and solutions").click()
     (row,) = csv.DictReader(download.value.path().read_text("utf-8-sig").splitlines())
     assert row["code"] == "E-COLS"
 
@@ -255,7 +255,7 @@ def test_of_a_batch_only_what_needs_attention_is_shown_and_tried_again(
 
     page.get_by_role("link", name="No report 1").click()
     expect(page.locator("#rows .row")).to_have_count(1)
-    page.get_by_role("button", name="Try all failed again").click()
+    page.get_by_role("button", name="Retry all that failed").click()
 
     expect(page.get_by_text("1 failed")).to_be_hidden()
 
@@ -297,12 +297,12 @@ def test_a_trunk_sensor_is_set_beside_both_arms_with_an_offset_of_its_own(
     page.get_by_role("button", name="Apply").click()
     expect(page.get_by_role("heading", name="Arm relative to the trunk")).to_be_visible()
     expect(
-        page.get_by_text(re.compile("trunk.s recording, counted from the left one.s. By the clocks"))
+        page.get_by_text(re.compile("trunk recording, relative to the left one. By the clocks"))
     ).to_be_visible()
     page.get_by_label("Trunk after left, in seconds").fill("-2.5")
     page.get_by_role("button", name="Apply").click()
 
-    expect(page.get_by_text("As set here: −2.5 s.")).to_be_visible()
+    expect(page.get_by_text("As entered here: −2.5 s.")).to_be_visible()
     expect(page.get_by_role("row", name="Time shared with the trunk")).to_be_visible()
     page.get_by_role("link", name="Read").click()
     expect(page.get_by_text("Arm relative to the trunk").first).to_be_visible()

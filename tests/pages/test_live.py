@@ -111,15 +111,15 @@ def test_in_full_screen_figures_are_read_from_three_metres(playing: Page) -> Non
 def test_it_is_stopped_by_a_key_and_a_replay_adds_nothing(playing: Page) -> None:
     playing.keyboard.press("s")
 
-    expect(playing.locator("#ended-words")).to_have_text("It was a replay: nothing was added.")
+    expect(playing.locator("#ended-words")).to_have_text("This was a replay: no recording was added.")
     expect(playing.locator("#report")).to_be_hidden()
 
 
 @pytest.mark.parametrize(
     ("language", "words", "hint"),
     [
-        ("en", "No page showed the session any more", "has a minute to come back to it"),
-        ("fr", "Plus aucune page ne montrait la session", "a une minute pour y revenir"),
+        ("en", "No page was showing the session", "you can return within a minute"),
+        ("fr", "Plus aucune page ne montrait la session", "vous pouvez y revenir pendant une minute"),
     ],
 )
 def test_what_happens_to_a_session_whose_page_is_closed_is_said_before_and_after(

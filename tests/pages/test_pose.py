@@ -102,7 +102,7 @@ def test_an_assumed_pose_is_asked_about_and_one_click_confirms_it(
     click_answer(page, "07:01:12, 9.4\u202fs – yes, this is the pose")
 
     expect(questions(page)).to_have_count(0)
-    expect(page.locator(".verdict").first).to_contain_text("Calibration pose: given (07:01:12, 9.4\u202fs).")
+    expect(page.locator(".verdict").first).to_contain_text("Calibration pose: stated (07:01:12, 9.4\u202fs).")
     changed = page.get_by_role("region", name="What the correction changed").first
     expect(changed).to_contain_text("not stated")
     expect(page.get_by_role("region", name="Versions of this report")).to_contain_text(
@@ -127,9 +127,9 @@ def test_an_answer_waits_until_unsent_changes_are_sent_or_discarded(
     expect(page.get_by_role("heading", name="Correct and analyse again")).to_be_in_viewport()
     expect(reason).to_have_value("Diary from the foreman.")
 
-    note.get_by_role("button", name="Discard it").click()
+    note.get_by_role("button", name="Discard them").click()
     click_answer(page, "07:01:42, 9.1\u202fs")
-    expect(page.locator(".verdict").first).to_contain_text("Calibration pose: given (07:01:42, 9.1\u202fs).")
+    expect(page.locator(".verdict").first).to_contain_text("Calibration pose: stated (07:01:42, 9.1\u202fs).")
 
 
 def test_an_old_version_asks_nothing(page: Page, server: RunningServer, unnamed: str) -> None:
@@ -163,7 +163,7 @@ def test_a_sensor_put_back_is_asked_about_and_then_the_pose_after_it(
     page.locator(".choices button[type=submit]").first.click()
     expect(page.locator(".question")).to_have_count(0, timeout=END_MS)
     expect(page.get_by_role("region", name="Versions of this report")).to_contain_text(
-        "when the sensor slipped (07:16:"
+        "the time of a sensor slip (07:16:"
     )
 
 
@@ -176,7 +176,7 @@ def test_of_an_assumed_pose_the_page_says_that_the_one_after_a_slip_is_next(
     click_answer(page, "Moved")
 
     expect(page.get_by_role("region", name="When was the pose held?")).to_contain_text(
-        "After that the page asks for a pose held after 07:16."
+        "The page then asks for a pose held after 07:16."
     )
 
 
@@ -191,13 +191,13 @@ def test_that_the_sensor_did_not_slip_is_kept_in_the_versions(
 
     expect(page.get_by_role("heading", name="Did the sensor slip")).to_have_count(0)
     expect(page.get_by_role("region", name="Versions of this report")).to_contain_text(
-        "that the sensor did not slip (07:"
+        "the absence of a sensor slip (07:"
     )
     expect(page.get_by_role("region", name="Settings and origin")).to_contain_text("Sensor did not slip at")
 
 
 def test_the_pose_held_again_is_a_band_of_its_own_that_is_sent_and_undone(day: Page) -> None:
-    day.get_by_role("button", name="I held the pose here too", exact=True).first.click()
+    day.get_by_role("button", name="The pose was also held here", exact=True).first.click()
     assert [band["name"] for band in read_bands(day)] == ["Calibration window", "Calibration window 2"]
 
     day.get_by_role("button", name="Undo").click()
@@ -225,7 +225,7 @@ def test_axis_and_slip_reach_the_next_analysis(own_day: Page) -> None:
     assert (form["pose"], form["axis"], form["slips"]) == (["axis"], ["-y"], ["07:01:30"])
     own_day.wait_for_url("**before=*")
     settings = own_day.get_by_role("region", name="Settings and origin")
-    expect(settings).to_contain_text("none held: the sensor’s −y axis lay along the arm")
+    expect(settings).to_contain_text("none held: the sensor’s −y axis was strapped along the arm")
     expect(settings).to_contain_text("07:01:30")
 
 

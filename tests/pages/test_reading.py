@@ -28,8 +28,8 @@ def test_every_tile_leads_to_how_to_read_it_and_back(shown: Page) -> None:
 @pytest.mark.parametrize(
     ("language", "headings"),
     [
-        ("en", ["What these figures cannot say", "Method", "Glossary"]),
-        ("fr", ["Ce que ces chiffres ne disent pas", "Méthode", "Glossaire"]),
+        ("en", ["What these figures cannot show", "Method", "Glossary"]),
+        ("fr", ["Ce que ces chiffres ne montrent pas", "Méthode", "Glossaire"]),
     ],
 )
 def test_pictures_limits_method_and_glossary_stand_on_one_page(
@@ -48,7 +48,7 @@ def test_pictures_limits_method_and_glossary_stand_on_one_page(
     ("language", "reason"),
     [
         ("en", "Leaning to the side reads within 2°"),
-        ("fr", "est exact à 2° près : le bras pend"),
+        ("fr", "est exact à 2° près, car le bras pend"),
     ],
 )
 def test_where_a_pose_is_chosen_the_reason_to_lean_stands_beside_it(

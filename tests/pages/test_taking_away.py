@@ -40,7 +40,7 @@ def test_the_answer_is_copied_in_six_lines(page: Page, server: RunningServer, ri
     page.context.grant_permissions(["clipboard-read", "clipboard-write"])
     open_analysis(page, server, right)
 
-    page.get_by_role("button", name="Copy the answer for the record").click()
+    page.get_by_role("button", name="Copy the answer for the clinical record").click()
 
     expect(page.locator("#status")).to_have_text("Copied")
     copied = page.evaluate("navigator.clipboard.readText()")

@@ -19,7 +19,7 @@ from tests.ways_in.servers import RunningServer
 pytestmark = pytest.mark.browser
 
 TYPED = "Overhead work is the load."
-RESTORED = "and did not send."
+RESTORED = "your unsent entries"
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +76,7 @@ def test_what_is_discarded_does_not_come_back(page: Page, server: RunningServer,
     page.get_by_label("What you conclude").fill(TYPED)
     leave_and_return(page, server, report_id)
 
-    page.locator("#conclude").get_by_role("button", name="Discard it").click()
+    page.locator("#conclude").get_by_role("button", name="Discard them").click()
 
     expect(page.get_by_label("What you conclude")).to_have_value("")
     leave_and_return(page, server, report_id)
@@ -164,7 +164,7 @@ def test_a_correction_is_discarded_down_to_the_settings_of_the_analysis(
     page.locator("#add").click()
     leave_and_return(page, server, report_id)
 
-    page.locator("#correction").get_by_role("button", name="Discard it").click()
+    page.locator("#correction").get_by_role("button", name="Discard them").click()
 
     expect(page.get_by_role("radio", name="right")).to_be_checked()
     expect(page.locator("#periods tr")).to_have_count(0)
@@ -290,7 +290,7 @@ def test_signing_out_deletes_what_was_typed(
 
     page.locator(".signed-in button").click()
 
-    expect(page.get_by_label("Login name")).to_be_visible()
+    expect(page.get_by_label("User name")).to_be_visible()
     assert page.evaluate("localStorage.getItem('acromion.unsent')") is None
 
 

@@ -159,7 +159,7 @@ def test_all_that_failed_are_tried_again_by_one_click(
     expect(page.locator("#uploads .row", has_text="E-DISK")).to_have_count(3)
 
     page.unroute("**/api/v1/uploads")
-    page.get_by_role("button", name="Try all failed again").click()
+    page.get_by_role("button", name="Retry all that failed").click()
 
     for number in range(3):
         expect(find_row(page, f"again_{number}.csv")).to_be_visible(timeout=END_MS)

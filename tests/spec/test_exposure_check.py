@@ -3,7 +3,7 @@
 import pytest
 
 from benchmarks.exposure_check import DOCUMENT, find_part, replace_part
-from benchmarks.exposure_oracles import list_oracles, tell_oracles
+from benchmarks.exposure_oracles import format_oracles, list_oracles
 from benchmarks.exposure_oracles_table import Oracle
 
 ORACLES = list_oracles()
@@ -19,14 +19,14 @@ def read_rows(lines: list[str]) -> list[list[str]]:
 
 def test_the_document_says_what_the_code_gives() -> None:
     written = read_rows(find_part(DOCUMENT.read_text("utf-8"), "oracles").splitlines())
-    now = read_rows(list(tell_oracles(ORACLES)))
+    now = read_rows(list(format_oracles(ORACLES)))
 
     assert [row[:3] for row in written] == [row[:3] for row in now]
     assert [float(row[3]) for row in written] == pytest.approx([float(row[3]) for row in now], abs=1e-5)
 
 
 def test_a_figure_that_fails_is_told_to_fail() -> None:
-    told = list(tell_oracles([Oracle("1", "a share", 0.5, 0.6, 0.01)]))
+    told = list(format_oracles([Oracle("1", "a share", 0.5, 0.6, 0.01)]))
 
     assert "**fails**" in told[2]
     assert told[-1] == "1 figures of 1 oracles, 1 fail."

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from benchmarks.validation.real_clips import CLIP_HZ, Track, feel
+from benchmarks.validation.real_clips import CLIP_HZ, Track, compute_readings
 from benchmarks.validation.skin_clips import Strap, load_skin_library
 
 X = np.array([1.0, 0.0, 0.0])
@@ -31,7 +31,7 @@ def folder(tmp_path: Path) -> Path:
 def test_the_truth_is_the_humerus_while_gravity_is_read_on_the_plate(folder: Path) -> None:
     (clip,) = load_skin_library(folder, is_rigid=False)["adl01R"]
 
-    state = feel(clip, 100.0)
+    state = compute_readings(clip, 100.0)
 
     assert state.elevation_deg[900] == pytest.approx(90.0, abs=0.1)
     assert np.linalg.norm(state.acc_g[900]) == pytest.approx(1.0, abs=1e-3)
@@ -43,14 +43,14 @@ def test_the_truth_is_the_humerus_while_gravity_is_read_on_the_plate(folder: Pat
 def test_a_rigid_plate_reads_what_the_humerus_does(folder: Path) -> None:
     (clip,) = load_skin_library(folder, is_rigid=True)["adl01R"]
 
-    assert np.degrees(np.arccos(feel(clip, 100.0).acc_g[900, 2])) == pytest.approx(90.0, abs=0.1)
+    assert np.degrees(np.arccos(compute_readings(clip, 100.0).acc_g[900, 2])) == pytest.approx(90.0, abs=0.1)
 
 
 def test_a_posture_held_between_clips_takes_the_plate_along(folder: Path) -> None:
     (clip,) = load_skin_library(folder, is_rigid=False)["adl01R"]
     track = Track(np.random.default_rng(1), Strap([clip]))
     track.hold(Rotation.identity(), 5.0)
-    track.go_on(clip)
+    track.append(clip)
     track.hold(Rotation.identity(), 5.0)
 
     plate = track.join().plate

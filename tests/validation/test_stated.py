@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.validation.document import Goal
-from benchmarks.validation.stated import KINDS, Scored, compare_on_stated, draw_unseen, judge_days
+from benchmarks.validation.stated import KINDS, Scored, compare_on_stated, draw_undetected, judge_days
 
 RIGHT = Scored(
     "pose", "skin", "gt9x", 0, state="given", verdict="good", rmse_deg=3.0, cut_s=2.0, is_held=True,
@@ -45,7 +45,9 @@ def test_each_fault_misses_its_goal_alone(day: Scored, what: str, reached: str) 
 
 
 def test_slips_without_a_sign_are_counted() -> None:
-    table = draw_unseen([SLIPPED, replace(SLIPPED, device="lsm9ds1", codes=("W-SLIP",), verdict="caution")])
+    table = draw_undetected(
+        [SLIPPED, replace(SLIPPED, device="lsm9ds1", codes=("W-SLIP",), verdict="caution")]
+    )
 
     assert "slip of 45 deg, window given | 2 | 1 | 1 | 20.0 |" in table
 
@@ -55,4 +57,4 @@ def test_motion_that_is_not_there_is_named(tmp_path: Path) -> None:
 
     section = compare_on_stated(tmp_path, 1, None)
 
-    assert section.shown == ("Skipped: not there: skin_motion.",)
+    assert section.shown == ("Skipped: missing: skin_motion.",)

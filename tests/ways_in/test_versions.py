@@ -49,7 +49,7 @@ def test_other_settings_keep_the_earlier_report_and_the_newest_says_what_is_diff
     assert "S011" in read_report(twice.folder / "v1")
     newest = "Version 2 of this report; it replaces version 1. What is different: the subject code."
     assert newest in read_report(twice.folder)
-    assert "(version 2, for this is different: subject; version 1 is kept in v1)" in twice.said
+    assert "(version 2, because this changed: subject; version 1 is kept in v1)" in twice.said
 
 
 def test_the_same_by_force_is_the_same_version_and_each_new_one_keeps_all_before_it(

@@ -526,7 +526,8 @@ def _draw_squares(page: Page, batch_id: str, jobs: Sequence[Job]) -> list[Square
         state, told = job.state.value, words["state"][job.state.value]
         if job.state is JobState.SUCCEEDED and (verdict := verdicts.get(job.id, "")):
             state, told = verdict, words["verdict_short"][verdict]
-        squares.append(Square(job.id, state, f"{name}: {told}"))
+        title = fill(words["row"]["announce"], {"name": name, "state": told})
+        squares.append(Square(job.id, state, title))
     return squares
 
 

@@ -16,7 +16,7 @@ from app.report.charts import svg
 from app.report.charts.svg import GUIDES_DEG, NARROW, Plot, Span
 from app.report.model import Chart
 from app.report.words.numbers import format_angle, format_angle_range, format_classes, format_number
-from app.report.words.wording import Language, Words, fill
+from app.report.words.wording import Language, Words, fill, load_wording
 from fusion.exposure.types import Eva, Exposure
 
 MARKED_PERCENTILES = (10, 50, 90, 99)
@@ -213,8 +213,10 @@ def _build_eva(eva: Eva, entry: Words, language: Language) -> Chart:
     highest_first = _Grid(rows[::-1], columns, cells[::-1], row_sums[::-1], column_sums)
     plain = [name.removesuffix("°") for name in rows]  # the sign is written once, so that names do not touch
     turned = _Grid(columns, plain, list(zip(*cells, strict=True)), column_sums, row_sums)
+    line = load_wording(language)["label"]["brief_fact"]
     shown = ", ".join(
-        f"{name}: {', '.join(shown for _, shown in row)}" for name, row in zip(rows, cells, strict=True)
+        fill(line, {"name": name, "value": ", ".join(shown for _, shown in row)})
+        for name, row in zip(rows, cells, strict=True)
     )
     by_rows, _, sums = entry["axes"]
     return Chart.draw(

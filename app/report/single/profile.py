@@ -242,7 +242,9 @@ def _build_uncertainty(context: Context) -> Drawing:
     ]
     spans = [doubt.span for doubt in doubts if doubt.span]
     if not spans:
-        pose = [f"{doubt.name.capitalize()}: {doubt.shown}." for doubt in doubts if doubt.is_pose]
+        line = context.words["profile"]["tile"]
+        named = [{"name": doubt.name.capitalize(), "parts": doubt.shown} for doubt in doubts if doubt.is_pose]
+        pose = [fill(line, one) for one in named]
         return Drawing(entry["title"], "", "", " ".join((entry["none"][choose_ranges(findings)], *pose)))
     largest = max(high for _, high in spans)
     end = min(_extend_scale(20.0, max(1.1 * above.percent, 1.05 * largest)), 100.0)

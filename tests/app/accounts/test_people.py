@@ -109,7 +109,7 @@ def test_a_person_is_told_at_the_next_login_who_made_the_link(reset: Visitor, cl
     page = reset.get(led.headers["location"]).text
 
     assert led.headers["location"] == "/account?next=%2Ftrash"
-    assert "your password was set by a link that Boss made" in page
+    assert "your password was reset with a link that Boss created" in page
     assert "192.0.2.1" in page
 
 

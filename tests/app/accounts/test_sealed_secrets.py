@@ -119,8 +119,8 @@ def test_a_start_warns_of_a_lost_key_and_names_the_cure(
     create_app(settings)
 
     assert is_quiet_with_its_key
-    assert f"E-SECRET The secret of this server cannot read this. {secret.file}" in caplog.text
-    assert "Second factors: 1; webhooks: 1. Put server.key back from a backup" in caplog.text
+    assert f"E-SECRET The server key is missing or wrong. {secret.file}" in caplog.text
+    assert "Second factors: 1; webhooks: 1. Restore server.key from a backup" in caplog.text
 
 
 def test_the_warning_comes_again_with_a_key_that_a_login_has_made(

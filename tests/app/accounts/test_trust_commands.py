@@ -42,9 +42,9 @@ def test_the_command_answers_who_touched_a_subject(
 def test_terms_and_holds_are_changed_by_command(settings: Settings, store: JobStore, add_job: AddJob) -> None:
     recording_id = add_job().recording_id
 
-    assert "Lines of the audit log: kept for good" in run(settings, "retention")[1]
-    assert "Lines of the audit log: 400 days" in run(settings, "retention", "trail", "400")[1]
-    assert "Lines of the audit log: kept for good" in run(settings, "retention", "trail", "never")[1]
+    assert "Entries of the audit log: kept without limit" in run(settings, "retention")[1]
+    assert "Entries of the audit log: 400 days" in run(settings, "retention", "trail", "400")[1]
+    assert "Entries of the audit log: kept without limit" in run(settings, "retention", "trail", "never")[1]
     assert run(settings, "hold", "begin", recording_id)[0] == 0
     assert run(settings, "hold", "end", recording_id)[0] == 0
 
@@ -162,8 +162,8 @@ def test_the_list_tells_who_may_log_in(
 
     _, told = run_account(data, "list")
 
-    assert re.search(r"clara .* may log in", told)
-    assert re.search(r"dora .* may not log in", told)
+    assert re.search(r"clara .* can sign in", told)
+    assert re.search(r"dora .* cannot sign in", told)
 
 
 @pytest.mark.parametrize(

@@ -45,7 +45,7 @@ def test_a_change_above_the_least_detectable_one_is_called_larger() -> None:
     sentence = plain(report_of(kept_with(13.2)).sentences[0])
 
     assert sentence == (
-        "Time above 60° went from 7.6 % to 13.2 % of the analysed time (+5.6 points). "
+        "Time above 60° changed from 7.6 % to 13.2 % of the analysed time (+5.6 points). "
         "The change is larger than the usual day-to-day variation "
         "(minimal detectable change, 95 %: 5.5 points)."
     )
@@ -71,7 +71,7 @@ def test_a_pose_that_nobody_confirmed_comes_first_and_no_change_is_judged() -> N
     answer, page = plain(format_brief(report).decode()), plain(render_html(report).decode())
 
     first = (
-        "After: calibration pose assumed, not confirmed. A change cannot be told from an error of the pose."
+        "After: calibration pose assumed, not confirmed. A change cannot be distinguished from a pose error."
     )
     assert answer.splitlines()[0] == first
     assert first in page
@@ -103,7 +103,7 @@ def test_the_document_holds_the_same_change_as_the_page() -> None:
 def test_a_missing_code_is_said_beside_the_change() -> None:
     report = build_comparison(BEFORE, kept_with(subject=""), "en", same_subject=True)
 
-    assert plain(report.pose_caution).startswith("A subject code is missing; the person who asked")
+    assert plain(report.pose_caution).startswith("A subject code is missing; the person who requested")
 
 
 def why_refused(
@@ -154,11 +154,11 @@ def test_a_recording_beside_itself_is_said_to_be_no_change() -> None:
 
     told = plain(f"{report.verdict.label} {report.verdict.reason}")
     assert told.startswith("Not two days. Both are the same recording.")
-    assert "no judgement is made" in report.sentences[0]
+    assert "no conclusion is drawn" in report.sentences[0]
 
 
 def test_the_left_arm_beside_the_right_is_said_to_be_no_change() -> None:
     report = report_of(kept_with(20.0, side="left"))
 
     assert report.verdict.label == "Not the same arm."
-    assert "no judgement is made" in report.sentences[0]
+    assert "no conclusion is drawn" in report.sentences[0]

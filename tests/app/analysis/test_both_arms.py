@@ -115,7 +115,7 @@ def test_the_ranges_stand_behind_the_figures_under_those_of_the_table_and_in_the
     sentences, rows = [plain(s) for s in report.sentences], report.sections[0].tables[0].rows
 
     assert "above 60° for 4.0 % (2.5–6.0 %) and the right arm for 10.0 % of" in sentences[0]
-    assert "(right to left 2.50, range 1.20–4.12)" in sentences[0]
+    assert "(right/left ratio 2.50, range 1.20–4.12)" in sentences[0]
     assert sentences[1] == "Both arms were above 60° at the same time for 2.5 % (1.0–4.5 %) of that time."
     assert [plain(cell) for cell in rows[2]] == ["95 % range", "2.5–6.0 %", "", "1.20–4.12"]
     assert [plain(cell) for cell in rows[-1]] == ["95 % range", "1.0–4.5 %", "", ""]
@@ -150,7 +150,7 @@ def test_an_arm_whose_pose_nobody_confirmed_is_as_uncertain_as_in_its_own_report
         (RANGED, "95 % ranges in brackets"),
         (
             replace(SHARED, shared_s=1799.0),
-            "Less than half an hour was analysed of both arms at the same time",
+            "Less than half an hour was analysed for both arms together",
         ),
         (SHARED, "No range is given"),
     ],
@@ -163,8 +163,8 @@ def test_what_the_ranges_hold_is_said(shared: PairedArms, told: str) -> None:
 def test_the_answer_tells_both_arms_and_the_time_at_once() -> None:
     assert [plain(s) for s in report_of(make_pair()).sentences] == [
         (
-            "In the 1 h in which both arms were analysed, the left arm was above 60° for 4.0 % and the right "
-            "arm for 10.0 % of the time (right to left 2.50); above 90° for 1.0 % and 3.0 %."
+            "In the 1 h analysed for both arms, the left arm was above 60° for 4.0 % and the right "
+            "arm for 10.0 % of the time (right/left ratio 2.50); above 90° for 1.0 % and 3.0 %."
         ),
         "Both arms were above 60° at the same time for 2.5 % of that time.",
         "The median elevation was 20° on the left and 30° on the right.",
@@ -176,15 +176,15 @@ def test_the_bars_show_the_figures_of_the_answer_and_not_those_of_each_own_day()
 
     shares = [[plain(cell) for cell in row[1:]] for row in chart.table.rows]
     assert shares == [["70.0 %", "26.0 %", "3.0 %", "1.0 %"], ["50.0 %", "40.0 %", "7.0 %", "3.0 %"]]
-    assert chart.note == "Each bar covers the time in which both arms were analysed."
+    assert chart.note == "Each bar covers the time analysed for both arms."
 
 
 def test_that_only_the_clocks_give_the_offset_is_said() -> None:
     later, earlier = (report_of(make_pair(offset_s)) for offset_s in (80.0, -80.0))
 
-    assert plain({row.name: row.value for row in later.header}["Right began after left"]) == "+1 min 20 s"
+    assert plain({row.name: row.value for row in later.header}["Right arm started later"]) == "+1 min 20 s"
     assert plain(earlier.pose_caution).startswith(
-        "The right recording began 1 min 20 s before the left. The clocks of the two devices"
+        "The right recording started 1 min 20 s before the left. This comes from the clocks"
     )
 
 
@@ -193,7 +193,7 @@ def test_the_quality_of_each_arm_is_named_and_no_ratio_if_the_left_arm_was_never
 
     row = next(row for row in report.sections[-1].tables[0].rows if row[0] == "Data quality")
     assert set(row[1:]) <= {"good", "use with care", "poor"}
-    assert "right to left" not in report.sentences[0]
+    assert "ratio" not in report.sentences[0]
 
 
 def test_both_days_lie_on_the_clock_of_the_one_that_began_first() -> None:
@@ -275,8 +275,8 @@ def test_who_says_that_all_are_of_one_person_stands_in_the_document(
 @pytest.mark.parametrize(
     ("one_person", "told"),
     [
-        ("codes", "Both recordings began at the same moment."),
-        ("person", "A subject code is missing; the person who asked for the report says that all"),
+        ("codes", "Both recordings started at the same moment."),
+        ("person", "A subject code is missing; the person who requested the report states that all"),
     ],
 )
 def test_a_missing_code_is_said_beside_the_answer(one_person: OnePerson, told: str) -> None:

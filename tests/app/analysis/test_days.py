@@ -164,7 +164,7 @@ def test_the_error_of_the_pose_is_the_mean_of_the_days_and_unknown_if_one_has_an
 
     assert (known["low_pose"], known["high_pose"]) == (4.0, 13.0)
     assert (unknown["low_pose"], unknown["high_pose"]) == (None, None)
-    assert "up to 13.0 % with the N-pose's error" in plain(report_of(days).sentences[0])
+    assert "up to 13.0 % with the N-pose error" in plain(report_of(days).sentences[0])
 
 
 def test_from_five_days_on_the_trend_is_judged_by_the_persons_own_deviation() -> None:
@@ -179,9 +179,9 @@ def test_the_answer_tells_the_way_from_the_first_day_to_the_last() -> None:
     sentences = build_days(group_days(week(10.0, 12.0, 16.0)), "en").sentences
 
     assert plain(sentences[2]) == (
-        "From 2 March 2026 (10.0 %) to 4 March 2026 (16.0 %): +6.0 points. That is larger than the usual "
-        "variation between two single days (5.5 points, by the published deviation). Of the 2 later days 1 "
-        "differs from the first by more."
+        "From 2 March 2026 (10.0 %) to 4 March 2026 (16.0 %): +6.0 points. This is larger than the usual "
+        "variation between two single days (5.5 points, using the published standard deviation). "
+        "Of the 2 later days, 1 differs from the first by more."
     )
 
 
@@ -232,7 +232,7 @@ def test_no_change_is_given_of_four_people_of_five_or_without_a_day_on_both_side
     assert describe_profile(group_days(four))["change"] == []
     assert report_of(four).sentences[0].startswith("Fewer than five people")
     assert report_of(one_sided).sentences == (
-        "Nobody has days that count both before and after, so that no change is given.",
+        "Nobody has counted days both before and after, so no change is given.",
     )
 
 
@@ -300,11 +300,11 @@ def test_the_answer_states_mean_range_and_spread() -> None:
 
     assert mean == (
         "Right arm, 5 days: time above 60° was 6.0 % of the analysed time on average (4.2–7.8 %), "
-        "on single days 4.0 % to 8.0 %."
+        "and 4.0 % to 8.0 % on single days."
     )
     assert spread == (
-        "Days differ by 1.4 points (standard deviation, 95 % range 0.8–4.1). These days tell a change of "
-        "1.8 points (1.1–5.0) from as many later ones, by this person's own deviation."
+        "Days differ by 1.4 points (standard deviation, 95 % range 0.8–4.1). These days can detect "
+        "a change of 1.8 points (1.1–5.0) against as many later days, using this person's standard deviation."
     )
 
 
@@ -312,8 +312,8 @@ def test_the_answer_says_how_many_days_are_still_needed() -> None:
     spread = plain(report_of(week(4.0, 8.0), "fr").sentences[1])
 
     assert spread.endswith(
-        "Encore 3 jours : 5 jours décèlent un changement de 2,5 points par rapport à "
-        "autant de jours ultérieurs, d'après l'écart publié."
+        "Avec 3 jours de plus, 5 jours décèlent un changement de 2,5 points par rapport à "
+        "autant de jours ultérieurs, d'après l'écart type publié."
     )
 
 
@@ -323,8 +323,8 @@ def test_a_change_is_the_whole_answer() -> None:
     (told,) = map(plain, report_of(days).sentences)
 
     assert told == (
-        "Right arm: mean time above 60° went from 11.0 % (2 days) to 5.0 % (1 day): −6.0 points. The change "
-        "is larger than the usual variation between these numbers of days (minimal detectable change: "
+        "Right arm: mean time above 60° changed from 11.0 % (2 days) to 5.0 % (1 day): −6.0 points. The "
+        "change is larger than the usual variation for this many days (minimal detectable change: "
         "4.8 points)."
     )
 
@@ -333,8 +333,8 @@ def test_one_day_that_counts_has_no_spread_and_both_arms_are_drawn_on_one_clock(
     one = report_of([make_day(0), short(make_day(1))])
     both = report_of([*week(4.0, 8.0), *week(5.0, 6.0, side="left")])
 
-    assert (one.verdict.level, one.verdict.label) == ("poor", "One day has no spread.")
-    assert [figure.title for figure in both.figures] == ["The days by the clock", "Day by day"]
+    assert (one.verdict.level, one.verdict.label) == ("poor", "One day shows no spread.")
+    assert [figure.title for figure in both.figures] == ["The days by time of day", "Day by day"]
     drawn = plain(both.figures[0].wide)
     assert [name in drawn for name in ("Left arm, 5 days", "Right arm, 5 days")] == [True] * 2
 

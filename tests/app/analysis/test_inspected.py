@@ -28,12 +28,12 @@ def inspect(folder: Path, content: bytes | str, language: str = "en", *options: 
 @pytest.mark.parametrize(
     ("make", "told"),
     [
-        (s.tumbled(s.negate_gyro), "left-handed axes: x turned round (from the motion itself)"),
-        (s.tumbled(s.multiply_gyro(1000.0)), "unit of the angular rate, × 0.001 (from the motion itself)"),
+        (s.tumbled(s.negate_gyro), "left-handed axes: x reversed (from the motion)"),
+        (s.tumbled(s.multiply_gyro(1000.0)), "unit of the angular rate, × 0.001 (from the motion)"),
         (s.tumbled(s.leave), "none"),
         (
             lambda: misnamed("us", 1000),
-            "unit of the time, us read as ms (from the rate at which the rows come)",
+            "unit of the time, us read as ms (from the rate of the rows)",
         ),
     ],
     ids=["left-handed", "unit", "right", "time"],
@@ -41,7 +41,7 @@ def inspect(folder: Path, content: bytes | str, language: str = "en", *options: 
 def test_what_was_wrong_in_the_file_is_named(
     make: Callable[[], bytes | str], told: str, tmp_path: Path
 ) -> None:
-    assert inspect(tmp_path, make())["Found wrong or not stated"].replace("’", "'") == told
+    assert inspect(tmp_path, make())["Wrong or not stated"].replace("’", "'") == told
 
 
 def test_french_has_no_english_names_and_values(tmp_path: Path) -> None:
@@ -49,7 +49,7 @@ def test_french_has_no_english_names_and_values(tmp_path: Path) -> None:
 
     lines = inspect(tmp_path, text, "fr")
 
-    assert lines["Forme"].replace("’", "'") == "export IMU d'ActiLife (CSV)"
+    assert lines["Format"].replace("’", "'") == "export IMU d'ActiLife (CSV)"
     assert lines["Horloge"] == "locale"
     assert lines["Irrégularité des temps"] == "non observé"
     assert not {"layout", "columns", "clock", "samples", "software", "nominal_rate_hz"} & set(lines)
@@ -62,7 +62,7 @@ def test_french_numbers_have_a_decimal_comma(tmp_path: Path) -> None:
 
     lines = inspect(tmp_path, write_stamped(stamps, rows), "fr")
 
-    assert lines["Fréquence réelle"].startswith("476,00")
+    assert lines["Fréquence mesurée"].startswith("476,00")
     assert not re.search(r"\d\.\d", " ".join(lines.values()))
 
 
@@ -72,7 +72,7 @@ def test_a_rate_that_a_person_told_is_not_called_corrected(tmp_path: Path) -> No
 
     lines = inspect(tmp_path, text, "en", "--rate-hz", "100")
 
-    assert "as it was told" in lines["Warnings"]
+    assert "as stated" in lines["Warnings"]
 
 
 def test_the_count_of_holes_filled_with_zeros_is_that_of_the_gaps(tmp_path: Path) -> None:

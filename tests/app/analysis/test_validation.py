@@ -186,4 +186,4 @@ def test_of_many_twelve_are_shown_from_the_first_to_the_last() -> None:
     # 59 / 11 = 5.36 stretches from one to the next
     places = [0, 5, 11, 16, 21, 27, 32, 38, 43, 48, 54, 59]
     assert [row[0] for row in table.rows] == [str(10 * place) for place in places]
-    assert table.note.endswith("Shown are 12 of 60 stretches, evenly spread; validation.json holds them all.")
+    assert table.note.endswith("Shown are 12 of 60 stretches, evenly spread; validation.json has all.")

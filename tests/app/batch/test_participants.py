@@ -166,12 +166,12 @@ def test_all_faults_of_a_list_are_told_at_once() -> None:
     english = describe_problem(refused.code, refused.facts, "en")
 
     assert english.detail == (
-        'Line 2: the row fits several recordings ("arm.csv"): p1/arm.csv and p2/arm.csv. '
-        "Write the file with as much of its path as fits one recording alone, as named here. "
-        'Line 3: a value that cannot be ("up"). Allowed: left|right. '
-        'Line 5: two rows fit the same recording ("c.csv"); the other row is line 4.'
+        'Line 2: the row matches several recordings ("arm.csv"): p1/arm.csv and p2/arm.csv. '
+        "Write enough of the file’s path to match only one recording, as named here. "
+        'Line 3: an impossible value ("up"). Allowed: left|right. '
+        'Line 5: two rows match the same recording ("c.csv"); the other row is line 4.'
     )
-    assert english.fix == "Correct the list and send it again; nothing was analysed."
+    assert english.fix == "Correct the list and send it again. Nothing was analysed."
 
 
 def test_beyond_twenty_faults_the_others_are_counted() -> None:

@@ -60,7 +60,7 @@ def test_a_missing_code_is_refused_until_somebody_says_that_it_is_one_person(
 
     refused, said = (run(command, *sides, *asked, *more) for more in ((), ("--same-subject",)))
 
-    assert (refused.exit_code, "say --same-subject" in refused.stderr, said.exit_code) == (3, True, 0)
+    assert (refused.exit_code, "use --same-subject" in refused.stderr, said.exit_code) == (3, True, 0)
     page = PdfReader(tmp_path / folder / "report.pdf").pages[0].mediabox
     assert (round(page.width), round(page.height)) == (612, 792)
 
@@ -72,5 +72,5 @@ def test_a_missing_code_is_refused_before_any_recording_is_analysed(tmp_path: Pa
 
     result = run(command, tmp_path / "left.csv", tmp_path / "right.csv", "-o", tmp_path / "out")
 
-    assert (result.exit_code, "say --same-subject" in result.stderr) == (3, True)
+    assert (result.exit_code, "use --same-subject" in result.stderr) == (3, True)
     assert not (tmp_path / "out").exists()

@@ -135,5 +135,5 @@ def test_a_slice_that_ran_with_other_options_is_named(shift_gt3x: Path, tmp_path
     result = run("collect", tmp_path / "out")
 
     assert result.exit_code == 130
-    assert "Slices that ran with other files or options than the slice started last: 1/2." in result.stderr
+    assert "Slices run with other files or options than the slice started last: 1/2." in result.stderr
     assert "The same command goes on" not in result.stderr

@@ -90,7 +90,7 @@ def test_the_page_shows_the_answer_and_leads_to_the_report(shared: TestClient, d
     page = shared.get("/days", params={"analysis": list(days), "lang": "fr"})
 
     assert page.status_code == 200
-    assert "Bras droit, 2 jours : temps au-dessus de 60° de 6,0 %" in plain(page.text)
+    assert "Bras droit, 2 jours : en moyenne 6,0 % du temps analysé au-dessus de 60°" in plain(page.text)
     (pdf,) = re.findall(r'href="([^"]*report\.pdf[^"]*)"', page.text)
     assert shared.get(pdf.replace("&amp;", "&")).content.startswith(b"%PDF-")
 
@@ -180,7 +180,7 @@ def test_a_study_is_compared_before_and_after_a_day(shared: TestClient, group: s
     assert count_chosen(page, "after") > 0
     # by hand: +2, +4, +2, +4 and +3 have a standard deviation of 1, and t(4) is 2.776: 3 ± 1.24
     assert "from 6.0 % to 9.0 % (+3.0 points, 95 % range 1.8 to 4.2)." in page
-    assert "One day has no spread" not in page  # a group needs no second day of anyone
+    assert "One day shows no spread" not in page  # a group needs no second day of anyone
     # a change before or after all days is none
     assert [("5 people" in other, count_chosen(other, "after")) for other in others] == [(True, 0)] * 2
 

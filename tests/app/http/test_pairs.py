@@ -148,7 +148,7 @@ def test_the_page_asks_whether_both_are_of_one_person(
 
     page = shared.get(f"/beside/{kind}", params=asked).text
 
-    assert 'name="same_subject" value="1"> All are of one person' in page
+    assert 'name="same_subject" value="1"> All are of the same person' in page
     assert 'id="answer"' not in page  # no figure is shown before
 
 

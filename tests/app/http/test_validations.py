@@ -167,7 +167,7 @@ def test_a_refused_form_keeps_what_was_typed(shared: TestClient) -> None:
 
     assert answer.status_code == 422
     assert "E-PARAMETER" in answer.text
-    assert "What you typed is kept." in answer.text
+    assert "Your entries are kept." in answer.text
     assert 'value="left" checked' in answer.text
     assert 'value="S012 &#34;&lt;b&gt;"' in answer.text
     assert 'value="soon"' in answer.text

@@ -39,7 +39,7 @@ def test_the_report_shows_each_paragraph_with_name_and_date() -> None:
 
     assert note is not None
     assert note.title == "Conclusion: M. Tremblay, 23\u00a0November\u00a02026"
-    typed = "Typed by the person named; not computed."
+    typed = "Written by the person named; not computed."
     assert note.paragraphs == ("Overhead work is the load.", "Measure again in May.", typed)
     assert build_report(make_analysis(), make_subject(), "en").conclusion is None
 

@@ -241,7 +241,7 @@ def test_all_that_a_filter_lets_through_are_tagged_and_no_other(
 
     told = do(client, "tag", every="1", query="text=a", tag="line 2")
 
-    assert "2 recordings have got the tag line 2." in told
+    assert "2 recordings now have the tag line 2." in told
     assert list_names(library, LibraryFilter(tag="line 2")) == {"a1.csv", "a2.csv"}
     assert list_names(library, LibraryFilter(tag="line")) == set()
     assert library.find_tags() == ("line 2",)
@@ -288,7 +288,7 @@ def test_the_arm_of_a_report_is_changed_by_a_new_analysis_without_its_conclusion
 
     told = do(client, "side", job, side="left")
 
-    assert "1 recording is analysed again with this arm" in told
+    assert "1 recording is being analysed again with this arm" in told
     (entry,) = library.find_page(LibraryFilter(), 10)
     assert entry.job.id == job.id
     assert entry.attempt is not None
@@ -331,7 +331,7 @@ def test_reports_of_an_older_method_are_a_group_and_are_all_analysed_again(
 
     assert library.count(LibraryFilter())["older"] == 1
     assert list_names(library, LibraryFilter(group="older")) == {"old.csv"}
-    assert "1 report was made by an older method" in client.get("/?group=older&lang=en").text.replace(
+    assert "1 report was made with an older method" in client.get("/?group=older&lang=en").text.replace(
         "\xa0", " "
     )
     do(client, "again", every="1", query="group=older")

@@ -72,14 +72,14 @@ def test_a_replay_ends_with_an_ordinary_report(replayed: Replayed, log: Path) ->
 
     assert code == 0
     assert "rises: 1" in output
-    assert re.search(r"Live against the report, over 29\ss: 0\.\d° \(RMSE\)", output)
+    assert re.search(r"Live compared with the report, over 29\ss: 0\.\d° \(RMSE\)", output)
     assert json.loads((out / raw.stem / "results.json").read_text())["exposure"]
     assert np.array_equal(read_recording(raw).segments[0].acc_g, read_recording(log).segments[0].acc_g)
 
 
 def test_a_session_that_was_cut_is_named_with_what_it_holds(replayed: Replayed) -> None:
     assert "live-20260302-070000.csv was cut off" in replayed[1]
-    assert "It holds 0:01:30" in replayed[1]
+    assert "It contains 0:01:30" in replayed[1]
 
 
 def test_cues_ring_the_bell_and_are_logged_beside_the_raw_file(replayed: Replayed) -> None:
@@ -135,7 +135,7 @@ def test_a_pose_that_is_refused_is_asked_for_again(
 
     _run(source, recorder, 5.0, "en")
 
-    assert "The arm moved. Once more." in capsys.readouterr().out
+    assert "The arm moved. Try again." in capsys.readouterr().out
     assert read_recording(recorder.path).pose_windows_s == ((15.49, 20.49),)
 
 
@@ -155,7 +155,7 @@ def test_while_nothing_comes_no_angle_is_shown(tmp_path: Path, capsys: pytest.Ca
 
     assert re.match(r" *\d+°", shown)
     assert silent.lstrip().startswith("–")
-    assert "nothing has come for 7\xa0s: the angle is not known" in silent
+    assert "no samples for 7\xa0s: the angle is not known" in silent
 
 
 def test_time_without_an_angle_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -177,7 +177,7 @@ def test_a_board_that_goes_astray_is_said_and_what_came_is_kept(
 
     _run(source, recorder, 5.0, "en")
 
-    assert "the board sends at another rate than at the start" in capsys.readouterr().err
+    assert "the board now sends at a different rate than at the start" in capsys.readouterr().err
     assert sum(map(len, read_recording(recorder.path).segments)) == 2000
 
 

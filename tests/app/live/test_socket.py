@@ -296,7 +296,9 @@ def test_what_cannot_be_is_refused_in_words(client: TestClient, first: dict[str,
 
         assert (problem["type"], problem["code"]) == ("problem", code)
         assert problem["fix"]
-        assert "speed" not in first or problem["detail"].startswith("start.speed cannot be 21")
+        assert "speed" not in first or problem["detail"].startswith(
+            "The value of start.speed is not allowed: 21"
+        )
         with pytest.raises(WebSocketDisconnect):
             socket.receive_json()
 

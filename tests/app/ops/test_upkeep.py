@@ -159,7 +159,7 @@ def test_a_restore_names_the_bucket_and_the_database_without_its_password(
 
     before, _, folder = with_password.replace("open-sesame", "***").partition("host=")
     rows = f"{before}host={quote(folder, safe='')}"
-    assert f"every row restored into {new.object_store} (files) and {rows} (rows)." in output
+    assert f"all database rows restored into {new.object_store} (files) and {rows} (rows)." in output
 
 
 def test_verify_counts_what_it_read(finished: Job, acromion: Acromion) -> None:
@@ -338,7 +338,7 @@ def test_the_doctor_says_that_nothing_is_there_yet_and_makes_nothing(tmp_path: P
     done = CliRunner().invoke(app, ["doctor", "--data", str(tmp_path / "typo")])
 
     assert done.exit_code == 1
-    assert f"nothing is there yet: {tmp_path / 'typo'}" in done.output
+    assert f"the folder has no data yet: {tmp_path / 'typo'}" in done.output
     assert "ok " not in done.output
     assert list(tmp_path.iterdir()) == []
 
@@ -400,7 +400,7 @@ def test_a_restore_that_was_cut_short_is_done_again(
     result = restore(backup())
 
     assert result.exit_code == 0
-    assert f"every row restored into {tmp_path / 'new'}. Start the server" in result.output
+    assert f"all database rows restored into {tmp_path / 'new'}. Start the server" in result.output
     assert acromion("verify", "--data", tmp_path / "new").exit_code == 0
 
 
@@ -526,5 +526,5 @@ def test_the_doctor_names_what_is_wrong_and_its_cure(
     result = acromion("doctor")
 
     assert result.exit_code == 1
-    for told in ("FAIL  free disk space", "Make room", f"chmod 700 {settings.data_dir}", "E-SCHEMA"):
+    for told in ("FAIL  free disk space", "Free some space", f"chmod 700 {settings.data_dir}", "E-SCHEMA"):
         assert told in result.output

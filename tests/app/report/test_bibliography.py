@@ -93,6 +93,6 @@ def test_a_recording_without_a_pose_is_told_by_the_axis_that_was_given() -> None
 
     text = write_methods([build_results(strapped, make_subject())], 0, "en").decode()
 
-    assert "Where no pose was held (recordings: 1), the sensor's axis" in text.replace("’", "'")
+    assert "If no pose was held (recordings: 1), the sensor axis" in text.replace("’", "'")
     assert "still periods" not in text
     assert "N-pose" not in text

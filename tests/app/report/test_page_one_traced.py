@@ -31,10 +31,10 @@ NAMES = {
     *("Time above 30°", "Time above 60°", "Time above 90°", "Rises above 60° an hour"),
     *(
         "P10–P90 of each minute median not analysed (break, docked) no data",
-        "Time Above 60° Note what was done then",
+        "Time Above 60° Task (write in)",
     ),
-    *("Task Above 60° Of its time", "Tasks with the most time above 60°"),
-    *("Quarter hours with the most time above 60°", "How sure is the time above 60°?"),
+    *("Task Above 60° Share of task", "Tasks with the most time above 60°"),
+    *("Quarter hours with the most time above 60°", "How certain is the time above 60°?"),
     "95 % ranges; day to day: hairdressers",
     *(
         "2. Next time, calibrate leaning to the side: the N-",
@@ -146,7 +146,7 @@ class Tracer:
             f"{k}  {self.clock(q['start_s'])}–{self.clock(q['start_s'] + 900)} {q['percent_above_60']:.1f} %"
             for k, q in enumerate(hours, start=1)
         }
-        return {*rows, f"1. Find out what was done at {self.clock(hours[0]['start_s'])}."}
+        return {*rows, f"1. Find out which task was done at {self.clock(hours[0]['start_s'])}."}
 
     def tasks(self) -> set[str]:
         above = {
@@ -160,7 +160,7 @@ class Tracer:
         there = next(p for p in periods if p["start_s"] <= worst["start_s"] < p["end_s"])
         return {
             " ".join(f"{ranks[period['label']]} {period['label']}" for period in periods),
-            f"1. Look at {there['label']} at {self.clock(worst['start_s'])} (most in 15 min).",
+            f"1. Look at {there['label']} at {self.clock(worst['start_s'])} (peak 15 min).",
             *(self.row(k, task, above[task["label"]]) for k, task in enumerate(order, start=1)),
         }
 
@@ -177,8 +177,8 @@ class Tracer:
         half = self.find("time_above", threshold_deg=60)["percent"] / 2
         days, points = next((k, told) for k in (1, 2, 3, 5) if (told := 1.96 * sqrt(2 / k) * 2.0) <= half)
         return {
-            f"3. Measure {days - 1} more days now and {days} after a",
-            f"change: this tells {points:.1f} points of time above 60°.",
+            f"3. To detect a change of {points:.1f} points above 60°,",
+            f"measure {days - 1} more days now and {days} after it.",
         }
 
     def foot(self, line: str) -> bool:

@@ -87,8 +87,8 @@ def told_of_method(report: Report) -> dict[str, str]:
         (
             {},
             {
-                "Axis of the arm": "from the pose held at the start of wear, "
-                "as the person who asked for the report stated",
+                "Arm axis": "from the pose held at the start of wear, "
+                "as stated by the person who requested the report",
                 "Standard deviation of the axis": "5.0°",
             },
         ),
@@ -96,8 +96,8 @@ def told_of_method(report: Report) -> dict[str, str]:
             {"repeats": (AGAIN,), "repeat_deg": 3.5},
             {"Pose held again": "09:58:54 (3.5° from the first)", "Largest angle between the poses": "3.5°"},
         ),
-        ({"slip_times_s": (3600.0,)}, {"Sensor slipped, as reported": "08:58:12"}),
-        ({"no_slip_times_s": (3600.0,)}, {"No slip of the sensor, as reported": "08:58:12"}),
+        ({"slip_times_s": (3600.0,)}, {"Sensor slipped, as stated": "08:58:12"}),
+        ({"no_slip_times_s": (3600.0,)}, {"No sensor slip, as stated": "08:58:12"}),
     ],
     ids=["axis", "held again", "slip", "no slip"],
 )
@@ -111,7 +111,7 @@ def test_the_report_names_the_sensors_axis_and_no_pose() -> None:
     report = report_of(analysis=with_axis("-y"))
 
     told = told_of_method(report)
-    assert "the sensor's −y axis, strapped along the arm" in told["Axis of the arm"]
+    assert "the sensor's −y axis, strapped along the arm" in told["Arm axis"]
     assert "Calibration pose" not in told
     assert "Calibration window" not in told
     assert report.pose_caution == ""  # an axis does not have the error of the N-pose
@@ -120,15 +120,15 @@ def test_the_report_names_the_sensors_axis_and_no_pose() -> None:
 @pytest.mark.parametrize(
     ("findings", "told"),
     [
-        (with_pose(state="given"), "given (07:58:54, 6.2 s)"),
+        (with_pose(state="given"), "stated (07:58:54, 6.2 s)"),
         (with_pose(state="held_at_start"), "held at the start, as stated (07:58:54, 6.2 s)"),
         (with_pose(state="assumed"), "assumed (07:58:54, 6.2 s), not confirmed"),
         (with_pose(state="none"), "none found"),
         (
             with_pose(state="repeated", repeats=(AGAIN, AGAIN), repeat_deg=3.2),  # rounded up
-            "given 3 times, agreeing within 4°",
+            "stated 3 times, agreeing within 4°",
         ),
-        (with_pose(state="given", repeats=(AGAIN,)), "given (07:58:54, 6.2 s; 09:58:54, 8 s)"),
+        (with_pose(state="given", repeats=(AGAIN,)), "stated (07:58:54, 6.2 s; 09:58:54, 8 s)"),
         (with_axis("-y"), "sensor axis −y, as stated"),
     ],
     ids=["given", "at the start", "assumed", "none", "agreeing", "disagreeing", "axis"],
@@ -162,25 +162,25 @@ def test_a_question_keeps_its_kind_both_times_and_the_angle() -> None:
         (with_pose(state="assumed"), "Confirm the pose: was it held at 07:58:54?"),
         (
             with_pose(state="none"),
-            "Give a time at which the arm hung still, or the sensor's axis along the arm.",
+            "Enter a time when the arm hung still, or the sensor axis along the arm.",
         ),
         (
             with_pose(questions=(QuestionFacts("slip", *MOVED_S),)),
-            "Say whether the sensor slipped between 10:00 and 10:02.",
+            "State whether the sensor slipped between 10:00 and 10:02.",
         ),
         (
             with_pose(questions=(QuestionFacts("put_back", *MOVED_S),)),
-            "Say whether the sensor was put back in the same place at 10:02.",
+            "State whether the sensor was put back in the same place at 10:02.",
         ),
         (
             with_pose(QualityFlag("W-REMOUNT", spans_s=((7248.0, 7368.0), (7368.0, 20_000.0)))),
-            "Name a pose held after 10:00.",
+            "Enter a pose held after 10:00.",
         ),
         (
             with_pose(QualityFlag("W-NOT-HELD"), state="assumed"),
-            "Say when the pose was held: the arm was not still within 60 s of the start of wear.",
+            "State when the pose was held: the arm was not still within 60 s of the start of wear.",
         ),
-        (asked(), "Say when the calibration pose was held."),
+        (asked(), "State when the calibration pose was held."),
     ],
     ids=["assumed", "none", "slip", "put back", "after a slip", "not held", "open"],
 )
@@ -191,7 +191,7 @@ def test_what_is_not_known_of_the_pose_is_the_first_step(findings: Findings, ste
 def test_a_slip_after_which_a_pose_was_named_asks_for_nothing() -> None:
     steps = steps_of(with_pose(QualityFlag("W-REMOUNT", spans_s=((7248.0, 7368.0),))))
 
-    assert not any(step.startswith("Name a pose") for step in steps)
+    assert not any(step.startswith("Enter a pose") for step in steps)
 
 
 def test_ready_angles_and_candidates_that_agree_need_no_pose() -> None:
@@ -206,8 +206,8 @@ def test_a_report_that_needs_the_pose_says_so_before_every_figure() -> None:
     page, answer = render_html(report).decode(), format_brief(report).decode()
 
     assert report.needs_pose == (
-        "Needs the pose: was it held at 08:00:00, 08:02:00 or 08:05:00? These lie up to 34° apart. "
-        "Ranges, where given, cover all of them."
+        "Needs the pose: was it held at 08:00:00, 08:02:00 or 08:05:00? These positions differ by up to 34°. "
+        "Any ranges cover all of them."
     )
     assert page.index(report.needs_pose) < page.index('class="tiles"')
     assert '<p class="value"><small>Needs the pose</small> 32.5' in page
@@ -227,22 +227,19 @@ def test_of_many_stretches_the_report_names_six() -> None:
 def test_the_limits_say_that_a_slip_without_walking_cannot_be_seen() -> None:
     sensor, ready = report_of(), report_of(analysis=make_analysis(calibrated=False))
 
-    assert "slips on the arm while nobody walks cannot be seen" in " ".join(sensor.limits.paragraphs)
-    assert "slips" not in " ".join(ready.limits.paragraphs)
+    assert "slip shows only if the wearer walked before and after it" in " ".join(sensor.limits.paragraphs)
+    assert "slip" not in " ".join(ready.limits.paragraphs)
 
 
 @pytest.mark.parametrize(
     ("state", "walking_deg", "note"),
     [
-        ("given", 42.0, "In walking the arm hung 42° from this pose."),
-        ("assumed", 42.0, "In walking the arm hung 42° from this pose."),
+        ("given", 42.0, "While walking, the arm hung 42° from this pose."),
+        ("assumed", 42.0, "While walking, the arm hung 42° from this pose."),
         (
             "axis",
             174.5,
-            (
-                "In walking the arm hung 174° from the axis that was given. "
-                "Check which axis it was, and its sign."
-            ),
+            ("While walking, the arm hung 174° from the stated axis. Check which axis it was, and its sign."),
         ),
         ("given", 30.0, ""),
         ("given", None, ""),

@@ -153,7 +153,11 @@ def test_a_side_lean_is_within_two_degrees_and_ready_angles_have_no_pose() -> No
 def test_under_half_an_hour_the_page_says_why_it_is_not_sure() -> None:
     sure = profile_of(short_day()).sure
 
-    assert (sure.svg, sure.note.startswith("Not known: under half an hour")) == ("", True)
+    assert (sure.svg, sure.note.startswith("Not known: with under half an hour")) == ("", True)
+
+
+def test_under_half_an_hour_the_pose_has_its_french_colon() -> None:
+    assert "Pose\u00a0: sous-estimé jusqu’à 15°." in profile_of(short_day(), language="fr").sure.note
 
 
 # What next.
@@ -162,9 +166,9 @@ def test_under_half_an_hour_the_page_says_why_it_is_not_sure() -> None:
 @pytest.mark.parametrize(
     ("percent", "step"),
     [
-        (4.0, "Measure 4 more days now and 5 after a change: this tells 2.5 points of time above 60°."),
-        (8.0, "Measure 1 more day now and 2 after a change: this tells 3.9 points of time above 60°."),
-        (11.2, "Measure one day after a change: this tells 5.5 points of time above 60°."),
+        (4.0, "To detect a change of 2.5 points above 60°, measure 4 more days now and 5 after it."),
+        (8.0, "To detect a change of 3.9 points above 60°, measure 1 more day now and 2 after it."),
+        (11.2, "To detect a change of 5.5 points above 60°, measure one day after it."),
     ],
 )
 def test_the_days_asked_for_tell_a_change_of_half_the_time_above(percent: float, step: str) -> None:
@@ -179,7 +183,7 @@ def test_a_short_recording_is_followed_by_a_whole_shift() -> None:
 
 
 @pytest.mark.parametrize(
-    ("side", "step"), [("right", "Measure the left arm too."), (None, "Note which arm was measured.")]
+    ("side", "step"), [("right", "Measure the left arm too."), (None, "State which arm was measured.")]
 )
 def test_the_other_arm_is_next(side: str | None, step: str) -> None:
     profile = build_report(make_analysis(), make_subject(side=side), "en").profile

@@ -53,7 +53,7 @@ SENTENCES: dict[str, tuple[dict[str, Any], Language, int, str]] = {
         {"entries": (Entries(60, 0, 0.0),), "episodes": (Episodes(60, 0, None, None, None, 0),)},
         "en",
         1,
-        "The right arm made no rise above 60°.",
+        "The right arm made no rises above 60°.",
     ),
     "one rise in the singular": (
         {"entries": (Entries(60, 1, 0.14),), "episodes": (Episodes(60, 1, 12.0, 12.0, 60.0, 0),)},
@@ -65,13 +65,13 @@ SENTENCES: dict[str, tuple[dict[str, Any], Language, int, str]] = {
         {"peak_windows": (PeakWindow(900, None, None),)},
         "en",
         2,
-        "No 15 minutes in a row hold enough",
+        "No 15-minute period has enough",
     ),
     "no time above in the worst window": (
         {"peak_windows": (PeakWindow(900, 0.0, 0.0),)},
         "en",
         2,
-        "The arm was above 60° in no 15 minutes.",
+        "The arm was not above 60° in any 15 minutes.",
     ),
 }
 
@@ -139,8 +139,8 @@ def test_the_first_page_says_what_its_ranges_hold() -> None:
     drawn = replace(ready, exposure=replace(ready.exposure, intervals={"elevation_p50_deg": Interval(1, 2)}))
 
     notes = [report_of(analysis=analysis).range_note for analysis in (make_analysis(), drawn, ready)]
-    assert "for an error of the angle alone" in notes[0]
-    assert "The error of these ready angles is not known" in notes[1]
+    assert "angle error only" in notes[0]
+    assert "The error of these precomputed angles is not known" in notes[1]
     assert notes[2].startswith("No range is given")
     assert report_of(exposure=replace(make_exposure(), analysed_s=1799.9)).range_note == (
         "Less than half an hour was analysed: ranges and rates per hour are not given."
@@ -182,8 +182,8 @@ def test_a_good_verdict_names_what_the_n_pose_hides_and_ready_angles_have_no_pos
     assert "15° low" in posed.pose_caution
     assert ready.verdict.reason.startswith("No fault was found in the recording.")
     assert ready.pose_caution == ""
-    assert section_of(ready, "method").pairs[0].value.startswith("The file holds ready angles")
-    assert "their error is not known here" in limits
+    assert section_of(ready, "method").pairs[0].value.startswith("The file contains precomputed angles")
+    assert "their error is not known" in limits
     assert not re.search("turns on the arm|Angle error", limits)
 
 
@@ -363,14 +363,14 @@ def test_a_table_of_many_hours_is_cut_and_says_so() -> None:
     hours = tuple(replace(hour, start_s=3600.0 * k, end_s=3600.0 * (k + 1), intervals={}) for k in range(20))
     exposure = replace(make_exposure(), by_hour=hours)
 
-    table = table_of(report_of(exposure=exposure), "hours", "By clock hour")
+    table = table_of(report_of(exposure=exposure), "hours", "By hour")
 
     assert len(table.rows) == 14
-    assert "The first 14 of 20 rows; periods.csv and results.json hold all." in plain(table.note)
+    assert "The first 14 of 20 rows; periods.csv and results.json have all." in plain(table.note)
 
 
 def test_a_table_of_a_shift_without_ranges_has_a_row_for_each_hour_and_is_not_cut() -> None:
-    table = table_of(report_of(), "hours", "By clock hour")
+    table = table_of(report_of(), "hours", "By hour")
 
     assert len(table.rows) == len(make_exposure().by_hour)
     assert "The first" not in table.note

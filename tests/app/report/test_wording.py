@@ -114,7 +114,7 @@ def test_a_sentence_about_a_code_in_general_names_no_case(language: Language, ki
 
 def test_a_code_without_a_case_is_told_in_general() -> None:
     assert describe_problem("E-STUDY", {}, "en").detail == (
-        "The folder is not laid out as a study of agreement. The message says what is missing."
+        "The folder is not arranged as a study of agreement. The message names what is missing."
     )
 
 
@@ -142,7 +142,7 @@ def test_facts_stand_in_the_sentence_and_the_place_beside_it() -> None:
     problem = describe_problem("E-ROW", {"k": 1200, "line": 37}, "en")
 
     assert (problem.detail, problem.where) == (
-        "1\u202f200\u00a0lines cannot be read, more than 5\u202f%; the first is line 37.",
+        "1\u202f200\u00a0lines could not be read, more than 5\u202f%; the first is line 37.",
         "line 37",
     )
 
@@ -154,20 +154,20 @@ def test_a_part_of_a_sentence_whose_fact_is_unknown_is_left_out() -> None:
 def test_a_fixed_term_of_the_code_is_told_in_the_language() -> None:
     problem = describe_problem("E-ZIP-UNSAFE", {"reason": "encrypted"}, "fr")
 
-    assert problem.detail == "L’archive n’est pas ouverte\u00a0: elle est chiffrée."
+    assert problem.detail == "L’archive n’a pas été ouverte\u00a0: elle est chiffrée."
 
 
 def test_facts_from_a_file_are_only_text() -> None:
     problem = describe_problem("E-COLS", {"list": "{x} [y] <b>\u202e"}, "en")
 
     assert problem.detail == (
-        "The columns for acceleration (ax, ay, az) and angular rate (gx, gy, gz) are not all recognised. "
+        "Not all columns of acceleration (ax, ay, az) and angular rate (gx, gy, gz) were recognised. "
         "The header line reads: {x} [y] <b>"
     )
 
 
 def test_an_unknown_code_is_an_error_of_the_software_or_shows_itself() -> None:
-    assert describe_problem("E-NEW", {}, "en").title == "An error of the software"
+    assert describe_problem("E-NEW", {}, "en").title == "Software error"
     assert describe_flag(QualityFlag("W-NEW"), "fr").title == "W-NEW"
 
 
@@ -208,6 +208,60 @@ def test_no_french_text_of_quebec_has_a_space_before_a_semicolon_or_a_poste() ->
     wrong = r"\s[;!?]|« | [:%»]|\u202f[:%»]|\bpostes?\b"
 
     assert [text for text in walk_french("fr-CA") if re.search(wrong, text, re.IGNORECASE)] == []
+
+
+CODE = (
+    r"\w+://\S+",
+    r"(?<!\d)\d{1,2}:\d\d(?::\d\d)?|\bhh:mm\b|\bh:min:s\b",
+    r"\bAuthorization: Bearer\b|\bTus-Resumable: [\d.]+|\bnom: valeur\b|# \w+: [\w,-]+",
+    r"\b\d{4};\d+:\d+\b",
+)
+"""Addresses, times, headers and settings, and a journal's volume: their signs are not punctuation."""
+
+
+def find_wrong_spaces(text: str, before: Mapping[str, str]) -> list[str]:
+    """Return each ``; ! ? :`` of a French text with the wrong space before it, and what precedes it."""
+    text = re.sub("|".join(CODE), "CODE", text)
+    text = re.sub(r"\{\w+(?::\w+)?\|[^{}]*\}", "FORM", text)
+    return [
+        found[0]
+        for found in re.finditer(r"(?:^|[^\s\[]?)(\s*)([;!?:])", text)
+        if found[1] != before[found[2]] and found[0] != found[2]
+    ]
+
+
+@pytest.mark.parametrize("part", get_args(Part))
+def test_every_french_text_is_typed_with_one_space_before_its_punctuation(part: Part) -> None:
+    words = tomllib.loads((ROOT / "app" / "report" / "words" / "fr.toml").read_text("utf-8"))[part]
+
+    typed = [(path, text.replace("\u00a0", " ")) for path, text in walk_texts(words)]
+    wrong = [(path, find_wrong_spaces(text, dict.fromkeys(";!?:", " "))) for path, text in typed]
+
+    assert [finding for finding in wrong if finding[1]] == []
+
+
+@pytest.mark.parametrize(("language", "narrow"), [("fr", "\u202f"), ("fr-CA", "")])
+def test_every_french_text_is_shown_with_the_spaces_of_its_country(language: Language, narrow: str) -> None:
+    before = dict.fromkeys(";!?", narrow) | {":": "\u00a0"}
+
+    wrong = [(text, find_wrong_spaces(text, before)) for text in walk_french(language)]
+
+    assert [finding for finding in wrong if finding[1]] == []
+
+
+@pytest.mark.parametrize(
+    ("text", "wrong"),
+    [
+        ("La pose: tenue ?", ["e:"]),
+        ("Quand? à 10:20, sur http://a.b", ["d?"]),
+        ("2026-03-02T08:00:00.010-05:00", []),
+        ("deux  ; trois", ["x  ;"]),
+        ("[ ; {more} de plus]", []),
+        ("Bioengineering 2025;12:50", []),
+    ],
+)
+def test_a_wrong_space_is_found(text: str, wrong: list[str]) -> None:
+    assert find_wrong_spaces(text, dict.fromkeys(";!?:", " ")) == wrong
 
 
 @pytest.mark.parametrize(

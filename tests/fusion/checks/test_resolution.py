@@ -17,7 +17,7 @@ from fusion.quality.time_account import account_time, find_exclusions
 from fusion.quality.verdict import flag_accelerometer_drift
 from fusion.readers import read_recording
 from fusion.recording import QualityFlag, Recording, Segment
-from fusion.sensor.model import leave_accelerometer
+from fusion.sensor.model import build_identity_accelerometer
 from fusion.sensor.stillness import QuietTable
 from tests.badfiles.arm import minute
 from tests.factories import record
@@ -60,7 +60,7 @@ def stills(first_g: float, last_g: float, count: int = 40) -> QuietTable:
 
 
 def test_a_length_at_rest_that_changes_is_flagged() -> None:
-    (flag,) = flag_accelerometer_drift(stills(1.00, 1.04), leave_accelerometer())
+    (flag,) = flag_accelerometer_drift(stills(1.00, 1.04), build_identity_accelerometer())
 
     assert (flag.code, flag.facts) == ("W-ACC-DRIFT", {"mg": 31})
 
@@ -69,7 +69,7 @@ def test_a_length_at_rest_that_changes_is_flagged() -> None:
 def test_a_steady_length_or_few_rests_are_not(count: int) -> None:
     last_g = 1.01 if count == 40 else 1.04
 
-    assert flag_accelerometer_drift(stills(1.0, last_g, count), leave_accelerometer()) == ()
+    assert flag_accelerometer_drift(stills(1.0, last_g, count), build_identity_accelerometer()) == ()
 
 
 def test_a_recording_of_which_too_little_is_trusted_is_refused_with_the_cause() -> None:

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from fusion.comparison.agreement import (
     Agreement,
-    find_concordance,
-    find_icc,
-    find_repeated_limits,
+    compute_concordance,
+    compute_icc,
+    compute_repeated_limits,
     measure_agreement,
 )
 from fusion.comparison.alignment import (
@@ -20,7 +20,7 @@ from fusion.comparison.alignment import (
     Runs,
     WindowLag,
     align,
-    find_r,
+    compute_pearson_r,
     interpolate,
     pair,
 )
@@ -165,16 +165,16 @@ def test_agreement_by_hand() -> None:
 
 def test_correlation_and_concordance_by_hand() -> None:
     # About the means 26 and 25: ours -14 -6 8 12 (squares 440), reference -15 -5 5 15 (500), products 460.
-    assert find_r(OURS, REFERENCE) == pytest.approx(460 / sqrt(440 * 500))
+    assert compute_pearson_r(OURS, REFERENCE) == pytest.approx(460 / sqrt(440 * 500))
     # Over n: covariance 115, variances 110 and 125, means one apart: 2 * 115 / (110 + 125 + 1).
-    assert find_concordance(OURS, REFERENCE) == pytest.approx(230 / 236)
+    assert compute_concordance(OURS, REFERENCE) == pytest.approx(230 / 236)
 
 
 def test_icc_by_hand() -> None:
     # Row means 11 20 32 39 about 25.5: sum of squares 465, MSR = 2 * 465 / 3 = 310.
     # Columns: 4 * (0.25 + 0.25) = 2 = MSC. Residuals of each row +-(d - 1) / 2: 2 * (1 + 1 + 9 + 9) / 4 = 10,
     # MSE = 10 / 3. ICC(A,1) = (310 - 10/3) / (310 + 10/3 + 2 (2 - 10/3) / 4).
-    assert find_icc(OURS, REFERENCE) == pytest.approx((310 - 10 / 3) / (310 + 10 / 3 + (2 - 10 / 3) / 2))
+    assert compute_icc(OURS, REFERENCE) == pytest.approx((310 - 10 / 3) / (310 + 10 / 3 + (2 - 10 / 3) / 2))
 
 
 def test_a_reference_that_hardly_moves_has_no_r_and_no_rows_no_number() -> None:
@@ -189,7 +189,7 @@ def test_repeated_measures_by_hand() -> None:
     # m0 = (16 - 8) / 4 = 2, so between = (16 - 2) / 2 = 7; spread 1.96 * sqrt(7 + 2) = 5.88.
     one, other = measure([11.0, 13.0], [10.0, 10.0]), measure([15.0, 17.0], [10.0, 10.0])
 
-    limits, plain = find_repeated_limits([one, other]), find_repeated_limits([one])
+    limits, plain = compute_repeated_limits([one, other]), compute_repeated_limits([one])
 
     assert (limits.bias_deg, limits.low_deg, limits.high_deg) == pytest.approx((4.0, -1.88, 9.88))
     assert (plain.low_deg, plain.high_deg) == pytest.approx((one.loa_low_deg, one.loa_high_deg))

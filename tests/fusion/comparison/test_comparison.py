@@ -162,10 +162,10 @@ def test_every_reference_the_brief_marks_as_read_is_shipped_with_its_values() ->
 
 def test_what_is_not_shipped_is_named_with_its_reason() -> None:
     assert {name.split(",")[0]: why for name, why in NOT_SHIPPED.items()} == {
-        "Dalboge 2017": "read in a table that quotes it; which speed is not said",
+        "Dalboge 2017": "read in a table that quotes it, without the kind of speed",
         "ISO 11226": "not read in the standard",
         "EN 1005-4": "not read in the standard",
         "ISO 11228-3 and OCRA": "not read in the standard",
-        "RAMP II": "the height of the hand, which this angle does not tell",
-        "Lewis 2026": "of many days, which one recording is not",
+        "RAMP II": "the height of the hand, which this angle does not show",
+        "Lewis 2026": "needs many days, not one recording",
     }

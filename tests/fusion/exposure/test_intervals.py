@@ -10,7 +10,7 @@ from scipy.stats import norm
 from fusion.elevation import Elevation
 from fusion.exposure.resampling import DRAWS, Resampling, find_intervals
 from fusion.exposure.speeds import SpeedTally
-from fusion.exposure.summary import summarise_exposure, withhold_short
+from fusion.exposure.summary import remove_short_ranges, summarise_exposure
 from fusion.exposure.types import Exposure, Interval, Velocity
 from tests.factories import elevate
 
@@ -125,10 +125,10 @@ def test_draws_of_nothing_but_short_pieces_have_no_speed_and_divide_nothing_by_z
 def test_under_half_an_hour_no_range_and_no_rate_per_hour_is_left_in_day_or_part() -> None:
     whole, exposure = (summarise_exposure(make_day(minutes), bias_sigma_deg=3.0) for minutes in (30, 29))
 
-    kept = withhold_short(exposure)
+    kept = remove_short_ranges(exposure)
     told = list(find_all(asdict(kept)))
     rates = {name: value for name, value in told if "per_hour" in name or "per_h" in name}
-    assert withhold_short(whole) is whole
+    assert remove_short_ranges(whole) is whole
     assert set(rates) == {
         "per_hour", "entries_above_60_per_h", "neutral_slow_per_hour", "slow_per_hour", "crossings_per_hour",
     }  # fmt: skip

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fusion.comparison.agreement import find_icc, measure_agreement
+from fusion.comparison.agreement import compute_icc, measure_agreement
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.exposure.metric_filter import MetricAngle
 from fusion.exposure.speeds import RANGE_EDGES_DEG, CycleTally, count_rainflow
@@ -39,7 +39,7 @@ def test_icc_is_that_of_pingouin() -> None:
     found = pingouin.intraclass_corr(table, targets="moment", raters="system", ratings="angle_deg")
 
     absolute_single = found.set_index("Type")["ICC"].filter(regex=r"^ICC(2|\(A,1\))$").item()
-    assert find_icc(OURS_DEG, REFERENCE_DEG) == pytest.approx(absolute_single, abs=1e-9)
+    assert compute_icc(OURS_DEG, REFERENCE_DEG) == pytest.approx(absolute_single, abs=1e-9)
 
 
 def test_bias_and_limits_of_agreement_are_those_that_pingouin_draws() -> None:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from fusion.conventions import MethodName
-from fusion.elevation import Elevation, VerticalOnDemand, estimate_elevation, lay_rows, read_rows
+from fusion.elevation import Elevation, VerticalOnDemand, estimate_elevation, group_rows, read_rows
 from fusion.orientation.smoothed import smooth_nodes
 from fusion.pipeline import Analysis, analyse
 from fusion.pose.calibrate import calibrate
@@ -34,7 +34,7 @@ def lift(samples: int, rate_hz: float) -> NDArray[np.float64]:
 
 def read_angle(vertical: NDArray[np.float64], rate_hz: float) -> NDArray[np.float64]:
     """The angle of each row, deg."""
-    rows = lay_rows(run(len(vertical), rate_hz))
+    rows = group_rows(run(len(vertical), rate_hz))
     up = read_rows(vertical, rows, 0, len(rows))
     return np.degrees(np.arctan2(up[:, 0], up[:, 2]))
 
@@ -57,7 +57,7 @@ def find_missing_us(analysis: Analysis) -> dict[str, int]:
     [(50.0, 1, 50.0), (100.4, 1, 100.4), (101.0, 2, 50.5), (200.0, 2, 100.0), (500.0, 5, 100.0)],
 )
 def test_as_few_samples_make_a_row_as_come_to_100_hz(rate_hz: float, per_row: int, row_hz: float) -> None:
-    rows = lay_rows(run(3000, rate_hz))
+    rows = group_rows(run(3000, rate_hz))
 
     assert (rows.per_row, rows.rate_hz) == (per_row, row_hz)
 
@@ -66,7 +66,7 @@ def test_as_few_samples_make_a_row_as_come_to_100_hz(rate_hz: float, per_row: in
 def test_samples_over_a_last_whole_row_lose_no_time_and_fewer_than_a_row_are_one(
     samples: int, rows: int
 ) -> None:
-    laid = lay_rows(run(samples, 500.0))
+    laid = group_rows(run(samples, 500.0))
 
     assert len(laid) == rows
     assert len(laid) * laid.period_us == pytest.approx(2000 * samples, abs=1e-6)
@@ -104,7 +104,7 @@ def test_each_of_five_samples_weighs_a_fifth_and_the_outer_two_of_an_even_number
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 200), st.integers(0, 200))
 def test_rows_are_the_same_however_they_are_cut(first: int, stop: int) -> None:
-    vertical, rows = lift(1003, 500.0), lay_rows(run(1003, 500.0))
+    vertical, rows = lift(1003, 500.0), group_rows(run(1003, 500.0))
 
     whole = read_rows(vertical, rows, 0, len(rows))
 

@@ -20,7 +20,7 @@ from fusion.orientation.published import (
 from fusion.orientation.smoothed import SmoothedNodes, UncertaintySettings, average_around, estimate_sigma
 from fusion.pose.calibrate import calibrate
 from fusion.recording import Recording, Segment
-from fusion.sensor.model import AccelerometerCorrection, SensorRun, leave_accelerometer
+from fusion.sensor.model import AccelerometerCorrection, SensorRun, build_identity_accelerometer
 from fusion.settings import AnalysisSettings
 from fusion.simulation import simulate_shift
 from fusion.simulation.sensor import Device
@@ -128,7 +128,9 @@ def test_the_parts_are_added_as_variances() -> None:
 
 
 def test_an_accelerometer_that_could_not_be_calibrated_counts_as_delivered() -> None:
-    sigma_deg = estimate_sigma(smoothed(0.0), leave_accelerometer(), UncertaintySettings(floor_deg=0.0))
+    sigma_deg = estimate_sigma(
+        smoothed(0.0), build_identity_accelerometer(), UncertaintySettings(floor_deg=0.0)
+    )
 
     # 0.04 g = 2.292 deg, times 0.5.
     assert sigma_deg == pytest.approx([1.146], abs=1e-3)

@@ -10,7 +10,7 @@ from fusion.conventions import MethodName, Pose
 from fusion.elevation import estimate_elevation
 from fusion.errors import UnusableCalibration
 from fusion.pipeline import Analysis, analyse
-from fusion.pose.calibrate import calibrate, share_between
+from fusion.pose.calibrate import calibrate, compute_two_point_axis
 from fusion.pose.rules import score_still_period
 from fusion.quality.verdict import flag_pose, flag_published, flag_untrusted_pose
 from fusion.recording import QualityFlag, Recording, Segment
@@ -94,7 +94,7 @@ def test_what_cannot_be_calibrated_is_refused_with_its_reason(
 
 def test_two_point_shares_the_departure_from_a_right_angle() -> None:
     # Hanging reads 0, level reads 74: the axis moves 8 deg away from level. Hanging then reads 8, level 82.
-    axis = share_between(tilted(0.0), tilted(74.0))
+    axis = compute_two_point_axis(tilted(0.0), tilted(74.0))
 
     assert axis == pytest.approx(tilted(-8.0), abs=1e-12)
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fusion.conventions import PoseHeld, parse_arm_axis
 from fusion.pipeline import apply_file_settings
 from fusion.pose.calibrate import CalibratedSamples, calibrate, propose_poses
-from fusion.pose.rules import choose_apart, estimate_repeated_sigma
+from fusion.pose.rules import estimate_repeated_sigma, select_distinct_axes
 from fusion.quality.verdict import flag_pose
 from fusion.recording import QualityFlag, Recording, Segment
 from fusion.settings import AnalysisSettings
@@ -164,7 +164,7 @@ def test_each_candidate_is_a_reading_and_those_within_3_deg_are_one() -> None:
 def test_of_many_candidates_those_farthest_apart_are_read() -> None:
     axes = [tilted(degrees) for degrees in (0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0)]
 
-    assert choose_apart(axes, most=3) == [0, 6, 3]
+    assert select_distinct_axes(axes, most=3) == [0, 6, 3]
 
 
 @pytest.mark.parametrize(

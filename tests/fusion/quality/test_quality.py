@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from fusion.caveats import Caveat
 from fusion.conventions import CalibrationState, Pose
-from fusion.elevation import Elevation, ElevationSegment, lay_rows
+from fusion.elevation import Elevation, ElevationSegment, group_rows
 from fusion.errors import TooShort
 from fusion.exposure.summary import summarise_exposure
 from fusion.pipeline import Analysis, analyse
@@ -51,7 +51,7 @@ def record(*segments: Segment, duration_us: int | None = None) -> Recording:
 def fuse(recording: Recording) -> Elevation:
     """Trust every row, at 40 deg."""
     segments = []
-    for rows in map(lay_rows, recording.segments):
+    for rows in map(group_rows, recording.segments):
         angle = np.full(len(rows), 40, np.float32)
         segments.append(ElevationSegment(rows.start_us, rows.rate_hz, angle, np.ones(len(rows), np.bool_)))
     return Elevation(tuple(segments), None)

@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fusion.orientation import estimate_vertical
-from fusion.sensor.model import Nodes, SensorRun, leave_accelerometer
+from fusion.sensor.model import Nodes, SensorRun, build_identity_accelerometer
 from fusion.sensor.self_calibration import (
     MovingReadings,
     bridge_saturation,
     calibrate_accelerometer,
+    has_few_directions,
     read_while_moving,
-    sees_few_directions,
 )
 from fusion.sensor.stillness import QuietTable, reduce_run
 from tests.fusion.made_motion import angle_between_deg, rest_and_turn
@@ -110,7 +110,7 @@ def test_the_moving_arm_tells_the_offset_across_the_only_pose_at_rest() -> None:
     alone, both = calibrate_accelerometer(hanging), calibrate_accelerometer(hanging, moving=raised)
 
     # One direction of three known leaves sqrt(2/3) of 0.04 g.
-    assert sees_few_directions(hanging)
+    assert has_few_directions(hanging)
     assert both.mean_offset_g == pytest.approx(OFFSET_G, abs=0.003)
     assert alone.offset_sd_g == pytest.approx(0.033, abs=0.001)
     assert both.offset_sd_g < 0.5 * alone.offset_sd_g
@@ -122,7 +122,7 @@ def test_a_good_accelerometer_is_left_alone_whatever_the_moving_arm_shows() -> N
 
     correction = calibrate_accelerometer(still((0.0, 0.0, 1.0), offset_g), moving=place(ALL_AROUND, offset_g))
 
-    assert np.array_equal(correction.offset_g, leave_accelerometer().offset_g)
+    assert np.array_equal(correction.offset_g, build_identity_accelerometer().offset_g)
 
 
 def test_lively_readings_of_a_good_accelerometer_take_nothing_off() -> None:
@@ -132,7 +132,7 @@ def test_lively_readings_of_a_good_accelerometer_take_nothing_off() -> None:
 
     correction = calibrate_accelerometer(still((0.0, 0.0, 1.0), np.zeros(3)), moving=lively)
 
-    assert np.array_equal(correction.offset_g, leave_accelerometer().offset_g)
+    assert np.array_equal(correction.offset_g, build_identity_accelerometer().offset_g)
     assert correction.directions == 0
 
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from fusion.recording import STANDARD_GRAVITY
 from fusion.simulation.activities import Choreography
-from fusion.simulation.body import Body, Channel, Motion, feel, play
+from fusion.simulation.body import Body, Channel, Motion, compute_readings, play
 from fusion.simulation.shift import plan_day
 
 FloatArray = NDArray[np.float64]
@@ -48,7 +48,7 @@ def test_the_gyroscope_reads_the_rotation_between_successive_orientations() -> N
     channels = play_day(20.0, 30.0)
     arm = turn_arm(channels)
 
-    state = feel(channels, Body())
+    state = compute_readings(channels, Body())
 
     turned_dps = np.degrees((arm[:-1].inv() * arm[1:]).as_rotvec()) * RATE_HZ
     assert np.abs(turned_dps - (state.gyr_dps[1:] + state.gyr_dps[:-1]) / 2).max() < 0.02
@@ -59,7 +59,7 @@ def test_the_accelerometer_reads_the_second_difference_of_the_position_and_gravi
     channels[Channel.SWAY_FORWARD :] = 0.0
     place, arm = place_sensor(channels, Body()), turn_arm(channels)
 
-    state = feel(channels, Body())
+    state = compute_readings(channels, Body())
 
     moved = (place[2:] - 2 * place[1:-1] + place[:-2]) * RATE_HZ**2
     moved[:, 2] += STANDARD_GRAVITY
@@ -82,11 +82,11 @@ def test_the_sway_of_the_pelvis_is_felt_along_the_heading() -> None:
         HEADING=(0, 90.0), SWAY_UP=(2, STANDARD_GRAVITY), SWAY_FORWARD=(2, 0.5 * STANDARD_GRAVITY)
     )
 
-    assert feel(swaying, Body()).acc_g[0] == pytest.approx([0.5, 0.0, 2.0])
+    assert compute_readings(swaying, Body()).acc_g[0] == pytest.approx([0.5, 0.0, 2.0])
 
 
 def test_turning_while_walking_pulls_inwards() -> None:
-    state = feel(stand(HEADING=(1, 90.0), SPEED=(0, 1.2)), Body((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+    state = compute_readings(stand(HEADING=(1, 90.0), SPEED=(0, 1.2)), Body((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
 
     assert state.acc_g[0, 1] == pytest.approx(1.2 * np.pi / 2 / STANDARD_GRAVITY)
 
@@ -94,7 +94,7 @@ def test_turning_while_walking_pulls_inwards() -> None:
 def test_the_field_is_that_of_the_room_seen_from_the_arm() -> None:
     channels = play_day(30.0, 1.0)
 
-    state = feel(channels, Body())
+    state = compute_readings(channels, Body())
 
     assert np.allclose(state.field_ut, turn_arm(channels).inv().apply(Body().field_ut), atol=1e-9)
 
@@ -106,7 +106,9 @@ def test_the_field_is_that_of_the_room_seen_from_the_arm() -> None:
 def test_elevation_is_the_angle_to_gravity_whatever_the_trunk_does(
     flexion_deg: float, plane_deg: float, raised_deg: float, elevation_deg: float
 ) -> None:
-    state = feel(stand(FLEXION=(0, flexion_deg), PLANE=(0, plane_deg), ELEVATION=(0, raised_deg)), Body())
+    state = compute_readings(
+        stand(FLEXION=(0, flexion_deg), PLANE=(0, plane_deg), ELEVATION=(0, raised_deg)), Body()
+    )
 
     assert state.elevation_deg[0] == pytest.approx(elevation_deg, abs=1e-9)
     assert state.acc_g[0, 2] == pytest.approx(np.cos(np.radians(elevation_deg)))  # at rest: gravity alone

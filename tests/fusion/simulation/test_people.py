@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from fusion.numerics import find_angle_deg
+from fusion.numerics import compute_angle_deg
 from fusion.simulation.activities import (
     Activity,
     Choreography,
@@ -15,7 +15,7 @@ from fusion.simulation.activities import (
     stand,
     walk,
 )
-from fusion.simulation.body import Body, feel, play
+from fusion.simulation.body import Body, compute_readings, play
 
 RATE_HZ = 50.0
 UP = np.array([0.0, 0.0, 1.0])
@@ -27,7 +27,7 @@ def find_force(person: Person, activity: Activity) -> NDArray[np.float64]:
     activity(body, 60.0, np.random.default_rng(1))
     motion, count = body.finish(), int(body.time_s * RATE_HZ)
     edge = round(4.0 * RATE_HZ)
-    return feel(play(motion, 0, count, RATE_HZ), Body()).acc_g[edge:-edge]
+    return compute_readings(play(motion, 0, count, RATE_HZ), Body()).acc_g[edge:-edge]
 
 
 @pytest.mark.parametrize(
@@ -45,7 +45,7 @@ def test_a_posture_is_shifted_by_5_deg(
 def test_a_person_stands_with_the_arm_8_to_15_deg_from_plumb(seed: int) -> None:
     person = draw_person(np.random.default_rng(seed), is_brisk=False)
 
-    stood_deg = find_angle_deg(find_force(person, stand).mean(axis=0), UP)
+    stood_deg = compute_angle_deg(find_force(person, stand).mean(axis=0), UP)
 
     assert 8.0 <= person.stance_deg <= 15.0
     assert stood_deg == pytest.approx(person.stance_deg, abs=person.repeat_deg + 1.0)
@@ -58,6 +58,6 @@ def test_walking_leads_the_arm_some_degrees_from_where_it_stands(seed: int) -> N
     # the zenith as the arm sees it that is raised by that much in that plane
     stance = Rotation.from_euler("ZY", [plane_deg, deg], degrees=True).apply(UP)
 
-    apart_deg = find_angle_deg(find_force(person, walk).mean(axis=0), stance)
+    apart_deg = compute_angle_deg(find_force(person, walk).mean(axis=0), stance)
 
     assert 1.5 <= apart_deg <= 8.0

@@ -555,7 +555,7 @@ def _list_questions(
         length = format_duration(end_s - start_s, told.language)
         label = fill(words[key], {"time": time, "length": length})
         shown = (clock.format(round(at_s)) for at_s in (start_s, end_s))
-        return Choice(name_choice(start_s, end_s), label, f"{time}?", *shown)
+        return Choice(name_choice(start_s, end_s), label, fill(words["perhaps"], {"time": time}), *shown)
 
     if asked:
         leads = [str(words["which_not_held"])] if facts.get("not_held") else []
