@@ -26,6 +26,7 @@ from app.library.rows import Job
 from app.request import ReportRequest, check_subject, clean_file_name
 from app.settings import Settings
 from app.store.folder import COPY_BYTES, Storage, StoredRecording
+from fusion.conventions import is_sidecar
 from fusion.errors import EmptyFile, FusionError
 
 SCAN_PERIOD_S = 2.0
@@ -123,7 +124,7 @@ class FolderWatch:
         found = {}
         for entry in entries:
             path = Path(entry.path)
-            if path.suffix.lower() in LAST_ENDINGS and not entry.name.startswith("."):
+            if path.suffix.lower() in LAST_ENDINGS and not is_sidecar(entry.name):
                 status = entry.stat(follow_symlinks=False)
                 if stat.S_ISREG(status.st_mode) and status.st_size:
                     found[path] = (status.st_size, status.st_mtime_ns)

@@ -120,6 +120,7 @@ class Caveat(StrEnum):
         CAUTION,
         name_facts(rate_hz="Hz, used", rate_from=TERM, other_hz="Hz, the other possibility"),
     )
+    ACC_RATE = "W-ACC-RATE", NOTE, name_facts(acc_hz="Hz of the accelerometer", gyr_hz="Hz of the gyroscope")
     RATE_CHANGE = "W-RATE-CHANGE", CAUTION, name_facts(rate_hz="Hz, of the longest such stretch")
     TZ = "W-TZ", NOTE
     UTC = "W-UTC", NOTE

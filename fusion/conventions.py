@@ -1,5 +1,6 @@
 """Names of the user's options, and the elevation classes of standards and methods."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -99,3 +100,11 @@ CONVENTIONS = (
     Convention("rula_reba", (0, 20, 45, 90, 180), "RULA (1993), REBA (2000)", "second-hand"),
     Convention("nfa", (0, 30, 60, 90, 120, 150, 180), "Acti4/Motus (NFA Denmark)", "read"),
 )  # fmt: skip
+
+
+SIDECAR = re.compile(r"(?:^|/)(?:__MACOSX/|\.[^./]|~\$|(?:desktop\.ini|thumbs\.db)$)", re.IGNORECASE)
+
+
+def is_sidecar(path: str) -> bool:
+    """Return whether a path with `/` is a file that macOS, Windows or Office puts beside others."""
+    return bool(SIDECAR.search(path))

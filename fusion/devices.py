@@ -128,7 +128,7 @@ KNOWN_DEVICES = (
         "opal",
         "APDM Opal, Mobility Lab",
         "table",
-        above=r"\b(apdm|mobility lab|opal)\b",
+        above=r"\b(apdm|mobility lab|opal)\b|^format=\d+,",
         acc_unit="m/s2",
         gyr_unit="rad/s",
         time_unit="us",
@@ -258,6 +258,19 @@ KNOWN_DEVICES = (
 """In the order of comparison. Loggers with an LSM6, MPU-6050 or BNO055 have no typical header; their units
 come from the column names or from motion.
 """
+
+
+UNREAD_FORMATS = {
+    ".mtb": ("Xsens MT", "CSV or text from MT Manager"),
+    ".mvn": ("Xsens MVN", "MVNX from MVN Analyze"),
+    ".ximu3": ("x-io x-IMU3", "CSV from the x-IMU3 GUI"),
+    ".xio": ("x-io NGIMU", "CSV from the NGIMU SD Card File Converter"),
+    ".h5": ("APDM Opal", "CSV from Mobility Lab or Motion Studio"),
+    ".apdm": ("APDM Opal", "CSV from Mobility Lab or Motion Studio"),
+    ".hpf": ("Delsys Trigno", "CSV from the Delsys File Utility"),
+    ".shpf": ("Delsys Trigno", "CSV from the Delsys File Utility"),
+}
+"""Binary formats of devices with a gyroscope, by extension: the device, and what to export instead."""
 
 
 def find_known_device(header: str, above: Sequence[str] = ()) -> KnownDevice | None:

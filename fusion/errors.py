@@ -85,6 +85,12 @@ class UnknownFormat(UnreadableFile, code="E-TYPE", kind="what the bytes are"):
     """The file is not a recording with acceleration and angular rate."""
 
 
+class UnsupportedFormat(
+    UnknownFormat, code="E-FORMAT", device="name", export="what to export, and from which program"
+):
+    """A device's own format that is not read; its program exports a table."""
+
+
 class EmptyFile(UnknownFormat, code="E-EMPTY"):
     """The file has 0 bytes."""
 
@@ -126,6 +132,7 @@ class UnknownColumns(
     code="E-COLS",
     list="the header line, or names of columns",
     missing="of ax ay az gx gy gz",
+    doubled="of the same, there more than once",
     why=TERM,
 ):
     """The columns of the table are not recognised."""

@@ -19,8 +19,7 @@ from fusion.pose.calibrate import propose_poses
 from fusion.quality.time_account import find_exclusions, propose_nonwear
 from fusion.readers import identify_header, join_recordings, parse_profile, read_recording
 from fusion.readers.preview import MAX_GAPS, inspect_recording, preview_head
-from fusion.readers.source import open_source, unpack
-from fusion.readers.tables.profile import propose_profile
+from fusion.readers.tables.profile import propose_file_profile
 from fusion.recording import MICROSECONDS, Recording, find_uncovered
 
 _FAILED = "the reader plug-in %s %s failed: %s"
@@ -153,7 +152,7 @@ def write_column_proposal(recording_path: Path, request: ReportRequest, out: Pat
     """
     on_stage("reading", 0.0)
     with recording_path.open("rb") as file:
-        head = unpack(open_source(file, request.file_name, is_hashed=False)).head
+        proposal = asdict(propose_file_profile(file, request.file_name))
         header = identify_header(file)
-    proposal = asdict(propose_profile(head)) | {"header": header}
+    proposal |= {"header": header}
     (out / "columns.json").write_text(json.dumps(proposal), "utf-8")

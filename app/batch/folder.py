@@ -27,6 +27,7 @@ from app.report.words.wording import clean_text
 from app.request import Language, Paper, ReportRequest, clean_file_name, compare_settings
 from app.store.folder import hash_file
 from app.version import identify_engine
+from fusion.conventions import is_sidecar
 
 # The plan of a run: which recordings are analysed, and where their products go.
 
@@ -208,7 +209,8 @@ class Found:
 def find_recordings(paths: Iterable[Path], out: Path, without: Collection[Path] = ()) -> Found:
     """Find the recordings among paths and in folders, recursively.
 
-    The results folder is ignored, as are the files in ``without`` (diaries, lists).
+    The results folder is ignored, as are the files in ``without`` (diaries, lists) and sidecar files of the
+    operating system.
     """
     logs: dict[Path, None] = {}
     others = 0
@@ -216,7 +218,12 @@ def find_recordings(paths: Iterable[Path], out: Path, without: Collection[Path] 
     for path in _expand(paths):
         bases.append(_get_absolute_path(path) if path.is_dir() else _get_absolute_path(path).parent)
         inside = _find_in_folder(path, out, {p.resolve() for p in without}) if path.is_dir() else [path]
-        found = [p for p in inside if p is path or p.name.lower().endswith(ENDINGS)]
+        found = [
+            p
+            for p in inside
+            if p is path
+            or (p.name.lower().endswith(ENDINGS) and not is_sidecar(p.relative_to(path).as_posix()))
+        ]
         logs.update(dict.fromkeys(found))
         others += len(inside) - len(found)
     try:

@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from app.batch.folder import plan_tasks
-from app.cli.options import LanguageOption, ProfileOption, SensorOption, add_sensor, read_profile_file
+from app.cli.options import (
+    DateOrderOption,
+    LanguageOption,
+    ProfileOption,
+    SensorOption,
+    complete_profile,
+    read_profile_file,
+)
 from app.cli.output import Exit, choose_exit, finish, print_problem, printing_refusals, report_progress
 from app.errors import NO_RESULTS
 from app.report.figures import load_results
@@ -71,6 +78,7 @@ def inspect(
     rate_hz: Annotated[float | None, typer.Option(min=1, max=10_000)] = None,
     profile: ProfileOption = None,
     sensor: SensorOption = "",
+    date_order: DateOrderOption = None,
     lang: LanguageOption = "en",
 ) -> None:
     """Describe a file without analysing it: device, columns, units, rate, clock, gaps, warnings."""
@@ -79,7 +87,8 @@ def inspect(
 
     with printing_refusals(path.name, lang):
         try:
-            facts = inspect_file(path, rate_hz, add_sensor(read_profile_file(profile, lang), sensor))
+            columns = complete_profile(read_profile_file(profile, lang), sensor, date_order)
+            facts = inspect_file(path, rate_hz, columns)
         except FusionError as refusal:
             if as_json:
                 problem = {"file": path.name, "code": refusal.code, "facts": dict(refusal.facts)}

@@ -5,7 +5,7 @@ import sys
 from collections.abc import Callable, Iterable
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import typer
 
@@ -53,7 +53,14 @@ ProfileOption = Annotated[
     ),
 ]
 SensorOption = Annotated[
-    str, typer.Option("--sensor", metavar="NAME", help="Sensor on the arm, if a table has several.")
+    str,
+    typer.Option(
+        "--sensor", metavar="NAME", help="Which sensor of a table or archive of several is on the arm."
+    ),
+]
+DateOrderOption = Annotated[
+    Literal["dmy", "mdy"] | None,
+    typer.Option("--date-order", help="Order of day, month and year in dates that can be read both ways."),
 ]
 PoseHeldOption = Annotated[
     PoseHeld | None,
@@ -93,9 +100,10 @@ def read_profile_file(path: Path | None, language: Language) -> str:
     return _read_option_file(path, language, "", parse)
 
 
-def add_sensor(profile: str, sensor: str) -> str:
-    """Add the sensor on the arm to a request's column profile; "" adds none."""
-    return write_profile(json.loads(profile or "{}") | {"sensor": sensor}) if sensor else profile
+def complete_profile(profile: str, sensor: str, date_order: str | None) -> str:
+    """Add the sensor on the arm and the order of dates to a column profile as a request holds it."""
+    stated = {name: value for name, value in (("sensor", sensor), ("date_order", date_order)) if value}
+    return write_profile(json.loads(profile or "{}") | stated) if stated else profile
 
 
 def save_profile(path: Path | None, out: Path) -> None:

@@ -10,6 +10,7 @@ import typer
 from app.batch.folder import Task, find_recordings, format_path, is_up_to_date, plan_tasks
 from app.batch.run import ShardRecord, choose_workers, collect_outcomes, measure_capacity
 from app.cli.options import (
+    DateOrderOption,
     DiaryOption,
     LanguageOption,
     Out,
@@ -18,9 +19,9 @@ from app.cli.options import (
     SensorOption,
     SideOption,
     SubjectOption,
-    add_sensor,
     apply_participants_file,
     check_windows,
+    complete_profile,
     parse_axis,
     parse_kinds,
     parse_shard_option,
@@ -111,6 +112,7 @@ def run(
     ] = None,
     profile: ProfileOption = None,
     sensor: SensorOption = "",
+    date_order: DateOrderOption = None,
     report: Annotated[
         str | None, typer.Option(help="Report formats: html, pdf or html,pdf  \\[default: html,pdf]")
     ] = None,
@@ -159,7 +161,7 @@ def run(
         request,
         subject=parse_subject(subject),
         diary=read_diary_file(diary, language) or request.diary,
-        profile=add_sensor(read_profile_file(profile, language) or request.profile, sensor),
+        profile=complete_profile(read_profile_file(profile, language) or request.profile, sensor, date_order),
     )
     inputs = [path for path in (list_, participants, config, diary, profile) if path]
     tasks = _plan(

@@ -55,6 +55,7 @@ from app.errors import (
     StoreDamaged,
 )
 from app.store.permissions import FILE_MODE, FOLDER_MODE, create_file, make_folder
+from fusion.documents import HEAD_BYTES, refuse_document
 
 if TYPE_CHECKING:
     from app.settings import Settings
@@ -159,17 +160,23 @@ class Upload(ABC):
     def __init__(self, recording_id: str, max_bytes: int) -> None:
         self._id, self._max_bytes = recording_id, max_bytes
         self._sha256, self.size_bytes = hashlib.sha256(), 0
+        self._head = b""
 
     def write(self, chunk: bytes) -> None:
         """Write the next bytes. Raises FileTooLarge, DiskFull, StoreAway."""
         if self.size_bytes + len(chunk) > self._max_bytes:
             raise too_large(self.size_bytes + len(chunk), self._max_bytes)
         self._sha256.update(chunk)
+        self._head += bytes(chunk[: HEAD_BYTES - len(self._head)])
         self._write(chunk)
         self.size_bytes += len(chunk)
 
     def keep(self) -> StoredRecording:
-        """Make the bytes durable under their final name. Raises DiskFull, StoreAway."""
+        """Make the bytes durable under their final name.
+
+        Raises DiskFull, StoreAway, or fusion.errors.UnknownFormat for a photo or a document.
+        """
+        refuse_document(self._head)
         self._keep()
         return StoredRecording(self._id, self._sha256.hexdigest(), self.size_bytes)
 

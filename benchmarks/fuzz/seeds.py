@@ -144,7 +144,7 @@ def pack_again(members: dict[str, str], damaged: bytes) -> bytes:
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w") as packed:
         for name, text in members.items():
-            packed.writestr(zipfile.ZipInfo(name), damaged if "Gyro" in name else text)
+            packed.writestr(zipfile.ZipInfo(name), damaged if "gyro" in name.lower() else text)
     return file.getvalue()
 
 
@@ -173,7 +173,7 @@ SEEDS = {
     "Parquet": parquet(),
     **{name: cut(made).encode() for name, made in LAYOUTS.items() if isinstance(made, str)},
     **{
-        name: next(text for member, text in members.items() if "Gyro" in member).encode()
+        name: next(text for member, text in members.items() if "gyro" in member.lower()).encode()
         for name, members in ZIPS.items()
     },
 }

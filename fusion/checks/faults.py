@@ -321,14 +321,20 @@ def _read(segment: Segment, sensor: int) -> Values:
 
 
 def _is_stuck(segment: Segment, sensor: int, axes: tuple[int, ...], rows: Pair) -> bool:
-    """Return whether a constant value is a fault: of a sensor if anything moves, of an axis as in STUCK_S."""
+    """Return whether a constant value is a fault: of a sensor if anything moves, of an axis as in STUCK_S.
+
+    An axis is not stuck if coarse steps explain it: another axis of the sensor changes in the same rows, but
+    seldom.
+    """
     first, stop = rows
     ranges = [np.ptp(_read(segment, one)[first:stop], axis=0).max() for one in range(2)]
+    steps = np.diff(np.delete(_read(segment, sensor)[first:stop], axes, axis=1), axis=0)
+    repeats = (steps == 0.0).mean(axis=0)
+    if ((repeats > COARSE_PART) & steps.any(axis=0)).any():
+        return False
     is_long = len(axes) > 1 or stop - first >= LONG_S * segment.rate_hz
     if is_long and bool(ranges[0] > MOVING_G or ranges[1] > MOVING_DPS):
         return True
-    others = np.delete(_read(segment, sensor)[first:stop], axes, axis=1)
-    repeats = (np.diff(others, axis=0) == 0.0).mean(axis=0)
     is_live = len(axes) == 1 and bool(repeats.max() < LIVE_PART)
     return is_live and bool(ranges[0] > MOVED_G or ranges[1] > MOVED_DPS)
 

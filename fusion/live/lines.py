@@ -359,7 +359,7 @@ def _drop_before_restart(rows: list[Row]) -> list[Row]:
 
 def _parse_header(lines: Sequence[str]) -> _Columns:
     layout = find_layout("\n".join([*lines, ""]))
-    if layout is None or layout.header is None or layout.labels is not None:
+    if layout is None or layout.header is None or layout.writer is not None:
         raise UnknownColumns(why="no header")
     plan = plan_table(layout)
     by_target = {target: place for place, target in enumerate(plan.targets)}

@@ -20,6 +20,8 @@ from fusion.checks.faults import (
 )
 from fusion.checks.physics import add_flags, are_units_stated, check_physics, refuse_impossible_rates
 from fusion.checks.summary import flag_resolution, forget_summaries
+from fusion.devices import UNREAD_FORMATS
+from fusion.documents import MAGIC, find_document
 from fusion.errors import (
     BlankFile,
     EmptyFile,
@@ -31,18 +33,21 @@ from fusion.errors import (
     UnknownColumns,
     UnknownFormat,
     UnsafeArchive,
+    UnsupportedFormat,
     WrongExtension,
 )
 from fusion.plugins import find_entry_points, find_version
 from fusion.readers import cwa, gt3x
-from fusion.readers.source import Source, hash_source, open_source, read_chunks, unpack
+from fusion.readers.archive import is_in_zip, unpack
+from fusion.readers.source import Source, hash_source, open_source, read_chunks
 from fusion.readers.tables import actilife as actilife_csv
 from fusion.readers.tables import csv as lsm9ds1_csv
 from fusion.readers.tables import pair, parquet
-from fusion.readers.tables.columns import name_missing, parse_column_name, read_axis
+from fusion.readers.tables.columns import GYROSCOPE, name_missing, parse_column_name, read_axis
 from fusion.readers.tables.layout import (
     DELIMITERS,
     MIN_COLUMNS,
+    NUMBER,
     SNIFFED_LINES,
     TextLayout,
     decode_head,
@@ -97,7 +102,7 @@ DEVICE_READERS = (
     Reader("Axivity AX6 .cwa", cwa.recognise, cwa.read),
     Reader("ActiLife IMU CSV", actilife_csv.recognise, actilife_csv.read),
 )
-"""A signature tells these files. Plug-ins are asked next, before whatever goes by the names of columns."""
+"""Formats with a signature. Plug-ins are tried next, before the readers that go by the names of columns."""
 TABLE_READERS = (
     Reader("Parquet", parquet.recognise, parquet.read),
     Reader("LSM9DS1 registers, binary", lsm9ds1_csv.recognise_binary, lsm9ds1_csv.read_binary),
@@ -117,7 +122,7 @@ def read_recording(
     sha256: str = "",
     profile: ColumnProfile | None = None,
 ) -> Recording:
-    """Read a recording, whatever its format, and check it against physics.
+    """Read a recording of any known format and check it against physics.
 
     Parameters
     ----------
@@ -157,15 +162,25 @@ def read_recording(
     source = open_source(file, file_name, is_hashed=not sha256)
     if source.size_bytes == 0:
         raise EmptyFile
-    content = unpack(source)
+    content = unpack(source, profile.sensor if profile else "")
     refuse_blank(content)
-    if profile is not None and profile.names_columns and identify_content(content.head) == "text":
+    if profile is not None and _is_read_by_profile(content, profile):
         recording = lsm9ds1_csv.read_profiled(content, profile, rate_hz)
     else:
         recording = _read_recognised(content, rate_hz)
+    if content.left_aside:
+        understood = {**recording.understood, "left_aside": str(content.left_aside)}
+        recording = replace(recording, understood=understood)
     held = profile.pose_held if profile else None
     hashed = replace(recording, sha256=sha256 or hash_source(source), pose_held=held or recording.pose_held)
     return _check_readings(hashed)
+
+
+def _is_read_by_profile(content: Source, profile: ColumnProfile) -> bool:
+    """Return whether a table is read as a profile says; an order of dates does not undo a device's form."""
+    if identify_content(content.head) != "text":
+        return False
+    return profile.names_columns or (profile.date_order is not None and not actilife_csv.recognise(content))
 
 
 def _check_readings(recording: Recording) -> Recording:
@@ -187,7 +202,7 @@ def _check_readings(recording: Recording) -> Recording:
 def holds_device_format(file: BinaryIO) -> bool:
     """Whether the first bytes are those of a device's own format of samples; leaves the file rewound.
 
-    A table whose header only names columns may hold anything, unless the names are those of our own form.
+    A header of column names proves nothing, except the header of our form.
     """
     source = open_source(file, is_hashed=False)
     file.seek(0)
@@ -196,7 +211,7 @@ def holds_device_format(file: BinaryIO) -> bool:
 
 
 def _read_recognised(content: Source, rate_hz: float | None) -> Recording:
-    """Ask the readers in order, plug-ins in their turn; one of those that fails does not stop the others."""
+    """Try the readers in order, plug-ins between them; a plug-in that fails does not stop the others."""
     failures: list[FailedReader] = []
 
     def recognises(one: Reader | PlugIn) -> bool:
@@ -244,21 +259,6 @@ def read_recordings(
 
 # What the content of a file is, so that a refusal can name it.
 
-MAGIC = (
-    (b"%PDF-", "PDF"),
-    (b"\xd0\xcf\x11\xe0", "Excel/Word (.xls, .doc)"),
-    (b"\xff\xd8\xff", "JPEG"),
-    (b"\x89PNG", "PNG"),
-    (b"GIF8", "GIF"),
-    (b"MATLAB", "MATLAB (.mat)"),
-    (b"\x1f\x8b", "gzip"),
-    (b"Rar!", "RAR"),
-    (b"7z\xbc\xaf", "7-Zip"),
-    (b"SQLite format 3", "SQLite"),
-    (b"PAR1", "Parquet"),
-    (b"\x7fELF", "ELF"),
-    (b"MZ", "Windows (.exe)"),
-)
 _COMMENT = re.compile(rb"<!--.*?(?:-->|\Z)", re.DOTALL)
 TEXT_EXTENSIONS = (".csv", ".txt", ".tsv", ".dat", ".log")
 DEVICE_EXTENSIONS = (".gt3x", ".cwa")
@@ -266,6 +266,8 @@ DEVICE_EXTENSIONS = (".gt3x", ".cwa")
 
 def identify_content(head: bytes) -> str:
     """Return a short name of the content, the same in every language."""
+    if document := find_document(head):
+        return document
     for magic, name in MAGIC:
         if head.startswith(magic):
             return name
@@ -300,6 +302,9 @@ def explain_refusal(source: Source) -> FusionError:
         return _explain_text(source)
     if kind == "XML" and b"<!doctype" in _COMMENT.sub(b"", source.head).lower():
         return RefusedXml(reason="forbidden")
+    if kind in ("binary", "HDF5 (.h5)") and source.extension in UNREAD_FORMATS:
+        device, export = UNREAD_FORMATS[source.extension]
+        return UnsupportedFormat(device=device, export=export)
     return UnknownFormat(kind=kind)
 
 
@@ -314,8 +319,17 @@ def _explain_text(source: Source) -> FusionError:
         for mark in DELIMITERS:
             names = [parse_column_name(field) for field in split_fields(line, mark)]
             if sum(column.channel in ("acc", "gyr") for column in names) >= MIN_COLUMNS:
+                if _holds_records(lines, mark):
+                    return UnknownColumns(why="kinds of lines", list=line.strip()[:200])
                 return NoSamples()  # a table without rows
-    return _explain_one_sensor(lines) or UnknownFormat(kind="text")
+    return _explain_one_sensor(lines, is_in_zip=is_in_zip(source)) or UnknownFormat(kind="text")
+
+
+def _holds_records(lines: Sequence[str], mark: str) -> bool:
+    """Return whether rows of numbers begin with a word, as logs of several kinds of lines do."""
+    fields = (split_fields(line, mark) for line in lines[:SNIFFED_LINES])
+    counts = (sum(bool(NUMBER.fullmatch(field)) for field in row[1:]) for row in fields)
+    return sum(count >= MIN_COLUMNS for count in counts) >= MIN_COLUMNS
 
 
 def _name_header(lines: Sequence[str], layout: TextLayout) -> FusionError | None:
@@ -327,24 +341,33 @@ def _name_header(lines: Sequence[str], layout: TextLayout) -> FusionError | None
     if not all(any(letter.isalpha() for letter in field) for field in fields):
         return None
     columns = [parse_column_name(field) for field in fields]
-    return UnknownColumns(list=above[0].strip()[:200], missing=name_missing(columns))
+    return UnknownColumns(list=above[0].strip()[:200], **name_missing(columns))
 
 
-def _explain_one_sensor(lines: Sequence[str]) -> FusionError | None:
-    """The error for a table of one sensor, as the apps of phones write one for each; None for any other."""
+def _explain_one_sensor(lines: Sequence[str], *, is_in_zip: bool) -> FusionError | None:
+    """Return the error for a table of one sensor, or of rows of one sensor each; None for any other."""
     for line in lines[:SNIFFED_LINES]:
         for mark in DELIMITERS[:-1]:
             fields = split_fields(line, mark)
             columns = [parse_column_name(field) for field in fields]
             axes = dict(found for field in fields if (found := read_axis(field)))
             channels = {column.channel for column in columns} & {"acc", "linear", "gyr"}
+            is_of_one = len(axes) == len("xyz") and any(one.channel == "time" for one in columns)
+            if (channels or is_of_one) and "gyr" not in channels and any(map(_names_gyroscope, lines)):
+                return UnknownColumns(why="sensor rows", list=line.strip()[:200])
             if channels and "gyr" not in channels:
                 return NoGyroscope()
             if channels == {"gyr"} or (len(axes) == len("xyz") and columns[0].channel == "time"):
+                where = "zip" if is_in_zip else "table"
                 if any(unit in ACC_UNITS_G for unit in axes.values()):
-                    return NoGyroscope(cure="two tables")
-                return UnknownColumns(why="one sensor", list=line.strip()[:200])
+                    return NoGyroscope(cure={"zip": "both in the zip", "table": "two tables"}[where])
+                why = {"zip": "one sensor in the zip", "table": "one sensor"}[where]
+                return UnknownColumns(why=why, list=line.strip()[:200])
     return None
+
+
+def _names_gyroscope(line: str) -> bool:
+    return GYROSCOPE.search(line) is not None
 
 
 def check_extension(source: Source, own: str | None) -> None:
@@ -359,7 +382,7 @@ def check_extension(source: Source, own: str | None) -> None:
         raise WrongExtension(ext=named, kind="text", right=".csv")
 
 
-# Readers of other packages, asked as our own are: one that fails is named, and stops no other.
+# Readers of other packages. A plug-in that fails is named and does not stop the others.
 
 LONGEST_CAUSE = 200
 PLAIN_NAME = re.compile(r"\w[\w +\-./()]{0,59}")
@@ -386,12 +409,12 @@ class PlugIn:
         return self._ask(lambda: bool(self.entry.load().recognise(source)))
 
     def read(self, source: Source, rate_hz: float | None) -> Recording:
-        """Read the file; the recording bears the name and the version of the plug-in.
+        """Read the file; the recording names the plug-in and its version.
 
         Raises
         ------
         FailedReader
-            It fails, or what it gives is no recording.
+            The plug-in fails, or returns something other than a recording.
         fusion.errors.FusionError
             As the plug-in refuses the file.
         """
@@ -403,7 +426,7 @@ class PlugIn:
         return named
 
     def _ask(self, work: Callable[[], T]) -> T:
-        """Do the plug-in's part; whatever it raises, but a refusal of ours, is its failure."""
+        """Call the plug-in; every exception except a refusal is its failure."""
         try:
             return work()
         except MemoryError:
@@ -427,7 +450,7 @@ def find_fault(recording: object) -> str:
     if not isinstance(recording, Recording):
         return f"read gave {type(recording).__name__}, not a Recording"
     if not PLAIN_NAME.fullmatch(recording.device):
-        return "device is no plain name of 1 to 60 letters, digits, spaces and any of + - . / ( )"
+        return "device is not a plain name of 1 to 60 letters, digits, spaces and any of + - . / ( )"
     end_us = 0
     for segment in recording.segments:
         if not segment.rate_hz > 0:

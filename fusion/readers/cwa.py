@@ -40,7 +40,7 @@ from fusion.recording import (
     flag_gaps,
 )
 
-# The blocks, also where the file is damaged, and their samples.
+# The blocks, including those of a damaged file, and their samples.
 #
 # Layout (Open Movement, Docs/ax3/cwa.h): after a header of 1024 bytes, blocks of 512: "AX", the length 508, a
 # head of 30 bytes in all, 480 bytes of samples, and a word that makes the 256 words of the block add up to
@@ -76,7 +76,7 @@ TALLY_PLACES = 8
 
 @inner
 def has_signature(buffer, at_byte):  # type: ignore[no-untyped-def]
-    """Whether a block's four first bytes lie at ``at_byte``; the caller makes sure that there is room."""
+    """Whether a block's first four bytes are at ``at_byte``; the caller makes sure that there is room."""
     return (
         buffer[at_byte] == 0x41
         and buffer[at_byte + 1] == 0x58
@@ -87,7 +87,7 @@ def has_signature(buffer, at_byte):  # type: ignore[no-untyped-def]
 
 @kernel
 def is_block(buffer, at_byte):  # type: ignore[no-untyped-def]
-    """Whether a whole block with a true checksum lies at ``at_byte``."""
+    """Whether a whole block with a correct checksum starts at ``at_byte``."""
     if at_byte + BLOCK_BYTES > len(buffer) or not has_signature(buffer, at_byte):
         return False
     total = np.int64(0)
@@ -101,7 +101,7 @@ def is_unwritten(buffer, first_byte, stop_byte):  # type: ignore[no-untyped-def]
     """Whether the bytes are all ones or all zeros."""
     if buffer[first_byte] != 0x00 and buffer[first_byte] != 0xFF:
         return False
-    for k in range(first_byte + 1, stop_byte):  # noqa: SIM110 (numba knows no generators)
+    for k in range(first_byte + 1, stop_byte):  # noqa: SIM110 (numba does not support generators)
         if buffer[k] != buffer[first_byte]:
             return False
     return True
@@ -109,7 +109,7 @@ def is_unwritten(buffer, first_byte, stop_byte):  # type: ignore[no-untyped-def]
 
 @inner
 def leads_on(buffer, at_byte):  # type: ignore[no-untyped-def]
-    """Whether what lies at ``at_byte`` can follow a block: another one, never written room, or the end."""
+    """Whether ``at_byte`` can follow a block: another block starts there, unwritten space, or the end."""
     if at_byte + BLOCK_BYTES > len(buffer):
         return True
     return has_signature(buffer, at_byte) or is_unwritten(buffer, at_byte, at_byte + BLOCK_BYTES)
@@ -126,7 +126,7 @@ def note_damage(tally, size_bytes):  # type: ignore[no-untyped-def]
 
 @inner
 def pass_sector(buffer, at_byte, tally):  # type: ignore[no-untyped-def]
-    """Step over a sector that is no block; return where to go on.
+    """Step over a sector that is not a block; return the next place to read.
 
     Where the next sector can follow, the framing is trusted and this block alone is lost; else the next
     block that verifies is hunted byte by byte.
@@ -187,7 +187,7 @@ def take_samples(buffer, starts, layouts, scales, into):  # type: ignore[no-unty
 
 # The clock: one stamp for each block, from which segments, holes and the true rate follow.
 #
-# The sensor samples by a clock of its own; each block gives the reading of the device's clock at one of its
+# The sensor samples by a separate clock; each block gives the reading of the device's clock at one of its
 # rows, to 1/32768 s. The stamps of successive blocks show whether time is missing between them, within their
 # own scatter: the limit is half a sample period (a step longer than 1.5 periods is a hole), or eight times
 # the scatter of the stamps where that is more and no block's number is missing. Where the row that a stamp
@@ -203,7 +203,7 @@ Indices = NDArray[np.int64]
 class Blocks:
     """Decoded blocks, one entry each.
 
-    ``first_row``, ``n_rows``: where the samples lie in the columns; ``session``, ``sequence``: the block's
+    ``first_row``, ``n_rows``: where the samples are in the columns; ``session``, ``sequence``: the block's
     numbers; ``rate_code``: of the nominal rate; ``anchor_us``: the device's clock, microseconds since 1970,
     at the row ``anchor_row`` counted from the block's first, which may lie outside it; -1: no stamp.
     """
@@ -229,7 +229,7 @@ def order_blocks(
 ) -> tuple[Blocks, tuple[QualityFlag, ...]]:
     """Leave out other sessions and doubles, put late blocks into their place; the columns follow.
 
-    ``session``: the one that the header names.
+    ``session``: the session that the header names.
     """
     is_own = find_session(blocks, session)
     own = blocks.take(is_own)
@@ -258,7 +258,7 @@ def order_blocks(
 def find_session(blocks: Blocks, named: int) -> NDArray[np.bool_]:
     """Mark the blocks of one session: the named one if any block is of it, else the one of most blocks.
 
-    A device's file is emptied when it is set up anew: what bears another number is what was left of an
+    A device's file is emptied when it is set up again: a block with another number is left over from an
     earlier recording, perhaps another person's. Blocks without a number (0) are kept.
     """
     numbers, counts = np.unique(blocks.session[blocks.session != 0], return_counts=True)
@@ -301,7 +301,7 @@ def find_doubles(blocks: Blocks) -> NDArray[np.bool_]:
 
 
 def count_identical(blocks: Blocks, columns: SampleColumns, doubles: Indices) -> int:
-    """How many of the doubles hold what the block before holds."""
+    """How many of the doubles have the content of the block before."""
     alike = doubles[blocks.n_rows[doubles] == blocks.n_rows[doubles - 1]]
     if len(alike) == 0:
         return 0
@@ -342,7 +342,7 @@ def nominal_hz(rate_code: NDArray[np.int64]) -> Floats:
 def cut_blocks(blocks: Blocks, columns: SampleColumns) -> tuple[Grid, int | None]:
     """Cut ordered blocks into segments; ``columns`` hold their rows one after the other.
 
-    Also gives the device's clock at the first row, microseconds since 1970; None where no block has a stamp.
+    Also gives the device's clock at the first row, microseconds since 1970; None if no block has a stamp.
 
     Raises UnusableTime or UnknownRate: the stamps give no even sampling at a usable rate.
     """
@@ -543,7 +543,7 @@ def parse_header(head: bytes) -> DeviceHeader:
 
 
 def unpack_stamps(packed: NDArray[np.uint32]) -> NDArray[np.int64]:
-    """Unix seconds of the device's own clock from its packed dates; -1 where they are none.
+    """Unix seconds of the device's own clock from its packed dates; -1 if they are not dates.
 
     From the highest bit: six of years since 2000, four of the month, five of the day, five of the hour, six
     of the minute, six of the second.
@@ -600,7 +600,7 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
 
 @dataclass(slots=True)
 class BlockLog:
-    """What the blocks hold, gathered piece by piece; ``heads`` of those with samples, shape (n,)."""
+    """The content of the blocks, gathered piece by piece; ``heads`` of those with samples, shape (n,)."""
 
     columns: SampleColumns = field(default_factory=lambda: SampleColumns(has_stamps=False))
     tally: NDArray[np.int64] = field(default_factory=lambda: np.zeros(TALLY_PLACES, np.int64))
@@ -615,7 +615,7 @@ class BlockLog:
         return np.concatenate(self.parts) if self.parts else np.empty(0, BLOCK_HEAD)
 
     def refuse_unusable(self) -> None:
-        """Raise where no sample can be trusted."""
+        """Raise if no sample can be trusted."""
         damaged_percent = 100.0 * float(self.tally[DAMAGED_BYTES]) / max(1, self.n_bytes)
         if damaged_percent > MAX_DAMAGED_PERCENT:
             before = unpack_stamps(self.heads["stamp"][: int(self.tally[FIRST_DAMAGE])])
@@ -669,7 +669,7 @@ def decode_log(pieces: Iterable[bytes], size_bytes: int = 0, source: Source | No
 
 
 def find_ranges(heads: NDArray[np.void]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """What 32,768 counts are in each block, g and deg/s.
+    """Full scale of each block (32,768 counts), g and deg/s.
 
     The upper three bits n beside the light sensor's: 2^(8 + n) counts are 1 g; the next three: 8000/2^n deg/s
     are the full scale.

@@ -1,7 +1,7 @@
 """ActiGraph GT9X Link `.gt3x` with IMU records.
 
 Sources: actigraph/GT3X-File-Format (records, schema); the time rule was measured against ActiLife 6.13.3.
-Compared to ActiLife: all n rows of a second are kept, at T + k/n, and lie on one even grid over unbroken
+Compared to ActiLife: all n rows of a second are kept, at T + k/n, on one even grid over unbroken
 seconds; ActiLife resamples every second to exactly 100 rows. Nothing is filled where records are missing.
 
 The records come first, then the order of their seconds; :func:`read` follows.
@@ -58,7 +58,7 @@ from fusion.recording import (
 )
 from fusion.still_limits import BOTH_ACCELEROMETERS
 
-# The records of log.bin, found by their checksums also where the file is damaged, and their contents.
+# The records of log.bin, found by their checksums even in a damaged file, and their contents.
 #
 # Framing (actigraph/GT3X-File-Format, README): 0x1E, type, uint32 LE Unix seconds, uint16 LE payload size n,
 # n bytes, checksum = complement of the XOR of all bytes before it. Zeros between records are legal.
@@ -81,7 +81,7 @@ LONGEST_RECORD_BYTES = FRAME_BYTES + 65_535
     DAMAGE_S,
     LAST_DAMAGE_S,
 ) = range(10)
-"""Places in the tally: records that verify; framed ones that do not; times the framing was lost; bytes
+"""Places in the tally: records that verify; framed records that do not; times the framing was lost; bytes
 hunted over; bytes of framed records that do not verify; whether the scan is hunting now, and for how long;
 the stamp of the last good record, and of the last one before the first and before the last damage."""
 TALLY_PLACES = 10
@@ -113,7 +113,7 @@ def verify(
     prefixes: Bytes,
     is_hunting: bool,  # noqa: FBT001 (numba kernels take their arguments by place)
 ) -> bool:
-    """Whether a whole record with a true checksum lies at ``at_byte``.
+    """Whether a whole record with a correct checksum starts at ``at_byte``.
 
     One checksum byte alone is weak proof: while hunting, what follows must be able to follow a record.
     """
@@ -182,7 +182,7 @@ def pass_damage(
     prefixes: Bytes,
     tally: NDArray[np.int64],
 ) -> int:
-    """Step over bytes that are no good record; return where to go on.
+    """Step over bytes that are not a valid record; return the next place to read.
 
     Where the damaged record's own size leads to the next good record, its framing is trusted and only its
     content is lost. Else the framing is lost and the next separator whose checksum verifies is hunted.
@@ -207,7 +207,7 @@ def pass_damage(
 
 @dataclass(frozen=True, slots=True)
 class ScanTally:
-    """What a scan met, in counts and bytes. ``tail_bytes``: a last record that was cut off."""
+    """The result of a scan, in counts and bytes. ``tail_bytes``: a last record that was cut off."""
 
     records: int
     bad_checksums: int
@@ -275,7 +275,7 @@ class SensorSchema:
     row_bytes: int
 
     def channels(self) -> tuple[SchemaColumn, ...] | None:
-        """Acceleration x, y, z and angular rate x, y, z; None where one is absent or cannot be scaled."""
+        """Acceleration x, y, z and angular rate x, y, z; None if one is absent or cannot be scaled."""
         by_label = {column.label.lower(): column for column in self.columns}
         found = tuple(by_label[label] for label in CHANNELS if label in by_label)
         low, high = PLAUSIBLE_DIVISORS
@@ -418,7 +418,7 @@ LINK_FIELDS = np.array([[1, 1, offset, 16] for offset in (0, 16, 32, 64, 80, 96)
 
 
 def make_decoder(schema: SensorSchema) -> RowDecoder | None:
-    """Prepare a schema; None where it has no usable acceleration and angular rate."""
+    """Prepare a schema; None if it has no usable acceleration and angular rate."""
     channels = schema.channels()
     if channels is None:
         return None
@@ -468,7 +468,7 @@ class DeviceEvents:
 
 
 def pair_sleep(sleep: Iterable[tuple[int, bool]], last_unix_s: int) -> list[tuple[int, int]]:
-    """Idle sleep as (from, to) in Unix seconds; one that never ends lasts to the last stamp of the file.
+    """Idle sleep as (from, to) in Unix seconds; a sleep that never ends lasts to the last stamp of the file.
 
     Leaving without having entered is ignored.
     """
@@ -485,7 +485,7 @@ def pair_sleep(sleep: Iterable[tuple[int, bool]], last_unix_s: int) -> list[tupl
     return [(start, end) for start, end in spans if end > start]
 
 
-# The seconds of a log in order, with runs, gaps, doubles and a clock that was set.
+# The seconds of a file in order, with runs, gaps, doubles and a clock that was set.
 #
 # Each SENSOR_DATA record carries one second of the device's clock and the rows of that second. The order of
 # the file is the order of time; the stamps give the time missing between two records, and may be wrong.
@@ -522,7 +522,7 @@ class Seconds:
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """Seconds without a break. ``start_s`` from the recording's first second, device steps taken out."""
+    """Seconds without a break. ``start_s``: from the first second, without steps of the device's clock."""
 
     start_s: int
     first: int
@@ -536,7 +536,7 @@ class Run:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Timeline:
-    """Runs in the order of the file; ``seconds`` are those that were kept.
+    """Runs in the order of the file; ``seconds`` are the seconds that were kept.
 
     ``clock_zeros_s``: what the device's clock read at the first sample, once for each time it was set.
     """
@@ -793,11 +793,11 @@ def _measure_seconds(samples: NDArray[Any]) -> tuple[NDArray[np.float64], NDArra
 
 @dataclass(slots=True)
 class DeviceLog:
-    """What log.bin holds, gathered piece by piece.
+    """The content of log.bin, gathered piece by piece.
 
     ``columns``: the samples of all decoded records, in g and deg/s.
     ``decoded``: where the samples of each batch of records lie.
-    ``decoder``: the schema in force; None before the first, and where it has no usable channels.
+    ``decoder``: the schema in force; None before the first, and if it has no usable channels.
     ``labels``: of the columns of all schemas.
     ``n_undecoded``: SENSOR_DATA records that no schema fits.
     ``held``: Unix seconds and payloads of samples that came before the first schema.
@@ -818,7 +818,7 @@ class DeviceLog:
 
     @property
     def scan(self) -> ScanTally:
-        """What the scan met."""
+        """The result of the scan."""
         return summarise_tally(self.tally)
 
     def seconds(self) -> Seconds:
@@ -827,7 +827,7 @@ class DeviceLog:
         return Seconds(*(np.concatenate([getattr(part, name) for part in self.decoded]) for name in names))
 
     def refuse_unusable(self) -> None:
-        """Raise where no sample can be trusted."""
+        """Raise if no sample can be trusted."""
         scan = self.scan
         damaged_percent = 100.0 * scan.damaged_bytes / max(1, self.n_bytes)
         if damaged_percent > MAX_DAMAGED_PERCENT:
@@ -879,7 +879,7 @@ def decode_log(pieces: Iterable[bytes], size_bytes: int = 0, source: Source | No
 
 
 def _take_records(log: DeviceLog, buffer: NDArray[np.uint8], records: NDArray[np.int64]) -> None:
-    """Take records of which only the first may be a schema: then all samples are of one schema."""
+    """Take records with a schema at most as the first record: then all samples have one schema."""
     is_sample = records[:, 0] == SENSOR_DATA
     for kind, unix_s, first, size in records[~is_sample].tolist():
         payload = buffer[first : first + size].tobytes()
@@ -994,7 +994,7 @@ def _make_segment(columns: SampleColumns, seconds: Seconds, run: Run) -> Segment
 
 
 def find_exclusions(log: DeviceLog, timeline: Timeline) -> tuple[tuple[Span, ...], tuple[QualityFlag, ...]]:
-    """Idle sleep where nothing was measured, and seconds in the dock, from the first sample on.
+    """Idle sleep without measurements, and seconds in the dock, from the first sample on.
 
     Also returns caveats without an exclusion: sleep before the first sample, and a stamp more than a day
     after the last sample, which is ignored.

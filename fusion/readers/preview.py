@@ -1,4 +1,4 @@
-"""What is known of a recording before its analysis: from its first bytes, and from its samples as read."""
+"""Facts about a recording before its analysis: from its first bytes, and from its samples as read."""
 
 import io
 import struct
@@ -14,11 +14,13 @@ from numpy.typing import NDArray
 from fusion.caveats import Caveat
 from fusion.checks.physics import GyroModel, cut_windows, judge_frame, measure_miss, measure_scale
 from fusion.checks.summary import find_rests
+from fusion.conventions import is_sidecar
 from fusion.errors import EmptyFile, FusionError, NoGyroscope, UnknownFormat
 from fusion.readers import cwa, gt3x, read_recording
+from fusion.readers.archive import PHYPHOX_FOLDER, TABLES, find_recordings
 from fusion.readers.cwa import HEADER_BYTES, parse_header
 from fusion.readers.gt3x import find_start, order_seconds, parse_device_text
-from fusion.readers.source import GZIP_MAGIC, MAX_TEXT_BYTES, ZIP_MAGIC, find_pair
+from fusion.readers.source import GZIP_MAGIC, MAX_TEXT_BYTES, ZIP_MAGIC
 from fusion.readers.time.clock import format_offset
 from fusion.recording import MICROSECONDS, Recording, Span, find_missing
 
@@ -34,8 +36,8 @@ def measure_sanity(recording: Recording) -> dict[str, object]:
     which gravity turned enough to tell something. ``handedness``: +1 wholly right-handed, -1 wholly
     left-handed, from how well the angular rate and its opposite explain the turns. ``axes``: the readings
     that explain them as rates about x, y and z, "+x +y +z" where all is right. ``gyro_scale``: the factor on
-    the rates that explains slow ones best, 1 where it is right, give or take ``gyro_scale_margin`` (twice
-    its standard error). What rests on turns is None where there are too few. The recording is taken as it
+    the rates that explains slow ones best, 1 if it is right, give or take ``gyro_scale_margin`` (twice
+    its standard error). Figures from turns are None if there are too few turns. The recording is taken as it
     came through :mod:`fusion.checks.physics`: what was corrected there is among the warnings.
     """
     rests = find_rests(recording.segments)
@@ -77,7 +79,7 @@ def inspect_recording(recording: Recording, left_out: Sequence[Span] = ()) -> di
     """A JSON-ready description of a recording, for the person and for the maker of a logger.
 
     ``recorded_s`` = ``present_s`` + ``missing_s``, to the microsecond; ``gaps`` are all holes, those of up
-    to 50 ms too; ``samples`` are those that were measured; ``excluded`` names time that the device itself
+    to 50 ms too; ``samples`` counts the measured samples; ``excluded`` names time that the device itself
     says it did not measure, or not on the arm.
 
     ``left_out``: what an analysis will exclude; that is not missing, here as there.
@@ -136,7 +138,7 @@ _LOCAL_HEADER = struct.Struct("<4s5H3I2H")  # APPNOTE 4.3.7: one before each mem
 
 @dataclass(frozen=True, slots=True)
 class Preview:
-    """What the bytes so far show; None for what they do not show yet."""
+    """Facts that the bytes received so far show; None for facts not known yet."""
 
     device: str | None = None
     rate_hz: float | None = None
@@ -148,7 +150,7 @@ class Preview:
 def preview_head(head: bytes, file_name: str = "", rate_hz: float | None = None) -> Preview:
     """Preview a recording by the first bytes of its file.
 
-    Raises UnknownFormat: the file is something else than a recording; that it is cut is no reason.
+    Raises UnknownFormat: the file is not a recording; a cut file is not refused.
     """
     if head.startswith(ZIP_MAGIC):
         return _preview_zip(head, rate_hz)
@@ -175,11 +177,17 @@ def _preview_text(head: bytes, file_name: str, rate_hz: float | None) -> Preview
 
 
 def _preview_zip(head: bytes, rate_hz: float | None) -> Preview:
-    members = dict(_unpack_members(head))
+    every = dict(_unpack_members(head))
+    members = {
+        name: every[name] for name in every if not is_sidecar(name) and not name.startswith(PHYPHOX_FOLDER)
+    }
     if {"info.txt", "log.bin"} & set(members):
         return _preview_gt3x(members)
-    packed = next((name for name in members if name.lower().endswith((".csv", ".txt"))), None)
-    if packed is None or find_pair(list(members)):
+    tables = [name for name in members if name.lower().endswith(TABLES)]
+    heads = {name: members[name][:MAX_TEXT_BYTES].decode("utf-8", "replace") for name in tables}
+    found = find_recordings(heads)
+    packed = found[0].table if len(found) == 1 else "" if found else next(iter(tables), "")
+    if not packed:
         return Preview()
     try:
         return _preview_text(members[packed], packed, rate_hz)

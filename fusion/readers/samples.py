@@ -19,7 +19,7 @@ from fusion.runs import find_runs
 
 # Room for the values of a whole recording, which grows without a second copy of them.
 #
-# A day at 500 Hz takes more than a gigabyte. From 8 MiB on the values lie in a temporary file without a name,
+# A day at 500 Hz takes more than a gigabyte. From 8 MiB on the values are in a temporary file without a name,
 # mapped into memory: the system writes parts of it out when memory is short, and mostly never does. Where
 # there is no room on the disk, or the system has no such files, they stay in memory.
 
@@ -45,7 +45,7 @@ class Room(Generic[Item]):
         self.values: NDArray[Item] = np.empty((rows, *self._width), dtype)
 
     def resize(self, rows: int) -> None:
-        """Make it hold ``rows``; the first keep their values, and those that are added have any."""
+        """Change the number of rows; the first keep their values, added rows have arbitrary values."""
         if self._is_in_file and rows <= len(self.values):
             self.values = self.values[:rows]
         elif rows <= len(self.values) or not self._grow_in_file(rows):
@@ -70,7 +70,7 @@ class Room(Generic[Item]):
         return True
 
     def _map(self, size_bytes: int) -> mmap.mmap | None:
-        """Map the file, with the room for it taken on the disk; None where there is none.
+        """Map the file, with the room for it taken on the disk; None if there is no room.
 
         Want of room that is found later, at the moment of writing, would end the process.
         """
@@ -94,7 +94,7 @@ class Room(Generic[Item]):
 
 
 def _find_folder() -> str | None:
-    """Return the folder of large temporary files; the one that ``TMPDIR`` names goes first."""
+    """Return the folder of large temporary files; the folder that ``TMPDIR`` names goes first."""
     is_usable = not os.environ.get("TMPDIR") and os.access(LARGE_FILES, os.W_OK)
     return LARGE_FILES if is_usable else None
 
@@ -120,10 +120,9 @@ SECOND_ROW_BYTES = 24
 
 
 def check_rows(rows: int, read_bytes: int, all_bytes: int, least_row_bytes: float = LEAST_ROW_BYTES) -> None:
-    """Refuse what cannot be a recording, or not one that fits in memory, before its rows fill the memory.
+    """Refuse a file that cannot be a recording, or does not fit in memory, before its rows fill the memory.
 
-    ``rows``: those that the first ``read_bytes`` of the file hold; the number of all rows is estimated from
-    them.
+    ``rows``: how many rows the first ``read_bytes`` of the file contain; the total is estimated from them.
     ``read_bytes``, ``all_bytes``: of the file, packed as it may be.
     ``least_row_bytes``: the least that a row takes of the file.
 

@@ -3,21 +3,19 @@
 import gzip
 import hashlib
 import io
-import re
 import zipfile
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import PurePath
-from typing import IO, BinaryIO, TypeVar, cast
+from typing import IO, BinaryIO, Literal, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fusion.errors import (
     CorruptArchive,
-    EmptyFile,
     MissingMember,
     OldDevice,
     TruncatedArchive,
@@ -38,6 +36,20 @@ EARLY_END_S = 60.0
 
 
 @dataclass(frozen=True, slots=True)
+class PairNames:
+    """The tables of a pair by their names in the archive.
+
+    ``gravity``: to be added to the acceleration. ``kind``: what the acceleration is called; "linear" lacks
+    gravity, "total" includes it.
+    """
+
+    acceleration: str
+    angular_rate: str
+    gravity: str = ""
+    kind: Literal["acc", "linear", "total"] = "acc"
+
+
+@dataclass(frozen=True, slots=True)
 class Source:
     """A file as the readers see it.
 
@@ -45,7 +57,9 @@ class Source:
     ``name``: of the file or the member; only its extension is used.
     ``size_bytes``: of the file itself.
     ``head``: the first 64 KiB of the content.
-    ``packed``: the file itself, where ``file`` gives what is unpacked from it.
+    ``packed``: the file itself, if ``file`` gives what is unpacked from it.
+    ``pair``: the tables of the archive that are read as one recording.
+    ``left_aside``: files of the archive that are not part of the recording.
     """
 
     file: BinaryIO
@@ -53,6 +67,8 @@ class Source:
     size_bytes: int
     head: bytes
     packed: BinaryIO | None = None
+    pair: PairNames | None = None
+    left_aside: int = 0
 
     @property
     def read_bytes(self) -> int:
@@ -68,7 +84,7 @@ class Source:
 class HashedFile(io.RawIOBase):
     """A file that is hashed while it is read, so that its digest needs no second reading.
 
-    Large pieces are hashed in a thread of their own (hashlib and the kernels both release the interpreter's
+    Large pieces are hashed in a separate thread (hashlib and the kernels both release the interpreter's
     lock), so that on two cores the digest costs almost nothing. Closing it leaves the file itself open.
     """
 
@@ -159,9 +175,9 @@ def read_chunks(source: Source, start_byte: int = 0, chunk_bytes: int = CHUNK_BY
 def scan_pieces(
     pieces: Iterable[bytes], scan: Callable[[NDArray[np.uint8], bool], tuple[int, Found]]
 ) -> Iterator[tuple[NDArray[np.uint8], Found]]:
-    """Scan pieces one by one; what one does not finish is carried into the next.
+    """Scan pieces one by one; unfinished bytes are carried into the next piece.
 
-    ``scan``: given bytes, and whether they are the last, return how many of them it used and what it found.
+    ``scan``: given bytes, and whether they are the last, return how many of them it used, and its result.
     """
     later = iter(pieces)
     carried, piece = b"", next(later, None)
@@ -280,51 +296,7 @@ GZIP_MAGIC = b"\x1f\x8b"
 ZIP_MAGIC, EMPTY_ZIP_MAGIC = b"PK\x03\x04", b"PK\x05\x06"
 """An empty archive begins with its index."""
 BROKEN = (gzip.BadGzipFile, zipfile.BadZipFile, zlib.error, ValueError, NotImplementedError, RuntimeError)
-"""What the standard library raises on packed bytes that contradict themselves."""
-OWN_FOLDERS = ("xl/", "word/")
-LEFT_FOLDERS = ("__MACOSX/", "meta/")
-"""What a Mac and phyphox put beside the recording."""
-DEVICE_PARTS = ("log.bin", "info.txt")
-OWN_ARCHIVES = ("log.bin", "info.txt", "activity.bin", "[Content_Types].xml", "mimetype")
-"""Members of archives that are a format of their own: `.gt3x`, Office, OpenDocument and NumPy files."""
-
-
-# A pair of tables: one of the accelerometer, one of the gyroscope.
-
-ANGULAR_RATE = re.compile(r"gyro", re.IGNORECASE)
-TOTAL, ACCELERATION = re.compile(r"total_?accel", re.IGNORECASE), re.compile(r"accel", re.IGNORECASE)
-GRAVITY = re.compile(r"gravity", re.IGNORECASE)
-WITHOUT_GRAVITY = re.compile(r"linear|user_?accel", re.IGNORECASE)
-LEFT_ASIDE = re.compile(r"uncalibrated|^meta", re.IGNORECASE)
-TABLES = (".csv", ".txt", ".tsv")
-
-
-@dataclass(frozen=True, slots=True)
-class PairNames:
-    """The tables of a pair by their names in the archive; ``gravity`` is to be added to the acceleration."""
-
-    acceleration: str
-    angular_rate: str
-    gravity: str = ""
-    is_linear: bool = False
-
-
-def find_pair(names: Sequence[str]) -> PairNames | None:
-    """Find the two tables by their names; None where there is not one of each."""
-    tables = {
-        name: PurePath(name).stem
-        for name in names
-        if name.lower().endswith(TABLES) and not name.startswith(LEFT_FOLDERS)
-    }
-    tables = {name: stem for name, stem in tables.items() if not LEFT_ASIDE.search(stem)}
-    rates = [name for name, stem in tables.items() if ANGULAR_RATE.search(stem)]
-    linear = [name for name, stem in tables.items() if WITHOUT_GRAVITY.search(stem)]
-    gravity = [name for name, stem in tables.items() if GRAVITY.search(stem)]
-    for pattern in (TOTAL, ACCELERATION):
-        found = [name for name, stem in tables.items() if pattern.search(stem) and name not in linear]
-        if len(found) == len(rates) == 1:
-            return PairNames(found[0], rates[0], "" if pattern is TOTAL else next(iter(gravity), ""))
-    return PairNames(linear[0], rates[0], is_linear=True) if len(linear) == len(rates) == 1 else None
+"""Exceptions of the standard library for packed bytes that contradict themselves."""
 
 
 # What is unpacked as it is read.
@@ -375,45 +347,3 @@ class UnpackedFile(io.RawIOBase):
         while self._at < offset and self.read(min(HEAD_BYTES, offset - self._at)):
             pass
         return self._at
-
-
-def unpack(source: Source) -> Source:
-    """Return the one recording inside; the source itself if nothing is packed.
-
-    Raises DamagedFile: the archive is cut, corrupt or unsafe, packed twice, or holds several files.
-    """
-
-    def open_gzip() -> IO[bytes]:
-        source.file.seek(0)
-        return cast("IO[bytes]", gzip.GzipFile(fileobj=source.file, mode="rb"))
-
-    if source.head.startswith(GZIP_MAGIC):
-        name = source.name[:-3] if source.extension == ".gz" else source.name
-        return _open_unpacked(UnpackedFile(open_gzip, source.size_bytes, source.name), name, source)
-    if not source.head.startswith(ZIP_MAGIC):
-        return source
-    archive = open_archive(source)
-    names = archive.namelist()
-    if any(name in OWN_ARCHIVES or name.startswith(OWN_FOLDERS) or name.endswith(".npy") for name in names):
-        return source
-    if find_pair(names):
-        return source
-    members = [m for m in archive.infolist() if not m.is_dir() and not m.filename.startswith(LEFT_FOLDERS)]
-    if any(PurePath(member.filename).name in DEVICE_PARTS for member in members):
-        raise UnsafeArchive(reason="folder")
-    if len(members) != 1:
-        raise UnsafeArchive(reason="several", count=len(members))
-    (member,) = members
-    file = UnpackedFile(lambda: archive.open(member.filename), source.size_bytes, member.filename)
-    return _open_unpacked(file, PurePath(member.filename).name, source)
-
-
-def _open_unpacked(file: UnpackedFile, name: str, packed: Source) -> Source:
-    head = b""
-    while len(head) < HEAD_BYTES and (piece := file.read(HEAD_BYTES - len(head))):
-        head += piece
-    if not head:
-        raise EmptyFile
-    if head.startswith((GZIP_MAGIC, ZIP_MAGIC, EMPTY_ZIP_MAGIC)):
-        raise UnsafeArchive(reason="nested")
-    return Source(cast("BinaryIO", file), name, packed.size_bytes, head, packed.file)

@@ -98,7 +98,7 @@ CONTAINERS = (
     ),
     read("16 csv.gz", t.gzipped(CANON), name="shift.csv.gz"),
     read("16 csv in zip", t.zipped("shift.csv"), name="shift.zip"),
-    refused("16 two csv in zip", t.zipped("a.csv", "b.csv"), "E-ZIP-UNSAFE", name="shift.zip"),
+    refused("16 two csv in zip", t.zipped("a.csv", "b.csv"), "E-SENSORS", name="shift.zip"),
 )
 
 GONE = (59.0, 1.0, 0.0)

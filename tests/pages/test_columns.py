@@ -1,7 +1,9 @@
 """The columns of unknown tables are named once for all files with the same header."""
 
 import re
+import zipfile
 from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
@@ -103,5 +105,50 @@ def test_of_two_sensors_in_a_table_the_page_asks_which_one_is_on_the_arm(
     page.get_by_role("radio", name="arm").check()
     keep_picture(page, "sensors")
     page.get_by_role("button", name="Analyse this sensor").click()
+
+    expect(page.get_by_role("heading", name="The answer in short")).to_be_visible(timeout=END_MS)
+
+
+def test_of_two_devices_in_a_zip_the_page_asks_which_one_is_on_the_arm(
+    page: Page, server: RunningServer, lines: list[str], tmp_path: Path
+) -> None:
+    header = "time_us,ax_g,ay_g,az_g,gx_dps,gy_dps,gz_dps"
+    packed = tmp_path / "two.zip"
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in ("Phone.csv", "WristMotion.csv"):
+            archive.writestr(name, "\n".join([header, *lines]))
+
+    failed = server.send(packed)
+    see_end(server, failed["id"])
+    open_analysis(page, server, failed["id"])
+    page.get_by_role("link", name="Say which sensor it is").click()
+    page.get_by_role("radio", name="WristMotion").check()
+    keep_picture(page, "devices")
+    page.get_by_role("button", name="Analyse this sensor").click()
+
+    expect(page.get_by_role("heading", name="The answer in short")).to_be_visible(timeout=END_MS)
+
+
+def test_an_open_order_of_dates_is_answered_in_the_form(
+    page: Page, server: RunningServer, lines: list[str], tmp_path: Path
+) -> None:
+    header = "label,rtcDate,rtcTime,ax_g,ay_g,az_g,gx_dps,gy_dps,gz_dps"
+    start = datetime(2026, 3, 2, 7, tzinfo=UTC)
+    stamps = (start + timedelta(milliseconds=10 * k) for k in range(len(lines)))
+    rows = (
+        f"left,{stamp:%m/%d/%Y,%H:%M:%S.%f},{line.partition(',')[2]}"
+        for stamp, line in zip(stamps, lines, strict=True)
+    )
+    table = tmp_path / "dates.csv"
+    table.write_text("\n".join([header, *rows]))
+
+    failed = server.send(table)
+    see_end(server, failed["id"])
+    open_analysis(page, server, failed["id"])
+    page.get_by_role("link", name="Say what the columns are").click()
+    expect(page.get_by_role("cell", name="03/02/2026").first).to_be_visible()
+    page.locator("[name=date_order]").select_option("mdy")
+    keep_picture(page, "dates")
+    page.get_by_role("button", name="Analyse with these columns").click()
 
     expect(page.get_by_role("heading", name="The answer in short")).to_be_visible(timeout=END_MS)

@@ -122,7 +122,7 @@ def _plan_table(layout: TextLayout | None, header: dict[str, str], head: str) ->
         if "Accelerometer X" in head and "Gyroscope" not in head:
             raise NoGyroscope(cure="GT9X")
         if layout is not None:
-            raise UnknownColumns(list=(layout.header or "").strip()[:200], missing=name_missing(columns))
+            raise UnknownColumns(list=(layout.header or "").strip()[:200], **name_missing(columns))
         raise NoSamples if "Accelerometer X" in head else UnknownColumns(why="no header")
     targets = [IGNORED] * layout.n_columns
     for axis in range(3):

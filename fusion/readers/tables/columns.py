@@ -28,14 +28,21 @@ from fusion.recording import ACC_UNITS_G, GYR_UNITS_DPS, MICROSECONDS, QualityFl
 # x-io, ActiLife, Xsens, phone loggers), with the names of French exports.
 
 Channel = Literal["acc", "gyr", "linear", "gravity", "time", "counter", "other"]
-"""``linear``: an acceleration from which gravity was taken out."""
+"""``linear``: an acceleration without gravity."""
 
 ACC_STEMS = frozenset(
     {"a", "acc", "accel", "accelerometer", "acceleration", "accelero", "gf", "gforce", "xl"}
-    | {"accelerometre", "accelwr", "accelln", "widerangeaccelerometer", "lownoiseaccelerometer"}
+    | {
+        "accelerometeracceleration",
+        "accelerometre",
+        "accelwr",
+        "accelln",
+        "widerangeaccelerometer",
+        "lownoiseaccelerometer",
+    }
 )
 NARROW_STEMS = frozenset({"accelln", "lownoiseaccelerometer"})
-"""Of a Shimmer's two accelerometers the one that ends at 2 g, where an arm at work does not."""
+"""The accelerometer of a Shimmer with a range of 2 g, which an arm at work exceeds."""
 LINEAR_STEMS = frozenset(
     {"linearacceleration", "linearaccelerometer", "linearaccel", "linearacc", "linacc", "linaccel"}
     | {"useracceleration", "useraccel", "useracc", "freeacc", "freeacceleration", "accelerationlineaire"}
@@ -43,7 +50,7 @@ LINEAR_STEMS = frozenset(
 GRAVITY_STEMS = frozenset({"gravity", "grav", "gravite"})
 GYR_STEMS = frozenset(
     {"g", "gy", "gyr", "gyro", "gyroscope", "w", "omega", "rot", "rate", "rotation", "rotationrate"}
-    | {"angularrate", "angularvelocity", "angvel", "angrate", "av"}
+    | {"angularrate", "angularvelocity", "angvel", "angrate", "av", "gyrorotation"}
     | {"gyrometre", "vitesseangulaire", "vitesserotation", "vitessederotation", "tauxderotation"}
 )
 STEMS: tuple[tuple[Channel, frozenset[str]], ...] = (
@@ -57,7 +64,7 @@ TIME_STEMS = frozenset(
     | {"elapsedtime", "micros", "millis", "epoch", "epoc", "unixtime", "unix", "sampletimefine", "seconds"}
     | {"milliseconds", "microseconds", "nanoseconds", "temps", "horodatage", "horodate", "heure", "dateheure"}
     | {"dateetheure", "horloge", "secondes", "millisecondes", "microsecondes", "epochtime", "systemtime"}
-    | {"devicetime", "us", "ms", "usec", "msec", "sec", "secs"}
+    | {"devicetime", "us", "ms", "usec", "msec", "sec", "secs", "arrived"}
 )
 TIME_WORDS = frozenset({"time", "timestamp"})
 COUNTER_STEMS = frozenset(
@@ -65,6 +72,8 @@ COUNTER_STEMS = frozenset(
     | {"row", "n", "samplecount", "count", "sequence", "seq"}
     | {"compteur", "echantillon", "numero", "ligne", "paquet"}
 )
+GYROSCOPE = re.compile(r"(?<![a-z])gyr", re.IGNORECASE)
+"""A name of the gyroscope, whether its axis is understood or not."""
 AXIS_WORDS = ("axis", "axe")
 LONGEST_NAME = 200
 """Only these first characters of a column's name are read."""
@@ -83,7 +92,7 @@ REMARKS = frozenset({"cal", "raw", "uncal", "calibrated", "uncalibrated"})
 OTHER_UNITS = frozenset(
     {"", "local", "nounits", "ut", "gauss", "ga", "degc", "c", "deg", "v", "mv", "lux", "boolean"}
 )
-"""What may stand in a row of units beside those of samples and times."""
+"""Other words that a row of units may contain."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +150,7 @@ def _split_bracketed(text: str) -> tuple[str, str | None]:
 
 
 def read_unit(field: str) -> str | None:
-    """Read a field of a row of units: the unit, "" for one that is none of a sample's, None for no unit."""
+    """Read a field of a row of units: the unit, "" for a unit of another quantity, None for no unit."""
     word = re.sub(r"[\s()]+", "", _tidy(field))
     if word in ACC_UNITS_G or word in GYR_UNITS_DPS or word in TIME_UNITS_EXPONENT:
         return word
@@ -194,8 +203,8 @@ def choose_vector(columns: Sequence[Column], channel: Channel) -> Vector | None:
 def choose_acceleration(columns: Sequence[Column]) -> tuple[Vector | None, Vector | None]:
     """Places of the acceleration, and of the gravity that it may lack; None for what is not there.
 
-    Core Motion's "acceleration" lacks gravity, Android's does not: only where the other acceleration stands
-    beside it does the name tell.
+    Core Motion's "acceleration" lacks gravity, Android's does not: the name is clear only if both
+    accelerations are there.
     """
     acc, linear, gravity = (choose_vector(columns, channel) for channel in ("acc", "linear", "gravity"))
     if acc is None:
@@ -203,12 +212,20 @@ def choose_acceleration(columns: Sequence[Column]) -> tuple[Vector | None, Vecto
     return acc, None if linear else gravity
 
 
-def name_missing(columns: Sequence[Column]) -> str:
-    """Which of the six channels are not there, or there more than once: "gy, gz"."""
+def name_missing(columns: Sequence[Column]) -> dict[str, str]:
+    """Name the channels that are absent, and the channels that are there more than once.
+
+    Returns facts of a refusal: ``missing`` and ``doubled`` ("gy, gz"), each only if there is one.
+    """
     counts = Counter(
         f"{column.channel[0]}{'xyz'[column.axis]}" for column in columns if column.channel in ("acc", "gyr")
     )
-    return ", ".join(name for name in ("ax", "ay", "az", "gx", "gy", "gz") if counts[name] != 1)
+    channels = ("ax", "ay", "az", "gx", "gy", "gz")
+    found = {
+        "missing": ", ".join(name for name in channels if counts[name] == 0),
+        "doubled": ", ".join(name for name in channels if counts[name] > 1),
+    }
+    return {fact: names for fact, names in found.items() if names}
 
 
 EPOCH_WORDS = frozenset(
@@ -298,13 +315,13 @@ def count_from_1970(stamps: NDArray[np.int64]) -> None:
 
 
 def find_time_unit(times: Sequence[float], unit: str | None) -> TimeUnit | None:
-    """Find the unit of a column by its first times; None where neither header nor times give one.
+    """Find the unit of a column by its first times; None if neither header nor times give one.
 
     A unit in the header holds, unless no sensor writes rows so fast or so slowly and another unit fits. The
     time since 1970 keeps the header's unit, however slowly the rows come.
     """
     stated = TIME_UNITS_EXPONENT.get(unit or "")  # a damaged row of units may name another quantity
-    times = [time for time in times if math.isfinite(time)]  # a damaged row holds no time
+    times = [time for time in times if math.isfinite(time)]  # a damaged row has no time
     (first_day, last_day), (slowest_hz, fastest_hz) = POSSIBLE_DAYS, PLAUSIBLE_RATE_HZ
     if stated is None and times and all(first_day <= time < last_day for time in times):
         days_hz = _rate_hz(times, 0) / SECONDS_OF_DAY / MICROSECONDS
@@ -323,7 +340,7 @@ def find_time_unit(times: Sequence[float], unit: str | None) -> TimeUnit | None:
 
 
 def guess_exponent(times: Sequence[float]) -> int | None:
-    """The unit in which the rows would come at 8 to 2000 Hz; None where none does."""
+    """The unit in which the rows would come at 8 to 2000 Hz; None if there is none."""
     slowest_hz, fastest_hz = PLAUSIBLE_RATE_HZ
     return next((one for one in UNIT_NAMES if slowest_hz <= _rate_hz(times, one) <= fastest_hz), None)
 
@@ -457,8 +474,8 @@ ZONE = (
 HALF = r"(?P<half> ?[AaPp]\.?[Mm]\.?(?![A-Za-z]))?"
 DATED = (
     r"(?<![\d:/.\-])(?P<first>\d{1,4})(?P<mark>[/.\-])(?P<second>\d{1,2})(?P=mark)(?P<third>\d{1,4})"
-    r"(?P<between>T| +| *\"?[,;\t|]\"? *)(?P<hour>\d{1,2}):(?P<minute>\d{2}):(?P<seconds>\d{2}(?:[%s]\d+)?)"
-    + HALF + ZONE + r"(?![\d:])"
+    r"(?P<between>T| +| *\"?[,;\t|]\"? *)(?P<hour>\d{1,2}):(?P<minute>\d{2})"
+    r":(?P<seconds>\d{2}(?:[%s]\d+|:\d{3})?)" + HALF + ZONE + r"(?![\d:])"
 )  # fmt: skip
 COMPACT = (
     r"(?<![\w.])(?P<first>\d{4})(?P<second>\d{2})(?P<third>\d{2})(?P<between>T)"
@@ -466,14 +483,14 @@ COMPACT = (
 )
 UNDATED = (
     r"^(?P<before>(?:[^:\n]*[,;\t|])?[\" ]*)(?P<hour>\d{1,2}):(?P<minute>\d{2})"
-    r":(?P<seconds>\d{2}(?:[%s]\d+)?)" + HALF + ZONE + r"(?=[\" ]*[,;\t| ])"
+    r":(?P<seconds>\d{2}(?:[%s]\d+|:\d{3})?)" + HALF + ZONE + r"(?=[\" ]*[,;\t| ])"
 )  # fmt: skip
 NO_SECONDS = re.compile(
     r"(?<![\d:/.\-])\d{1,4}([/.\-])\d{1,2}\1\d{1,4}(?:T| +| *\"?[,;\t|]\"? *)"
     r"\d{1,2}:\d{2}(?: ?[AaPp][Mm])?(?![\d:])"
 )
 MINUTES_ONLY = re.compile(r"(?<![\d:])\d{1,2}:\d{2}[.,]\d(?![\d:])")
-"""What Excel shows of a time of day with a fraction: `58:00.1`, the hour left out."""
+"""A time of day with a fraction as Excel shows it: `58:00.1`, without the hour."""
 PLAIN = re.compile(r"\d{4}-\d{1,2}-\d{1,2}[T ]\d{1,2}:\d{2}:\d{2}(?:[.,]\d++)?+(Z?)(?![\w:+\- \[])")
 STAMP_LIKE = re.compile(r"\d:\d\d|\dT\d|\d{1,4}([/.\-])\d{1,2}\1\d{1,4}")
 NAMED_ZONES_H = {
@@ -510,7 +527,7 @@ class DateDialect:
 
 
 def find_dates(head: str, order: DateOrder | None = None) -> DateDialect | None:
-    """Find how the rows of a table's head write date and time; None where they are ISO without an offset.
+    """Find how the rows of a table's head write date and time; None if they are ISO without an offset.
 
     ``order``: of day, month and year, as a person gives it.
 
@@ -547,13 +564,13 @@ def find_dates(head: str, order: DateOrder | None = None) -> DateDialect | None:
 
 @lru_cache(maxsize=2)
 def find_open_date(head: str) -> tuple[str, ...]:
-    """Day, month and year of the first row as they stand there, where their order is open; else nothing."""
+    """Day, month and year of the first row as written, if their order is open; else nothing."""
     found = _find_parts(head.split("\n")[:SNIFFED_LINES])
     return found[0] if found and len(find_orders(found)) > 1 else ()
 
 
 def find_last_date(tail: str) -> tuple[str, ...]:
-    """The same of the last whole row of a table's tail; nothing where none is found."""
+    """The same of the last whole row of a table's tail; nothing if there is none."""
     found = _find_parts(tail.split("\n")[1:-1])
     return found[-1] if found else ()
 
@@ -599,10 +616,10 @@ def _is_wide(line: str) -> bool:
 NOON = 12
 DAY_S = 86_400
 LONGEST_SET_BACK_S = 3 * 3600
-"""A clock is set back by no more than this (daylight saving, a zone): what goes back further is a new day."""
+"""A clock is set back by no more than this (daylight saving, a zone): a larger step back is a new day."""
 LATEST_S = 600
 """Rows come late by no more than this."""
-FIRST_DAY = datetime(1970, 1, 2)  # noqa: DTZ001 - stands for a date that is not told
+FIRST_DAY = datetime(1970, 1, 2)  # noqa: DTZ001 - for an unknown date
 EPOCH = datetime(1970, 1, 1)  # noqa: DTZ001 - as the kernels count
 MOST_CHANGES = 20
 
@@ -634,20 +651,20 @@ class StampWriter:
         self._last_s: float | None = None
 
     def rewrite(self, text: str) -> str:
-        """Write every stamp as `2026-03-14T08:00:00.010`; a time column of its own is left empty."""
+        """Write every stamp as `2026-03-14T08:00:00.010`; a separate time column is left empty."""
         write = self._write if self._dialect.has_date else self._write_undated
         return self._dialect.pattern.sub(write, text)
 
     def _write(self, found: re.Match[str]) -> str:
         parts, order = found.group("first", "second", "third"), self._dialect.order
         year, month, day = (parts[order.index(letter)] for letter in "ymd")
-        clock = f"{_count_hour(found):02d}:{found['minute']}:{found['seconds']}"
+        clock = f"{_count_hour(found):02d}:{found['minute']}:{_read_seconds(found)}"
         stamp = f"{_complete_year(int(year))}-{month:0>2}-{day:0>2}T{clock}"
         moved = self._move(stamp, found["zone"])
         return found.group() if moved is None else moved + re.sub(r"[T \"]", "", found["between"])
 
     def _move(self, stamp: str, zone: str | None) -> str | None:
-        """Convert a stamp to the first row's clock; None for one that no calendar has.
+        """Convert a stamp to the first row's clock; None for an impossible date.
 
         A stamp without a zone, among stamps with one, takes the last zone.
         """
@@ -673,16 +690,21 @@ class StampWriter:
         A step forward is a pause, however long, unless it leads back over midnight to a row that came late.
         """
         hour = _count_hour(found)
-        time_s = 3600.0 * hour + 60.0 * int(found["minute"]) + float(found["seconds"].replace(",", "."))
+        time_s = 3600.0 * hour + 60.0 * int(found["minute"]) + float(_read_seconds(found).replace(",", "."))
         step_s = 0.0 if self._last_s is None else time_s - self._last_s
         if step_s < -LONGEST_SET_BACK_S:
             self._day += timedelta(days=1)
         elif step_s > DAY_S - LATEST_S:
             self._day -= timedelta(days=1)
         self._last_s = time_s
-        stamp = f"{self._day:%Y-%m-%d}T{hour:02d}:{found['minute']}:{found['seconds']}"
+        stamp = f"{self._day:%Y-%m-%d}T{hour:02d}:{found['minute']}:{_read_seconds(found)}"
         moved = self._move(stamp, found["zone"])
         return found.group() if moved is None else found["before"] + moved
+
+
+def _read_seconds(found: re.Match[str]) -> str:
+    """Return the seconds of a stamp; some loggers write a colon before the milliseconds."""
+    return found["seconds"].replace(":", ".")
 
 
 def _count_hour(found: re.Match[str]) -> int:
@@ -693,7 +715,7 @@ def _count_hour(found: re.Match[str]) -> int:
 
 
 class TextWriter(Protocol):
-    """What rewrites whole lines of text."""
+    """A writer that rewrites whole lines of text."""
 
     def rewrite(self, text: str) -> str:
         """Rewrite whole lines."""

@@ -44,7 +44,7 @@ from fusion.recording import MICROSECONDS, QualityFlag, Recording, Stated, name_
 
 # A header that names the columns.
 #
-# Units and time come from it where it states them, and from the samples where it does not
+# Units and time come from it if it states them, and from the samples if it does not
 # (:mod:`fusion.checks.physics`). A preamble of `# key: value` lines may state device, start and ranges.
 
 T = TypeVar("T")
@@ -75,7 +75,7 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:
     fusion.errors.UnreadableFile
         Columns are missing or not understood, or the table is damaged.
     UnknownRate
-        The layout holds no time and no rate is given.
+        The layout has no time and no rate is given.
     fusion.errors.UnusableTime
         The stamps are not those of an even sampling.
     """
@@ -166,7 +166,7 @@ def _cut_rows(plan: TablePlan, columns: SampleColumns, rate_hz: float | None) ->
 
 
 def choose_rate_hz(layout: TextLayout, rate_hz: float | None) -> float | None:
-    """Return the rate that the preamble states, if plausible; else the one that a person gives, in Hz."""
+    """Return the rate that the preamble states, if plausible; else the rate that a person gives, in Hz."""
     stated_hz = _find_stated_hz(layout)
     return stated_hz if SLOWEST_HZ <= stated_hz <= FASTEST_HZ else rate_hz
 
@@ -181,7 +181,7 @@ def _find_burst_rate_hz(columns: SampleColumns) -> float:
 
 
 def _flag_rates(plan: TablePlan, grid: Grid, rate_hz: float | None) -> tuple[QualityFlag, ...]:
-    """Flag a rate off the one that the preamble states, a time unit that cannot be, and a rate without times.
+    """Flag a rate unlike that in the preamble, an impossible time unit, and a rate without times.
 
     The last with its source: preamble, person or layout (W-DRIFT, W-UNITS, W-RATE).
     """

@@ -2,12 +2,12 @@
 
 Lines of exactly the usual fields are read on the plain path: column by column, on runs of lines whose field
 ends are known, so that each loop is short and its branches are foreseen. A number there has at most 16
-characters: it is loaded as two machine words, its decimal mark is taken out by shifting, all digits are
+characters: it is loaded as two machine words, its decimal mark is removed by shifting, all digits are
 checked at once and folded pairwise into an integer (D. Lemire, "Quickly parsing eight digits", 2018). All
 other lines are read on the careful path, byte by byte: any number of digits, exponents, quotes, padding,
 damage. There a field becomes an integer mantissa and a power of ten: correctly rounded for up to 15 digits,
 and within one unit in the last place of a double beyond, which is far below float32. Both paths give the same
-numbers, so that the plain one decides nothing but the time.
+numbers, so that the plain path only saves time.
 
 Numba has no unaligned loads and no byte compare over 64 bytes; the intrinsics add them. They do not check
 bounds: see ``LEAD_BYTES`` and ``TRAIL_BYTES``. Every piece ends with a newline, at which all loops stop.
@@ -71,7 +71,7 @@ class Rules(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """What is read: samples, shape (n, 3), stamps, shape (n,), and the tally, shape (8,)."""
+    """Rows as read: samples, shape (n, 3), stamps, shape (n,), and the tally, shape (8,)."""
 
     acc: NDArray[np.float32]
     gyr: NDArray[np.float32]
@@ -82,7 +82,7 @@ class Rows(NamedTuple):
 # Eight bytes of text at a time.
 
 LEAD_BYTES, TRAIL_BYTES = 16, 64
-"""Bytes of the buffer that must lie before the first line and after the last one."""
+"""Bytes that the buffer must have before the first line and after the last one."""
 NEWLINE, RETURN, SPACE, QUOTE, PLUS, MINUS, POINT, ZERO, NINE = 10, 13, 32, 34, 43, 45, 46, 48, 57
 WORD_DIGITS = 8
 LONGEST_FIELD = 16
@@ -120,7 +120,7 @@ def _load(context: Any, builder: Any, signature: Any, arguments: Any, machine_ty
 
 @intrinsic
 def load_word(typing_context, buffer, at):  # type: ignore[no-untyped-def]  # noqa: ARG001
-    """Return eight bytes as they lie in the text: the first is the least significant."""
+    """Return eight bytes in the order of the text: the first is the least significant."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         word = _load(context, builder, signature, arguments, ir.IntType(64))
@@ -131,7 +131,7 @@ def load_word(typing_context, buffer, at):  # type: ignore[no-untyped-def]  # no
 
 @intrinsic
 def match_byte(typing_context, buffer, at, byte):  # type: ignore[no-untyped-def]  # noqa: ARG001
-    """Return 64 bits, one for each of 64 bytes: set where it is ``byte``."""
+    """Return 64 bits, one for each of 64 bytes: set if it is ``byte``."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         lanes = ir.VectorType(ir.IntType(8), 64)
@@ -149,7 +149,7 @@ def match_byte(typing_context, buffer, at, byte):  # type: ignore[no-untyped-def
 
 @intrinsic
 def lowest_bit(typing_context, word):  # type: ignore[no-untyped-def]  # noqa: ARG001
-    """Return the place of the lowest bit that is set; 64 where none is."""
+    """Return the place of the lowest bit that is set; 64 if none is."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:  # noqa: ARG001
         return builder.cttz(arguments[0], ir.IntType(1)(0))
@@ -276,7 +276,7 @@ def find_marks(
 
     ``marks`` receives the byte before the span and all delimiters and newlines in it; ``ends`` receives the
     places in ``marks`` of the first and of all newlines. Both need ``SPARE_MARKS`` more room than there are
-    bytes. Returns how many lines there are and how many bytes end each, 1 or 2 (CRLF); no lines where both
+    bytes. Returns how many lines there are and how many bytes end each, 1 or 2 (CRLF); no lines if both
     kinds stand, or a return elsewhere.
     """
     first, stop = span
@@ -347,7 +347,7 @@ def fold_words(
 ) -> bool:
     """Turn gathered words into numbers; False, and numbers that mean nothing, where one has another form.
 
-    ``form``: the decimal mark as of :func:`spread_mark`, the power of ten that the decimals stand for, and
+    ``form``: the decimal mark as of :func:`spread_mark`, the power of ten of the decimals, and
     the factor to be applied.
     """
     dots, power, factor = form
@@ -459,7 +459,7 @@ def _take_plain_numbers(
 MINUTE_BYTES = 17
 """Of `2019-02-14T08:58:`, what all stamps of a minute begin with."""
 MARKS_OF_A_MINUTE = 1 << 4 | 1 << 7 | 1 << 10 | 1 << 13 | 1 << 16
-"""A bit for each of them that is no digit."""
+"""A bit for each byte that is not a digit."""
 LONGEST_SECOND = 61
 
 
@@ -513,6 +513,8 @@ def _take_plain_calendars(
 # The careful path: one field of bytes.
 
 NUMBER, MISSING, UNREADABLE = 0, 1, 2
+LONGEST_WORD = 4
+ABSENT_WORDS = tuple(int.from_bytes(word, "big") for word in (b"na", b"nan", b"inf", b"null"))
 LEAST_FULL = 10**17
 """A mantissa takes digits up to here, 18 in all; further ones only count."""
 FOUR_DIGITS = 10_000
@@ -554,7 +556,7 @@ def _take_digits(buffer: Bytes, at_byte: int, mantissa: int) -> tuple[int, int, 
 
 @inner_making_arrays
 def _take_exponent(buffer: Bytes, at_byte: int) -> tuple[int, int]:
-    """Read `e-05`; return (where it began, 0) where no digit follows."""
+    """Read `e-05`; return (where it began, 0) if no digit follows."""
     start = at_byte
     at_byte += 1
     is_negative = buffer[at_byte] == MINUS
@@ -577,20 +579,18 @@ def _classify_word(buffer: Bytes, at_byte: int, end_byte: int) -> int:
         end_byte -= 1
     if at_byte == end_byte:
         return MISSING
-    first = buffer[at_byte] | 32
-    last = buffer[end_byte - 1] | 32
-    length = end_byte - at_byte
-    is_na = length == 2 and first == 110 and last == 97
-    is_nan_or_inf = length == 3 and ((first == 110 and last == 110) or (first == 105 and last == 102))
-    is_null = length == 4 and first == 110 and last == 108
-    return MISSING if is_na or is_nan_or_inf or is_null else UNREADABLE
+    word = 0
+    for k in range(at_byte, min(end_byte, at_byte + LONGEST_WORD)):
+        word = word << 8 | (buffer[k] | 32)
+    is_whole = end_byte - at_byte <= LONGEST_WORD
+    return MISSING if is_whole and word in ABSENT_WORDS else UNREADABLE
 
 
 @inner_making_arrays
 def _take_number(
     buffer: Bytes, at_byte: int, delimiter_byte: int, decimal_byte: int
 ) -> tuple[int, int, int, int]:
-    """Read one field; return where it ends, mantissa, power of ten, and what it is."""
+    """Read one field; return where it ends, mantissa, power of ten, and its kind."""
     at_byte = _skip_padding(buffer, at_byte, delimiter_byte)
     start = at_byte
     is_negative = buffer[at_byte] == MINUS
@@ -645,7 +645,7 @@ def _count_days(year: int, month: int, day: int) -> int:
 
 @inner_making_arrays
 def _take_calendar(buffer: Bytes, at_byte: int, delimiter_byte: int) -> tuple[int, int, int]:
-    """Read `2019-02-14T08:58:00.0100000`; return where it ends, microseconds since 1970, what it is."""
+    """Read `2019-02-14T08:58:00.0100000`; return where it ends, microseconds since 1970, and its kind."""
     at_byte = _skip_padding(buffer, at_byte, delimiter_byte)
     start = at_byte
     date, clock = np.int64(0), np.int64(0)  # three numbers of up to four digits each
@@ -716,7 +716,7 @@ def _take_row(
 
 @inner_making_arrays
 def _is_blank(buffer: Bytes, at_byte: int, delimiter_byte: int) -> bool:
-    """Whether nothing but padding stands on the line."""
+    """Whether the line contains only padding."""
     while (
         buffer[at_byte] == SPACE
         or buffer[at_byte] == RETURN
@@ -729,7 +729,7 @@ def _is_blank(buffer: Bytes, at_byte: int, delimiter_byte: int) -> bool:
 
 @inner_making_arrays
 def _starts_with(buffer: Bytes, at_byte: int, word: Bytes) -> bool:
-    """Whether the line begins with ``word``, which must hold no newline."""
+    """Whether the line begins with ``word``, which must not contain a newline."""
     for k in range(len(word)):
         if buffer[at_byte + k] != word[k]:
             return False
@@ -788,7 +788,7 @@ def _take_careful_lines(
 
 THREADS = 2
 AHEAD = 3
-"""Pieces that are read before the one whose rows are taken."""
+"""Pieces that are read ahead of the current one."""
 LARGE_BYTES = 1 << 14
 """A few lines take longer to hand over to a thread than to read."""
 SHORTEST_NUMBER_BYTES = 2
@@ -854,7 +854,7 @@ class _Room:
         return find_marks(piece.buffer, span, rules.delimiter, self._marks, self._ends)
 
     def _take_plain(self, piece: LinePiece, lines: tuple[int, int, int], rules: Rules, row: int) -> int:
-        """Read lines (first, stop, bytes that end each) up to one that is not plain; return how many."""
+        """Read lines (first, stop, bytes that end each) up to a line that is not plain; return how many."""
         line, stop, end_bytes = lines
         ends, (acc, gyr, stamps, tally) = self._ends[line : stop + 1], self._rows
         marks = self._marks[ends[0] :]
@@ -884,7 +884,7 @@ def _make_rows(capacity: int) -> Rows:
 
 
 def read_pieces(pieces: Iterable[LinePiece], rules: Rules) -> Iterator[tuple[int, Rows]]:
-    """Read pieces, some ahead of the one that is given: its bytes, and its rows until the next is asked for.
+    """Read pieces, some of them ahead; yield the bytes and the rows of each, valid until the next.
 
     A row number and a line in the tally count from the piece's first.
     """

@@ -3,8 +3,8 @@
 import codecs
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
@@ -66,7 +66,7 @@ def is_row(line: str, delimiter: str) -> bool:
     return len(fields) >= MIN_COLUMNS and all(map(_is_value, fields)) and present >= len(fields) // 2
 
 
-# The lines above the first row: what they say of the columns.
+# The lines above the first row and the columns that they describe.
 #
 # Most tables have one line of names. Shimmer's exports have up to four (sensor, name, CAL or RAW, unit);
 # tables of several sensors have the sensor above each name, or in the name.
@@ -78,6 +78,7 @@ NAME_REACH = 3
 """A line that names fewer sensors than three columns stands so near the rows."""
 COMMENT = re.compile(r"^\s*(?:#|%|//)+\s*")
 FEWEST_UNITS = 2
+AXES = frozenset("xyz")
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +96,8 @@ def find_header(lines: Sequence[str], first_row: int, delimiter: str) -> Header 
     width = len(split_fields(lines[first_row], delimiter))
     above = range(first_row - 1, max(-1, first_row - 1 - REACH), -1)
     fields = {k: split_fields(COMMENT.sub("", lines[k]), delimiter) for k in above}
+    if merged := _read_merged_header(fields, first_row, lines):
+        return merged
     at = _find_names(fields, width)
     if at is None:
         return None
@@ -102,7 +105,8 @@ def find_header(lines: Sequence[str], first_row: int, delimiter: str) -> Header 
     first, stop = at, at + 1
     for k in range(at + 1, first_row):
         units = [read_unit(field) for field in fields[k]]
-        if None not in units and sum(map(bool, units)) >= FEWEST_UNITS:
+        is_row_of_units = 2 * units.count(None) < len(units) and not any(map(NUMBER.fullmatch, fields[k]))
+        if is_row_of_units and sum(map(bool, units)) >= FEWEST_UNITS:
             units += [None] * len(columns)
             columns = [
                 replace(column, unit=unit) if column.unit is None and unit else column
@@ -119,6 +123,33 @@ def find_header(lines: Sequence[str], first_row: int, delimiter: str) -> Header 
         ]
         first = at - 1
     return Header(first, stop, lines[at], tuple(columns))
+
+
+def _read_merged_header(
+    fields: Mapping[int, Sequence[str]], first_row: int, lines: Sequence[str]
+) -> Header | None:
+    """Read names over several columns: `Accelerometer,,,Gyroscope,,` above `X,Y,Z,X,Y,Z`; None for others.
+
+    If the first name comes again, each time begins another sensor; its name is the last word in the line
+    above.
+    """
+    axes = fields.get(first_row - 1, [])
+    if sum(field.lower() in AXES for field in axes) < MIN_COLUMNS or first_row - 2 not in fields:
+        return None
+    words = [*fields[first_row - 2], *[""] * len(axes)][: len(axes)]
+    counts = Counter(word for word in words if word)
+    repeated = next((word for word in words if counts[word] > 1), None)
+    starts = [k for k, word in enumerate(words) if word == repeated] if repeated else []
+    labels, columns, word, sensor = fields.get(first_row - 3, []), [], "", ""
+    for k, axis in enumerate(axes):
+        word = words[k] or word
+        if k in starts:
+            stop = next((start for start in starts if start > k), len(axes))
+            named = [label for label in labels[k:stop] if label and not NUMBER.fullmatch(label)]
+            sensor = named[-1] if named else f"{starts.index(k) + 1}"
+        column = parse_column_name(f"{word} {axis}" if axis else word)
+        columns.append(replace(column, sensor=sensor) if column.channel in ("acc", "gyr") else column)
+    return Header(first_row - 2, first_row, lines[first_row - 1], tuple(columns))
 
 
 def _find_names(fields: dict[int, list[str]], width: int) -> int | None:
@@ -192,7 +223,17 @@ PAIR = re.compile(
     r"([-+]?(?:\d++(?:\.\d*+)?+|\.\d++)(?:[eE][-+]?\d++)?+)(?![\w:.])"
 )
 """A name has at most 61 characters and its unit 40: the search takes time in proportion to the line."""
-ARRIVED = re.compile(r"^(\d{1,2}:\d{2}:\d{2}[.,]\d+) -> ")
+ARRIVED = re.compile(
+    r"^(?:(\[)(?=[^\]\n]{7,30}\]))?(\d{4}-\d{2}-\d{2}[ T])?(\d{1,2}:\d{2}:\d{2}[.,:]\d{1,6})"
+    r"(?(1)\]| ?(?:->|>))[ \t]*"
+)
+"""The time at which a serial monitor received a line: `12:30:01.123 -> `, `[2026-03-02 12:30:01.123] `."""
+ARRIVAL = "arrived"
+TRIPLE = re.compile(
+    r"([A-Za-z]\w{0,30}) ?[:=] *([-+]?\d++(?:\.\d*+)?+)[, \t]++([-+]?\d++(?:\.\d*+)?+)"
+    r"[, \t]++([-+]?\d++(?:\.\d*+)?+)(?: *([A-Za-z°][\w°/^]{0,10}))?[ \t\r]*"
+)
+"""SparkFun's sketches print `A: 0.01, 0.02, 0.99 g`."""
 LABELLED_LINES, FEWEST_LINES = 40, 3
 
 
@@ -200,33 +241,109 @@ LABELLED_LINES, FEWEST_LINES = 40, 3
 class LabelWriter:
     """Writes the values of labelled rows with tabs between them; other lines are left as they are.
 
-    ``labels``: the names, in their order; "time" first where the serial monitor put its own before each row.
+    ``groups``: the names of a line, in their order, "arrived" first if a serial monitor put its time before
+    each line. If several lines make one row, a line for each sensor say, the names of each; the time is then
+    that of the first.
     """
 
-    labels: tuple[str, ...]
+    groups: tuple[tuple[str, ...], ...]
+    _row: list[str] = field(default_factory=list, init=False, compare=False)
+    _next: list[int] = field(default_factory=lambda: [0], init=False, compare=False)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """The names of a row."""
+        first, *others = self.groups
+        return (*first, *(label for group in others for label in group if label != ARRIVAL))
 
     def rewrite(self, text: str) -> str:
         """Rewrite whole lines."""
-        rows = ((line, *_read_labels(line)) for line in text.split("\n"))
-        return "\n".join("\t".join(values) if names == self.labels else line for line, names, values in rows)
+        *lines, last = text.split("\n")
+        rewritten = [line for line in map(self._rewrite_line, lines) if line is not None]
+        return "\n".join([*rewritten, (self._rewrite_line(last) or "") if last else ""])
 
     def tabulate_head(self, head: str) -> str:
-        """Rewrite the head as a table, with the names on a line of their own before the first row."""
+        """Rewrite the head as a table, with a line of names before the first row."""
         lines = self.rewrite(head).split("\n")
-        first = next(k for k, line in enumerate(head.split("\n")) if _read_labels(line)[0] == self.labels)
+        first = next(k for k, line in enumerate(head.split("\n")) if _read_labels(line)[0] in self.groups)
         return "\n".join([*lines[:first], "\t".join(self.labels), *lines[first:]])
+
+    def _rewrite_line(self, line: str) -> str | None:
+        """Return the row that ends with a line, the line itself if it belongs to none, None within a row."""
+        names, values = _read_labels(line)
+        if names not in self.groups:
+            is_blank = not ARRIVED.sub("", line).strip()
+            return None if is_blank and len(self.groups) > 1 else line
+        place = self.groups.index(names)
+        if place == 0:
+            self._row[:] = values
+        elif place == self._next[0]:
+            self._row.extend(values[names[0] == ARRIVAL :])
+        else:  # the lines before it are lost
+            self._next[0] = 0
+            return None
+        self._next[0] = (place + 1) % len(self.groups)
+        return None if self._next[0] else "\t".join(self._row)
 
 
 def _read_labels(line: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Read the names and the values of a line; `Accel X: 1 Y: 2 Z: 3` names three axes of one sensor."""
+    """Read the names and the values of a line; `Accel X: 1 Y: 2 Z: 3` names three axes of one sensor.
+
+    So does `A: 1, 2, 3 g`, with their unit.
+    """
     arrived = ARRIVED.match(line)
-    pairs = PAIR.findall(line)
-    labels = ["time"] if arrived else []
-    for label, _ in pairs:
+    labels, values = ([ARRIVAL], [_read_arrival(arrived)]) if arrived else ([], [])
+    rest = line[arrived.end() :] if arrived else line
+    if triple := TRIPLE.fullmatch(rest):
+        name, *axes, unit = triple.groups()
+        labels += [f"{name} {axis}" + (f" ({unit})" if unit else "") for axis in "XYZ"]
+        return tuple(labels), (*values, *axes)
+    for label, value in PAIR.findall(rest):
         is_later = label.lower() in ("y", "z") and labels and labels[-1][-1:].lower() in "xy"
         labels.append(labels[-1][:-1] + label if is_later else label)
-    values = [arrived.group(1)] if arrived else []
-    return tuple(labels), (*values, *(value for _, value in pairs))
+        values.append(value)
+    return tuple(labels), tuple(values)
+
+
+def _find_groups(lines: Sequence[str]) -> tuple[tuple[str, ...], ...]:
+    """Find the names of the lines that make a row together; none if they name fewer than two sensors."""
+    named = [labels for labels, _ in map(_read_labels, lines) if len(labels) >= len(AXES)]
+    counts = Counter(named)
+    usual = [labels for labels in dict.fromkeys(named) if counts[labels] >= FEWEST_LINES]
+    columns = [parse_column_name(label) for labels in usual for label in labels]
+    is_whole = choose_vector(columns, "acc") and choose_vector(columns, "gyr")
+    return tuple(usual) if is_whole and 2 * sum(counts[one] for one in usual) > len(lines) else ()
+
+
+def _read_arrival(found: re.Match[str]) -> str:
+    """Write the time of a serial monitor in the form of the other stamps."""
+    day, clock = found.group(2) or "", found.group(3).replace(",", ".")
+    hour_to_second, _, fraction = clock.replace(".", ":").rpartition(":")
+    return f"{day.replace(' ', 'T')}{hour_to_second}.{fraction}"
+
+
+@dataclass(frozen=True, slots=True)
+class ArrivalWriter:
+    """Writes the time that a serial monitor put before each line as a column; other lines stay as they are.
+
+    ``delimiter``: that of the rows.
+    """
+
+    delimiter: str
+
+    def rewrite(self, text: str) -> str:
+        """Rewrite whole lines."""
+        return "\n".join(map(self._rewrite_line, text.split("\n")))
+
+    def _rewrite_line(self, line: str) -> str:
+        found = ARRIVED.match(line)
+        if found is None:
+            return line
+        rest = line[found.end() :]
+        if not rest.strip():
+            return ""
+        is_header = rest.lstrip('" ')[:1].isalpha()
+        return f"{ARRIVAL if is_header else _read_arrival(found)}{self.delimiter}{rest}"
 
 
 # The layout of a head.
@@ -236,12 +353,12 @@ def _read_labels(line: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
 class TextLayout:
     """How a table is written.
 
-    ``header`` is the header line as it stands, None where there is none; ``first_line`` counts lines before
+    ``header`` is the header line as written, None if there is none; ``first_line`` counts lines before
     the first row of numbers; ``preamble`` holds the lines before the header; ``sample_rows`` some rows,
-    split. ``dates``: how stamps are written, where they are not ISO without an offset. ``is_single_spaced``:
+    split. ``dates``: how stamps are written, if they are not ISO without an offset. ``is_single_spaced``:
     each space of a row is a separator, with nothing between two of them where a value is absent; such rows
     are read with their spaces as tabs. ``device``: the known device whose header this is.
-    ``labels``: how rows that name every value are rewritten.
+    ``writer``: how rows that name every value, or begin with a serial monitor's time, are rewritten.
     """
 
     delimiter: str
@@ -254,7 +371,7 @@ class TextLayout:
     dates: DateDialect | None = None
     is_single_spaced: bool = False
     device: KnownDevice | None = None
-    labels: LabelWriter | None = None
+    writer: LabelWriter | ArrivalWriter | None = None
 
     @property
     def n_columns(self) -> int:
@@ -271,7 +388,7 @@ class TextLayout:
 
 @lru_cache(maxsize=2)
 def find_layout(head: str, order: DateOrder | None = None) -> TextLayout | None:
-    """Understand the head of a table; None where no rows of six numbers are found.
+    """Understand the head of a table; None if no rows of six numbers are found.
 
     Every reader asks this of the same head, so the last answers are kept.
 
@@ -287,11 +404,20 @@ def find_layout(head: str, order: DateOrder | None = None) -> TextLayout | None:
     """
     lines = [line for line in head.split("\n")[:LABELLED_LINES] if line.strip()]
     named = [labels for labels, _ in map(_read_labels, lines) if len(labels) >= MIN_COLUMNS]
-    if len(named) < FEWEST_LINES or 2 * named.count(named[-1]) <= len(lines):
+    is_labelled = len(named) >= FEWEST_LINES and 2 * named.count(named[-1]) > len(lines)
+    if groups := (named[-1],) if is_labelled else _find_groups(lines):  # most rows begin their values so
+        layout = _find_table(LabelWriter(groups).tabulate_head(head), order)
+        return (
+            replace(layout, writer=LabelWriter(groups), first_line=layout.first_line - 1) if layout else None
+        )
+    rests = [line[found.end() :] for line in lines if (found := ARRIVED.match(line))]
+    if len(rests) < FEWEST_LINES or 2 * len(rests) <= len(lines):
         return _find_table(head, order)
-    writer = LabelWriter(named[-1])  # most rows begin their values with these names
-    layout = _find_table(writer.tabulate_head(head), order)
-    return replace(layout, labels=writer, first_line=layout.first_line - 1) if layout else None
+    counts = {mark: sum(rest.count(mark) for rest in rests) for mark in DELIMITERS[:-1]}
+    delimiter = max(counts, key=lambda mark: counts[mark])
+    arrivals = ArrivalWriter(delimiter if counts[delimiter] >= len(rests) else " ")
+    layout = _find_table(arrivals.rewrite(head), order)
+    return replace(layout, writer=arrivals) if layout else None
 
 
 def _find_table(head: str, order: DateOrder | None) -> TextLayout | None:
@@ -328,9 +454,10 @@ def _find_table(head: str, order: DateOrder | None) -> TextLayout | None:
 
 
 def _hide_words(lines: Sequence[str]) -> tuple[str, list[str]]:
-    """Write 0 for the words of columns that hold no channel; no lines where no header names six channels.
+    """Write 0 for the words of columns without a channel; no lines if the rows have fewer than six numbers.
 
-    A label, the name of a device: such a column is left aside, and the rows are rows all the same.
+    A label, the name of a device: such a column is left aside, and the rows are rows all the same. If no
+    header names six channels, a person may name them.
     """
     for k, line in enumerate(lines):
         for delimiter in DELIMITERS[:-1]:
@@ -339,6 +466,17 @@ def _hide_words(lines: Sequence[str]) -> tuple[str, list[str]]:
                 hidden = [_hide_fields(row, delimiter, columns) for row in lines[k + 1 :]]
                 found = any(is_row(row, delimiter) for row in hidden)
                 return delimiter, [*lines[: k + 1], *hidden] if found else []
+    for delimiter in DELIMITERS[:-1]:
+        fields = [split_fields(line, delimiter) for line in lines]
+        numbers = [sum(bool(NUMBER.fullmatch(field)) for field in row) for row in fields]
+        widths = Counter(len(row) for row, count in zip(fields, numbers, strict=True) if count >= MIN_COLUMNS)
+        width, count = widths.most_common(1)[0] if widths else (0, 0)
+        if count >= FEWEST_LINES and 2 * count > len(lines):
+            unnamed = [Column("", "other")] * width
+            return delimiter, [
+                _hide_fields(line, delimiter, unnamed) if found >= MIN_COLUMNS else line
+                for line, found in zip(lines, numbers, strict=True)
+            ]
     return "", []
 
 
@@ -417,7 +555,7 @@ def read_layout(source: Source, order: DateOrder | None = None) -> TextLayout | 
     Raises
     ------
     AmbiguousDecimal
-        Further on, the comma that separates columns stands in numbers too.
+        Further on, numbers contain the comma that separates columns.
     fusion.errors.FusionError
         As :func:`find_layout`.
     """
@@ -454,7 +592,7 @@ def sniff_layout(source: Source, order: DateOrder | None = None) -> TextLayout |
 
 
 def _read_tail(source: Source) -> str:
-    """The last bytes as text; of a packed file by unpacking it, for nothing else leads there."""
+    """The last bytes as text; a packed file is unpacked to its end."""
     tail = b""
     if isinstance(source.file, UnpackedFile):
         for chunk in read_chunks(source):
@@ -488,7 +626,7 @@ def flag_text(source: Source, layout: TextLayout) -> tuple[QualityFlag, ...]:
     return tuple(QualityFlag(code) for code, is_found in found.items() if is_found)
 
 
-# Text as pieces of whole lines in bytes, whatever its encoding and line ends.
+# Text of any encoding and line ends as pieces of whole lines in bytes.
 
 TEXT_CHUNK_BYTES = 1 << 20
 """Small enough that a piece and its field ends stay in the processor's cache."""

@@ -1,18 +1,19 @@
 """A zip with one table of the accelerometer and one of the gyroscope, as the apps of phones write it.
 
-phyphox, Sensor Logger and MetaWear's app do so. Both tables bear the times of one clock; the acceleration is
-laid on the times of the gyroscope, by straight lines where the two were not read at the same moment.
+phyphox, Sensor Logger and MetaWear's app write such files. Both tables have the times of one clock; the
+acceleration is interpolated linearly at the times of the gyroscope.
 """
 
 import math
 import re
 import warnings
 import zipfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import PurePath
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,18 +30,9 @@ from fusion.errors import (
     UnusableTime,
 )
 from fusion.readers.samples import SampleColumns
-from fusion.readers.source import (
-    ANGULAR_RATE,
-    TOTAL,
-    ZIP_MAGIC,
-    Source,
-    find_pair,
-    open_archive,
-    read_member,
-    read_text,
-)
+from fusion.readers.source import Source, open_archive, read_member, read_text
 from fusion.readers.tables.columns import find_time_unit, parse_column_name, read_axis
-from fusion.readers.tables.layout import split_fields
+from fusion.readers.tables.layout import CALENDAR, NUMBER, split_fields
 from fusion.readers.tables.rows import (
     JUDGED_ROWS,
     MAX_BAD_PART,
@@ -49,11 +41,13 @@ from fusion.readers.tables.rows import (
     build_recording,
     read_epoch,
 )
+from fusion.readers.time.clock import datetime_at_us
 from fusion.readers.time.grid import cut_stamped
 from fusion.recording import (
     LONGEST_BRIDGE_US,
     MICROSECONDS,
     Float64Array,
+    QualityFlag,
     Recording,
     Stated,
     acc_scale_g,
@@ -64,6 +58,10 @@ from fusion.recording import (
 MOST_BYTES = 1 << 29
 """Of one table: eight hours at 100 Hz take 250 MB."""
 FEWEST_ROWS = 2
+SHARED_PART = 0.1
+"""From so many rows that share a stamp on, the rows of a table came in bursts."""
+SLOWER = 1.2
+"""Times the period of the gyroscope: from here on the accelerometer's slower rate is worth a caveat."""
 LATEST_US, LARGEST = 9e18, 1e30
 PHYPHOX_CLOCK = "meta/time.csv"
 MICROSECOND_STAMPS = TimeColumn("number")
@@ -73,7 +71,8 @@ MICROSECOND_STAMPS = TimeColumn("number")
 class ThreeAxes:
     """One of the tables: times in microseconds, (n,), values (n, 3) as they stand, and their unit.
 
-    ``dropped``: rows that could not be read, or whose time does not advance.
+    ``dropped``: rows that could not be read, or whose time does not advance. ``started``: the first row's
+    time of a calendar, if another column holds the time.
     """
 
     time_us: NDArray[np.int64]
@@ -81,13 +80,17 @@ class ThreeAxes:
     unit: str
     device: KnownDevice | None
     dropped: int = 0
+    started: datetime | None = None
+
+    @property
+    def period_us(self) -> float:
+        """The usual distance of two rows."""
+        return float(np.median(np.diff(self.time_us))) if len(self.time_us) > 1 else 0.0
 
 
 def recognise(source: Source) -> bool:
     """Whether it is an archive with one table of each sensor."""
-    if not source.head.startswith(ZIP_MAGIC):
-        return False
-    return find_pair(open_archive(source).namelist()) is not None
+    return source.pair is not None
 
 
 def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: ARG001 (the times tell it)
@@ -102,25 +105,29 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
     NoSamples, UnreadableRows, UnusableTime, fusion.errors.UnknownRate
     """
     archive = open_archive(source)
-    names = find_pair(archive.namelist())
+    names = source.pair
     assert names is not None
-    acc, gyr = (_read_table(archive, name) for name in (names.acceleration, names.angular_rate))
+    acc, gyr = _read_table(archive, names.acceleration), _read_table(archive, names.angular_rate, "gyr")
     device = acc.device or gyr.device
     if names.gravity:  # put back, on the times of the acceleration
         gravity = _read_table(archive, names.gravity)
         parts = [np.interp(acc.time_us, gravity.time_us, part) for part in gravity.values.T]
         acc = replace(acc, values=acc.values + np.stack(parts, axis=1))
-    elif names.is_linear or (  # Sensor Logger took gravity out of its "Accelerometer"
-        device is not None and device.device == "sensorlogger" and not TOTAL.search(names.acceleration)
+    elif names.kind == "linear" or (  # Sensor Logger took gravity out of its "Accelerometer"
+        device is not None and device.device == "sensorlogger" and names.kind != "total"
     ):
         raise NoGravity
     columns = _merge(acc, gyr)
     flags = flag_counts({Caveat.ROWS_DROPPED: acc.dropped + gyr.dropped}) + MICROSECOND_STAMPS.repair(columns)
+    if acc.period_us > SLOWER * gyr.period_us > 0.0:
+        rates = {"acc_hz": MICROSECONDS / acc.period_us, "gyr_hz": MICROSECONDS / gyr.period_us}
+        facts = {name: round(rate_hz, 2) for name, rate_hz in rates.items()}
+        flags += (QualityFlag(Caveat.ACC_RATE, facts=facts),)
     first_us = int(columns.stamps[0])
     grid = cut_stamped(columns)
     return build_recording(
         grid,
-        build_clock(read_epoch(first_us) or _read_start(archive, first_us)),
+        build_clock(read_epoch(first_us) or _read_start(archive, first_us) or gyr.started),
         (*flags, *grid.flags),
         {
             "layout": "two tables in a zip",
@@ -137,29 +144,70 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
     )
 
 
-def _read_table(archive: zipfile.ZipFile, name: str) -> ThreeAxes:
-    header = next(_read_lines(archive, name), "").lstrip("\ufeff").rstrip("\r\n")
+def _read_table(archive: zipfile.ZipFile, name: str, channel: Literal["acc", "gyr"] = "acc") -> ThreeAxes:
+    lines = _read_lines(archive, name)
+    header, first = (next(lines, "").strip("\ufeff\r\n") for _ in range(2))
     delimiter = max(",;\t", key=header.count)
-    names = split_fields(header, delimiter)
+    names, values = split_fields(header, delimiter), split_fields(first, delimiter)
     device = find_known_device(header)
     times = [k for k, field in enumerate(names) if parse_column_name(field).channel == "time"]
     axes = [read_axis(field) for field in names]
     places = [k for axis in "xyz" for k, found in enumerate(axes) if found and found[0] == axis]
     if not times or len(places) != len("xyz"):
         raise UnknownColumns(list=f"{PurePath(name).name}: {header}"[:200])
-    table = _load(archive, name, delimiter, [times[0], *places])
+    calendar = next((k for k in times if k < len(values) and CALENDAR.fullmatch(values[k])), None)
+    place = next((k for k in times if k < len(values) and NUMBER.fullmatch(values[k])), times[0])
+    is_calendar = place == calendar
+    table = _load(archive, name, delimiter, [place, *places], _read_moment_us if is_calendar else float)
     unit = (axes[places[0]] or ("", None))[1]
     if unit is None and device is not None:
-        unit = device.gyr_unit if ANGULAR_RATE.search(PurePath(name).stem) else device.acc_unit
-    stamp = table[:, 0]
-    found = find_time_unit(stamp[:JUDGED_ROWS].tolist(), parse_column_name(names[times[0]]).unit)
+        unit = device.gyr_unit if channel == "gyr" else device.acc_unit
+    stamp, time_unit = table[:, 0], "us" if is_calendar else parse_column_name(names[place]).unit
+    found = find_time_unit(stamp[:JUDGED_ROWS].tolist(), time_unit)
     if found is None:
         raise UnknownRate
     micros = np.clip(np.nan_to_num(stamp) * 10.0**found.exponent, -LATEST_US, LATEST_US)
-    time_us = np.rint(micros).astype(np.int64)
+    time_us, values_read = _spread_bursts(np.rint(micros).astype(np.int64), table[:, 1:])
     is_later = np.concatenate([[True], time_us[1:] > np.maximum.accumulate(time_us)[:-1]])
-    kept = is_later & np.isfinite(table).all(axis=1)
-    return ThreeAxes(time_us[kept], table[kept, 1:], unit or "", device, int(np.count_nonzero(~kept)))
+    kept = is_later & np.isfinite(values_read).all(axis=1)
+    started = None
+    if calendar is not None:
+        with suppress(ValueError):  # a damaged row may have no such hour
+            started = datetime_at_us(round(_read_moment_us(values[calendar])))
+    dropped = len(table) - int(np.count_nonzero(kept))
+    return ThreeAxes(time_us[kept], values_read[kept], unit or "", device, dropped, started)
+
+
+def _read_moment_us(text: str) -> float:
+    """Read a time of a calendar as microseconds since 1970, on its own clock."""
+    moment = datetime.fromisoformat(text.strip(' "').replace(",", ".")).replace(tzinfo=UTC)
+    return moment.timestamp() * MICROSECONDS
+
+
+def _spread_bursts(
+    time_us: NDArray[np.int64], values: Float64Array
+) -> tuple[NDArray[np.int64], Float64Array]:
+    """Spread rows that arrived together, with one stamp, over time, as in a single table."""
+    kept = np.isfinite(values).all(axis=1)
+    shared = np.count_nonzero(time_us[1:] == time_us[:-1])
+    if shared < SHARED_PART * len(time_us) or np.count_nonzero(kept) < FEWEST_ROWS:
+        return time_us, values
+    columns = SampleColumns()
+    columns.extend(int(np.count_nonzero(kept)))
+    columns.trim()
+    columns.stamps[:], columns.acc[:], columns.gyr[:] = time_us[kept], values[kept], 0.0
+    MICROSECOND_STAMPS.repair(columns)
+    first_us = int(columns.stamps[0])
+    spread, rows = [], []
+    for segment in cut_stamped(columns).segments:
+        even_us = first_us + segment.start_us + np.arange(len(segment)) * (MICROSECONDS / segment.rate_hz)
+        is_row = np.ones(len(segment), np.bool_)
+        for first, stop in segment.bridged:
+            is_row[first:stop] = False
+        spread.append(even_us[is_row])
+        rows.append(segment.acc_g[is_row])
+    late_us = np.mean(columns.stamps[: len(spread[0])] - spread[0])  # the first burst may have been cut
+    return np.rint(np.concatenate(spread) + late_us).astype(np.int64), np.concatenate(rows).astype(np.float64)
 
 
 def _read_lines(archive: zipfile.ZipFile, name: str) -> Iterator[str]:
@@ -174,8 +222,16 @@ def _read_lines(archive: zipfile.ZipFile, name: str) -> Iterator[str]:
         yield carried.decode("utf-8", "replace")
 
 
-def _load(archive: zipfile.ZipFile, name: str, delimiter: str, places: Sequence[int]) -> Float64Array:
-    """Read the columns at ``places``; lines that cannot be read become rows that are not numbers.
+def _load(
+    archive: zipfile.ZipFile,
+    name: str,
+    delimiter: str,
+    places: Sequence[int],
+    read_time: Callable[[str], float],
+) -> Float64Array:
+    """Read the columns at ``places``, the first of which holds the time.
+
+    Lines that cannot be read become rows that are not numbers.
 
     Raises UnreadableRows: they are more than 5 %.
     """
@@ -185,13 +241,23 @@ def _load(archive: zipfile.ZipFile, name: str, delimiter: str, places: Sequence[
         next(lines, "")
         return lines if delimiter == "," else (line.replace(",", ".") for line in lines)
 
+    converters: dict[int | str, Callable[[str], float]] | None
+    converters = None if read_time is float else {places[0]: read_time}
     try:
         with warnings.catch_warnings(action="ignore", category=UserWarning):  # a table without rows
             table = np.loadtxt(
-                read_points(), delimiter=delimiter, usecols=places, ndmin=2, quotechar='"', comments=None
+                read_points(),
+                delimiter=delimiter,
+                usecols=places,
+                ndmin=2,
+                quotechar='"',
+                comments=None,
+                converters=converters,
+                encoding=None,
             )
     except (ValueError, IndexError):  # a torn last line, say: each line by itself
-        table = np.array([_read_row(line, delimiter, places) for line in read_points()]).reshape(-1, 4)
+        lines = ((split_fields(line, delimiter), read_time) for line in read_points())
+        table = np.array([_read_row(*line, places) for line in lines]).reshape(-1, 4)
         bad = np.flatnonzero(np.isnan(table).any(axis=1))
         if len(bad) > MAX_BAD_PART * len(table) and len(bad) > 1:
             raise UnreadableRows(k=len(bad), line=int(bad[0]) + 2) from None
@@ -202,16 +268,15 @@ def _load(archive: zipfile.ZipFile, name: str, delimiter: str, places: Sequence[
     return values
 
 
-def _read_row(line: str, delimiter: str, places: Sequence[int]) -> list[float]:
-    fields = split_fields(line, delimiter)
+def _read_row(fields: Sequence[str], read_time: Callable[[str], float], places: Sequence[int]) -> list[float]:
     try:
-        return [float(fields[place]) for place in places]
+        return [read_time(fields[places[0]]), *(float(fields[place]) for place in places[1:])]
     except (ValueError, IndexError):
         return [math.nan] * len(places)
 
 
 def _merge(acc: ThreeAxes, gyr: ThreeAxes) -> SampleColumns:
-    """Lay the acceleration on the gyroscope's times; where it has a hole, or has ended, there is no row."""
+    """Interpolate the acceleration at the gyroscope's times; no row in its holes and after its end."""
     after = np.searchsorted(acc.time_us, gyr.time_us)
     is_on = (after < len(acc.time_us)) & (acc.time_us[np.minimum(after, len(acc.time_us) - 1)] == gyr.time_us)
     inside = (after > 0) & (after < len(acc.time_us))
@@ -233,7 +298,7 @@ def _merge(acc: ThreeAxes, gyr: ThreeAxes) -> SampleColumns:
 
 
 def _read_start(archive: zipfile.ZipFile, first_us: int) -> datetime | None:
-    """Read when phyphox was started, in its own table of events; None where there is none."""
+    """Read when phyphox was started, in its own table of events; None if there is none."""
     with suppress(KeyError, ValueError, IndexError):
         _, started = read_text(archive, PHYPHOX_CLOCK).decode("utf-8", "replace").splitlines()[:2]
         experiment_s, system_s = (float(field.strip('"')) for field in re.split(r"[,;\t]", started)[1:3])

@@ -131,7 +131,7 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:
 def check_pages(metadata: pq.FileMetaData, size_bytes: int) -> None:
     """Refuse pages that unpack beyond anything a sensor writes, by the file's own index.
 
-    The index of a single column is not asked: pyarrow 26 ends the process where it is damaged.
+    The index of a single column is not asked: pyarrow 26 ends the process if it is damaged.
 
     Raises UnsafeArchive.
     """
@@ -149,7 +149,7 @@ def _choose_columns(schema: pa.Schema) -> _Choice:
             raise NoGyroscope
         if gyr is not None and choose_vector(columns, "linear"):
             raise NoGravity
-        raise UnknownColumns(list=", ".join(schema.names)[:200], missing=name_missing(columns))
+        raise UnknownColumns(list=", ".join(schema.names)[:200], **name_missing(columns))
     stamps = (
         column
         for column, kind in zip(columns, schema.types, strict=True)
@@ -204,7 +204,7 @@ def _gather(
             times = batch.column(choice.stamp.name)
             values[~_have_times(times)] = np.nan
             stamps = _to_microseconds(times, time.unit.exponent)
-        kept = (np.abs(values) < LARGEST_VALUE).all(axis=1)  # false for what is not a number, too
+        kept = (np.abs(values) < LARGEST_VALUE).all(axis=1)  # also false for NaN
         n_kept = int(kept.sum())
         place = columns.extend(n_kept)
         columns.acc[place], columns.gyr[place] = values[kept, :3], values[kept, 3:]
@@ -222,7 +222,7 @@ def _have_times(stamps: pa.Array) -> NDArray[np.bool_]:
 
 
 def _to_microseconds(stamps: pa.Array, exponent: int) -> NDArray[np.int64]:
-    """Stamps; any value stands where there is none."""
+    """Stamps; an arbitrary value if there is none."""
     if pa.types.is_timestamp(stamps.type):
         micros = stamps.cast(pa.timestamp("us", tz=stamps.type.tz), safe=False)
         return np.asarray(micros.cast(pa.int64()).fill_null(0).to_numpy(zero_copy_only=False), np.int64)

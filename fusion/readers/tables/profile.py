@@ -3,14 +3,24 @@
 import hashlib
 import io
 import json
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from itertools import pairwise
+from statistics import median
 from typing import Any, BinaryIO, get_args
 
 from fusion.conventions import PoseHeld, check_choice
-from fusion.errors import FusionError, UnknownColumns, UnknownFormat, UnusableProfile
-from fusion.readers.source import open_source, unpack
+from fusion.errors import (
+    FusionError,
+    SeveralSensors,
+    UnknownColumns,
+    UnknownFormat,
+    UnusableProfile,
+    UnusableTime,
+)
+from fusion.readers.archive import unpack
+from fusion.readers.source import open_source
 from fusion.readers.tables.columns import (
     TIME_UNITS_EXPONENT,
     UNIT_NAMES,
@@ -21,7 +31,16 @@ from fusion.readers.tables.columns import (
     guess_exponent,
     parse_column_name,
 )
-from fusion.readers.tables.layout import TextLayout, decode_head, find_layout, find_sensors, split_fields
+from fusion.readers.tables.layout import (
+    DELIMITERS,
+    MIN_COLUMNS,
+    SNIFFED_LINES,
+    TextLayout,
+    decode_head,
+    find_layout,
+    find_sensors,
+    split_fields,
+)
 from fusion.readers.tables.rows import choose_sensor, plan_table, read_times
 from fusion.recording import ACC_UNITS_G, GYR_UNITS_DPS
 
@@ -34,7 +53,7 @@ CHOICES: Mapping[str, Sequence[object]] = {
     "time_unit": ("", *TIME_UNITS_EXPONENT),
     "date_order": (None, *get_args(DateOrder)),
 }
-"""What a profile may name, by field."""
+"""Allowed values of a profile, by field."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +68,7 @@ class ColumnProfile:
     ``time``: column of the time; None where the rows hold none: then ``rate_hz`` is needed.
     ``time_unit``: empty: found from the data.
     ``rate_hz``: rows per second, for tables without time.
-    ``date_order``: tells "dmy" from "mdy"; None: found from the data.
+    ``date_order``: tells "dmy" from "mdy"; None: found from the data. A profile may state this alone.
     ``name``: what the profile is called.
     ``sensor``: which sensor of a table of several is on the arm, by its name there.
     ``pose_held``: "start": in every recording with this profile the pose was held at the start of wear; "no":
@@ -99,7 +118,7 @@ def parse_profile(text: str) -> ColumnProfile:
     if not isinstance(values, dict) or not set(values) <= known:
         raise UnusableProfile(why="names")
     stated = {name for name, value in values.items() if value} - {"name"}
-    if "sensor" not in stated and stated != {"pose_held"}:
+    if "sensor" not in stated and not (stated and stated <= {"pose_held", "date_order"}):
         if not {"acceleration", "angular_rate"} <= set(values):
             raise UnusableProfile(why="names")
         vectors = (values["acceleration"], values["angular_rate"])
@@ -147,6 +166,8 @@ def apply_profile(layout: TextLayout, profile: ColumnProfile) -> TextLayout:
         units = {"acc": acc_unit, "gyr": gyr_unit, "time": time_unit}
         stated = (replace(column, unit=units.get(column.channel) or column.unit) for column in chosen.columns)
         return replace(chosen, columns=tuple(stated))
+    if not profile.acceleration:
+        return layout
     names = _find_names(layout, profile)
     beside = (parse_column_name(name) for name in names)
     columns = [one if one.channel == "gravity" else Column(one.name, "other") for one in beside]
@@ -184,18 +205,18 @@ def _find_place(names: Sequence[str], place: Place) -> int:
 
 # A proposal for a profile from a table's head, for a person to complete in a form.
 
-PREVIEW_ROWS = 5
+PREVIEW_ROWS, LINES_ABOVE = 5, 5
 Vector = tuple[Place, Place, Place]
 
 
 @dataclass(frozen=True, slots=True)
 class ProfileProposal:
-    """What is known of a table's columns; a person completes the rest.
+    """Known facts about a table's columns; a person completes the rest.
 
-    ``columns``: the names as they stand, "" where there is none; ``rows``: the first rows, split;
-    ``acceleration``, ``angular_rate``, ``time``: places as a column profile has them, None where
-    nothing tells; units "" where nothing tells: they can be found from the data. ``sensors``: their names,
-    where the table holds several.
+    ``columns``: the names as written, "" for none; ``rows``: the first rows, split;
+    ``acceleration``, ``angular_rate``, ``time``: places as a column profile has them, None if
+    unknown; units "" if unknown: they can be found from the data. ``sensors``: their names,
+    if the table or the archive holds several. ``above``: the lines above the rows, split.
     """
 
     columns: tuple[str, ...]
@@ -207,10 +228,11 @@ class ProfileProposal:
     time: Place | None
     time_unit: str
     sensors: tuple[str, ...] = ()
+    above: tuple[tuple[str, ...], ...] = ()
 
     @property
     def profile(self) -> ColumnProfile | None:
-        """The profile, where both vectors are known."""
+        """The profile, if both vectors are known."""
         if self.acceleration is None or self.angular_rate is None:
             return None
         return ColumnProfile(
@@ -223,17 +245,36 @@ class ProfileProposal:
         )
 
 
+def propose_file_profile(file: BinaryIO, file_name: str = "") -> ProfileProposal:
+    """Propose a profile for a file; for an archive of several recordings, their names.
+
+    Raises FusionError: as :func:`fusion.readers.archive.unpack` and :func:`propose_profile`.
+    """
+    try:
+        head = unpack(open_source(file, file_name, is_hashed=False)).head
+    except SeveralSensors as refusal:
+        sensors = tuple(str(refusal.facts["list"]).split(", "))
+        return ProfileProposal((), (), None, None, "", "", None, "", sensors)
+    return propose_profile(head)
+
+
 def propose_profile(head: bytes) -> ProfileProposal:
     """Propose a profile from the first bytes of a table (64 KiB are plenty).
 
     Raises
     ------
     UnknownFormat
-        No rows of six numbers are found.
+        No lines of six fields are found.
     fusion.errors.FusionError
-        As :func:`fusion.readers.tables.layout.find_layout`.
+        The table holds epochs, or its comma has two meanings.
     """
-    layout = _find_head_layout(head)
+    text = decode_head(open_source(io.BytesIO(head), is_hashed=False))
+    try:
+        layout = _find_proposed_layout(text)
+    except (UnknownColumns, UnusableTime):
+        layout = None
+    if layout is None:
+        return _propose_without_layout(text)
     columns = _find_columns(layout)
     sensors = {} if choose_vector(columns, "acc") and choose_vector(columns, "gyr") else find_sensors(columns)
     columns = next(iter(sensors.values())) if len(sensors) == 1 else columns
@@ -242,7 +283,7 @@ def propose_profile(head: bytes) -> ProfileProposal:
     time, time_unit = _find_time(layout, columns)
     return ProfileProposal(
         columns=tuple(column.name for column in columns),
-        rows=layout.sample_rows[:PREVIEW_ROWS],
+        rows=_find_first_rows(text, layout),
         acceleration=acceleration,
         angular_rate=angular_rate,
         acceleration_unit=acc_unit,
@@ -250,15 +291,47 @@ def propose_profile(head: bytes) -> ProfileProposal:
         time=None if time is None else _format_place(columns, time),
         time_unit=time_unit,
         sensors=tuple(sensors),
+        above=tuple(tuple(split_fields(line, layout.delimiter)) for line in layout.preamble[-LINES_ABOVE:]),
     )
+
+
+def _find_proposed_layout(text: str) -> TextLayout | None:
+    """Understand the head of a table; the order of its dates, if open, does not matter here."""
+    try:
+        return find_layout(text)
+    except UnusableTime as refusal:
+        if refusal.facts["why"] != "date-order":
+            raise
+        return find_layout(text, "dmy")
+
+
+def _find_first_rows(text: str, layout: TextLayout) -> tuple[tuple[str, ...], ...]:
+    """Return the first rows as written in the file, or as they are rewritten if their fields differ."""
+    lines = text.split("\n")[layout.first_line : layout.first_line + PREVIEW_ROWS]
+    rows = tuple(tuple(split_fields(line.rstrip("\r"), layout.delimiter)) for line in lines)
+    is_plain = layout.writer is None and all(len(row) <= layout.n_columns for row in rows)
+    return rows if is_plain else layout.sample_rows[:PREVIEW_ROWS]
+
+
+def _propose_without_layout(text: str) -> ProfileProposal:
+    """Show the first lines of a text that no reader understands, if they have six fields."""
+    lines = [line.rstrip("\r") for line in text.split("\n")[:SNIFFED_LINES] if line.strip()]
+    mark = max(DELIMITERS, key=lambda mark: median([len(split_fields(line, mark)) for line in lines] or [0]))
+    fields = [tuple(split_fields(line, mark)) for line in lines]
+    width = max(Counter(map(len, fields)).most_common(1), default=(0, 0))[0]
+    if width < MIN_COLUMNS:
+        raise UnknownFormat(kind="text")
+    first = next(k for k, row in enumerate(fields) if len(row) == width)
+    above, rows = fields[:first][-LINES_ABOVE:], fields[first : first + PREVIEW_ROWS]
+    return ProfileProposal(("",) * width, tuple(rows), None, None, "", "", None, "", above=tuple(above))
 
 
 def identify_header(file: BinaryIO) -> str:
     """Identify the header of a table, so that columns named once can be offered for the next file.
 
     The same names in the same order between the same delimiters give the same 16 hexadecimal digits. They
-    begin with "-" where no line names the columns: then only their number is known, and tables of many
-    devices have the same. Empty where the file is no table.
+    begin with "-" if no line names the columns: then only their number is known, and tables of many
+    devices have the same. Empty if the file is not a table.
     """
     try:
         layout = _find_head_layout(unpack(open_source(file, is_hashed=False)).head)
@@ -302,7 +375,7 @@ def _find_columns(layout: TextLayout) -> Sequence[Column]:
 def _describe_vector(
     columns: Sequence[Column], places: tuple[int, int, int] | None, units: Mapping[str, float]
 ) -> tuple[Vector | None, str]:
-    """The places of x, y, z as a profile has them, and their unit; None and "" where nothing tells."""
+    """The places of x, y, z as a profile has them, and their unit; None and "" if unknown."""
     if places is None:
         return None, ""
     x, y, z = (_format_place(columns, place) for place in places)
@@ -311,7 +384,7 @@ def _describe_vector(
 
 
 def _format_place(columns: Sequence[Column], place: int) -> Place:
-    """The name, where it is one and no other column has it; else the number from 1."""
+    """The name, if there is one and no other column has it; else the number from 1."""
     name = columns[place].name
     return name if name and [column.name for column in columns].count(name) == 1 else place + 1
 

@@ -1,6 +1,8 @@
 """A table of samples, from its layout to a recording: plan of the columns, rows, stamps, clock."""
 
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta, timezone
 from itertools import pairwise
@@ -16,6 +18,7 @@ from fusion.readers.samples import SampleColumns, drop_blank_rows
 from fusion.readers.source import Source
 from fusion.readers.tables import csv_lines
 from fusion.readers.tables.columns import (
+    GYROSCOPE,
     IN_MICROSECONDS,
     Column,
     OffsetChange,
@@ -28,10 +31,12 @@ from fusion.readers.tables.columns import (
     find_time_unit,
     flag_changes,
     name_missing,
+    parse_zone_s,
     rewrite_pieces,
 )
 from fusion.readers.tables.csv_lines import IGNORED, STAMP
 from fusion.readers.tables.layout import (
+    ARRIVAL,
     CALENDAR,
     TextLayout,
     drop_lines,
@@ -53,7 +58,7 @@ WRAPPING_EXPONENTS = (0, 2, 3)
 
 @dataclass(frozen=True, slots=True)
 class TimeColumn:
-    """What the stamps of a table are: microseconds, or numbers of rows or packets.
+    """The kind of a table's stamps: microseconds, or numbers of rows or packets.
 
     ``kind``: "row number" if no column holds a time; "packet counter": the 16-bit number of a packet;
     "number": a number in some unit; "calendar": a date with a time, or a time of day.
@@ -200,24 +205,28 @@ def choose_sensor(layout: TextLayout, sensor: str = "") -> TextLayout:
 
 def _refuse_columns(layout: TextLayout) -> NoReturn:
     channels = {column.channel for column in layout.columns}
-    if "acc" in channels and "gyr" not in channels:
+    is_named = any(GYROSCOPE.search(column.name) for column in layout.columns)  # `gyroscope_alpha`
+    if "acc" in channels and "gyr" not in channels and not is_named:
         raise NoGyroscope
     if {"gyr", "linear"} <= channels and "acc" not in channels:
         raise NoGravity
     names = (layout.header or "").strip()[:LONGEST_LIST]
-    raise UnknownColumns(list=names, missing=name_missing(layout.columns))
+    raise UnknownColumns(list=names, **name_missing(layout.columns))
 
 
 def _choose_stamp(layout: TextLayout) -> tuple[int | None, TimeColumn]:
     """Place and kind of the stamp column; in a table without time a packet counter tells of lost packets."""
-    places = [k for k, column in enumerate(layout.columns) if column.channel == "time"]
-    places.sort(key=lambda k: layout.columns[k].unit is None)
-    if layout.header is not None and not layout.columns[0].name:
+    columns, calendars = layout.columns, _find_calendars(layout)
+    places = [k for k, column in enumerate(columns) if column.channel == "time"]
+    places.sort(key=lambda k: (columns[k].name == ARRIVAL, columns[k].unit is None))
+    if layout.header is not None and not columns[0].name:
         places.append(0)  # the index that programs write before the columns has no name
     for place in places:
         fields = [row[place] for row in layout.sample_rows if len(row) > place]
-        if all(CALENDAR.fullmatch(field) for field in fields):
+        if place in calendars:
             return place, choose_calendar(layout)
+        if place - 1 in calendars and not any(fields):  # the time of the date in the column before
+            return place - 1, choose_calendar(layout)
         times = read_times(fields, layout.decimal)
         distances = {after - before for before, after in pairwise(times)}
         if layout.columns[place].unit is None and distances == {1.0} and times[0] in (0.0, 1.0):
@@ -225,6 +234,8 @@ def _choose_stamp(layout: TextLayout) -> tuple[int | None, TimeColumn]:
         unit = find_time_unit(times, layout.columns[place].unit) if times else None
         if unit is not None:
             return place, TimeColumn("number", unit)
+    if calendars:
+        return calendars[0], choose_calendar(layout)
     for place, column in enumerate(layout.columns):
         if column.channel == "counter" and column.name.strip().lower() == "packetcounter":
             fields = [row[place] for row in layout.sample_rows if len(row) > place]
@@ -236,6 +247,16 @@ def _choose_stamp(layout: TextLayout) -> tuple[int | None, TimeColumn]:
     return None, TimeColumn()
 
 
+def _find_calendars(layout: TextLayout) -> list[int]:
+    """Return the columns with dates and times, or times of day; their names do not matter."""
+    rows = layout.sample_rows
+    return [
+        k
+        for k in range(layout.n_columns)
+        if rows and all(len(row) > k and CALENDAR.fullmatch(row[k]) for row in rows)
+    ]
+
+
 def choose_calendar(layout: TextLayout) -> TimeColumn:
     """Describe a column of dates with times, or of times of day."""
     dates = layout.dates
@@ -245,7 +266,7 @@ def choose_calendar(layout: TextLayout) -> TimeColumn:
 
 
 def read_times(fields: Sequence[str], decimal: str) -> list[float]:
-    """The fields as numbers; an empty list where one of them is no number, or all are absent."""
+    """The fields as numbers; an empty list if one of them is not a number, or all are absent."""
     try:
         times = [float(field.replace(decimal, ".")) for field in fields if field]
     except ValueError:
@@ -302,7 +323,8 @@ def read_table(source: Source, plan: TablePlan) -> TableRows:
             is_whole = piece.endswith((b"\n", b"\r"))
             yield piece
 
-    pieces = rewrite_pieces(rewrite_pieces(watch_end(read_text_pieces(source)), layout.labels), writer)
+    rows_writer = replace(layout.writer) if layout.writer else None  # with no row begun
+    pieces = rewrite_pieces(rewrite_pieces(watch_end(read_text_pieces(source)), rows_writer), writer)
     if layout.is_single_spaced:
         pieces = (piece.replace(b" ", b"\t") for piece in pieces)
     lines = read_line_pieces(drop_lines(pieces, layout.first_line))
@@ -363,7 +385,7 @@ def _make_rules(plan: TablePlan) -> csv_lines.Rules:
 
 LOOKED_AT_ROWS = 20_000
 STEADY_PART = 0.05
-"""What is called gravity keeps its length within this part, at nine of ten rows; else it is not used."""
+"""Columns called gravity keep their length within this part in nine of ten rows; else they are not used."""
 NEAR_ONE = 0.1
 CORE_MOTION = "rotationrate"
 """Core Motion's word for the gyroscope. Its gravity points down, and at rest so does the sum."""
@@ -390,7 +412,7 @@ def put_back_gravity(
 ) -> bool:
     """Add gravity to an acceleration that lacks it, in place; return whether it did.
 
-    Both were read by ``scale_g``. The unit does not depend on what it is called: gravity is 1 g long, and the
+    Both were read by ``scale_g``. The unit does not depend on its name: gravity is 1 g long, and the
     acceleration beside it is in the same unit. Rows without gravity are left out. Core Motion's readings, in
     g, are turned over: the sum is then what an accelerometer measures.
 
@@ -421,6 +443,11 @@ def put_back_gravity(
 # The clock at the first row, and the recording.
 
 START_TOLERANCE = timedelta(minutes=1)
+START_NAMES = ("start", "starttime", "start_time")
+STATED_START = re.compile(
+    r"(\d{4}[-/]\d{2}[-/]\d{2})[T_ ](\d{2}:\d{2}:\d{2})(?:[._,](\d{1,6}))?"
+    r"(?: ?(Z|[A-Za-z]{2,5}|[+-]\d{2}:?\d{2}))?"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -432,6 +459,22 @@ class TableClock:
     flags: tuple[QualityFlag, ...] = ()
 
 
+def _read_stated_start(facts: Mapping[str, str]) -> datetime | None:
+    """Read the start that the preamble states: ISO, or `2026-03-02_07:00:00_086 CET`; None for others."""
+    text = next((facts[name] for name in START_NAMES if name in facts), "").strip(", ")
+    with suppress(ValueError):
+        return datetime.fromisoformat(text)
+    found = STATED_START.fullmatch(text)
+    if found is None:
+        return None
+    day, clock, fraction, zone = found.groups()
+    offset_s = parse_zone_s(zone) if zone else None
+    with suppress(ValueError):
+        moment = datetime.fromisoformat(f"{day.replace('/', '-')}T{clock}.{(fraction or '0'):0<6}")
+        return moment if offset_s is None else moment.replace(tzinfo=timezone(timedelta(seconds=offset_s)))
+    return None
+
+
 def find_clock(layout: TextLayout, time: TimeColumn, first_us: int) -> TableClock:
     """Read the clock at the first row: from the preamble (`# start: 2026-03-02T07:58:00-05:00`) or a stamp.
 
@@ -439,10 +482,7 @@ def find_clock(layout: TextLayout, time: TimeColumn, first_us: int) -> TableCloc
     """
     start = time.read_start(first_us)
     flags: tuple[QualityFlag, ...] = ()
-    try:
-        stated = datetime.fromisoformat(layout.facts().get("start", ""))
-    except ValueError:
-        stated = None
+    stated = _read_stated_start(layout.facts())
     if stated is not None:
         if time.kind != "calendar" or start is None or not time.has_date:
             return build_clock(stated)

@@ -110,7 +110,7 @@ def trust_clock(start: datetime | None) -> tuple[datetime | None, tuple[QualityF
 
 
 def datetime_at_us(unix_us: int) -> datetime | None:
-    """A naive reading of microseconds since 1970; None where no calendar has it."""
+    """A naive reading of microseconds since 1970; None for an impossible date."""
     try:
         return datetime.fromtimestamp(unix_us // MICROSECONDS, UTC).replace(
             microsecond=unix_us % MICROSECONDS, tzinfo=None
@@ -132,7 +132,7 @@ def flag_drift(nominal_hz: float, true_hz: float) -> tuple[QualityFlag, ...]:
 
 
 def parse_offset_s(text: str) -> int | None:
-    """Seconds east of UTC from `-05:00:00` or `02:00:00`; None where it is no offset."""
+    """Seconds east of UTC from `-05:00:00` or `02:00:00`; None if it is not an offset."""
     found = re.fullmatch(r"([-+]?)(\d{1,2}):(\d{2})(?::(\d{2}))?", text.strip())
     if found is None:
         return None

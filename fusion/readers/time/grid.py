@@ -30,7 +30,7 @@ from fusion.recording import (
 # Compiled passes over all rows and their stamps: one loop each, where numpy would need several arrays.
 
 LONGEST_DELAY_US = MICROSECONDS
-"""A row that comes later than this is no late row: its clock was set."""
+"""A row that comes later than this is not a late row: its clock was set."""
 LONGEST_WINDOW_ROWS = 8192
 FULL_RUN = 0.1
 LATE_ROWS = 32
@@ -133,7 +133,7 @@ def spread_runs(
 ) -> None:
     """Place the rows of each run of equal stamps evenly over the time until the next stamp, in place.
 
-    ``usual``: how many rows such a run has where none is lost, one for each.
+    ``usual``: how many rows such a run has if none is lost, one for each.
     """
     for run in range(len(edges) - 1):
         first, stop = edges[run], edges[run + 1]
@@ -201,7 +201,7 @@ def fit_line(
 ) -> tuple[float, float, float]:
     """Least squares of stamps on their place in the grid; return offset, period and RMS of the residuals.
 
-    Before each of ``rows`` the place grows by ``added``. What is fitted are the small distances from the line
+    Before each of ``rows`` the place grows by ``added``. The fit uses the small distances from the line
     through the first and the last stamp: sums over the stamps themselves would lose all their digits in a
     long file.
     """
@@ -230,7 +230,7 @@ def fit_line(
     return level - 0.5 * tilt * last, guess + tilt, np.sqrt(squares / n)
 
 
-# Stretches whose rows come at a rate of their own.
+# Stretches whose rows come at another rate.
 
 
 @njit(cache=True, nogil=True)
@@ -478,7 +478,7 @@ def flag_time(holes: Holes, replaced_rows: int, jitter_periods: float) -> tuple[
     return flag_counts(found)
 
 
-# Rows that share a coarse stamp get times of their own.
+# Rows that share a coarse stamp are spread over time.
 
 COARSE_ROWS = 4.0
 """Rows that share a stamp on average, from which on the stamp is a count of something coarser."""
@@ -489,7 +489,7 @@ EVEN_RUNS, SAME_COUNT = 10, 0.02
 def spread_coarse_stamps(stamps: NDArray[np.int64]) -> tuple[QualityFlag, ...]:
     """Spread the rows that share a stamp (whole seconds, say) over the time until the next, in place.
 
-    The n rows of a second T lie at T + k/n, as those of a `.gt3x` do; where clearly fewer than usual share a
+    The n rows of a second T are at T + k/n, as in a `.gt3x`; if clearly fewer than usual share a
     stamp, they keep the usual distance and the rest is a hole.
     """
     runs = 1 + np.count_nonzero(stamps[1:] != stamps[:-1])
@@ -506,7 +506,7 @@ def spread_coarse_stamps(stamps: NDArray[np.int64]) -> tuple[QualityFlag, ...]:
 
 
 def find_usual_counts(counts: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the rows that a stamp has where none is lost: those of its stretch if that is of an even rate.
+    """Return the rows that a stamp has if none is lost: those of its stretch if that is of an even rate.
 
     Others take those of the even stretch before, or of the first one; without any, the median holds for all.
     """
@@ -521,7 +521,7 @@ def find_usual_counts(counts: NDArray[np.int64]) -> NDArray[np.float64]:
 
 
 EVEN_STEP_PERIODS = 0.4
-"""Sorted rows lie at least so many periods apart, else two runs of samples would be mixed."""
+"""Sorted rows are at least so many periods apart, else two runs of samples would be mixed."""
 
 
 def count_backward(stamps: NDArray[np.int64]) -> int:
@@ -539,7 +539,7 @@ COARSE_CLOCK_US = 1000
 
 
 def estimate_period_us(stamps: NDArray[np.int64]) -> float:
-    """Estimate the sample period, whatever share of the rows is lost.
+    """Estimate the sample period; any share of the rows may be lost.
 
     The mean of the single steps, where most steps are alike: lost rows make steps of two periods and more,
     and those do not count. Where the clock is too coarse to tell a single step from a double one, and where
@@ -610,7 +610,7 @@ def find_holes(stamps: NDArray[np.int64], period_us: float) -> Holes:
 
 WINDOW_ROWS = 1000
 MOST_HOLES_PART, FREE_HOLES = 0.1, 100
-"""One row in ten that begins a hole is no even sampling; a few are free, for short files."""
+"""One row in ten that begins a hole is not an even sampling; a few are free, for short files."""
 LEAST_EVEN_PART = 0.5
 """With fewer rows in even stretches the stamps are not those of a sampling."""
 
@@ -627,14 +627,14 @@ def find_even_rows(holes: Holes, rows: int) -> NDArray[np.bool_]:
     return is_even
 
 
-# Stretches whose rows come at a rate of their own (every second one lost, say).
+# Stretches whose rows come at another rate (every second row lost, say).
 
 SHORTEST_SLOW_US = 10 * MICROSECONDS
 """For less, rows that are lacking are bridged, and the segment goes on."""
 
 
 def find_rate_changes(stamps: NDArray[np.int64], period_us: float) -> Stretches:
-    """Find the stretches that are to be segments of their own rate.
+    """Find the stretches that become segments of another rate.
 
     A row belongs to the rate at which the next one follows.
     """
@@ -687,9 +687,9 @@ def flag_rates(stamps: NDArray[np.int64], stretches: Stretches) -> tuple[Quality
 # Stamped rows before they are cut into segments: what keeps a day-long log whole, and nothing more.
 #
 # A counter that starts over, an hour of daylight saving, a copied block, a clock that stopped or left for a
-# while. Rows in any other order are not put right: the newest first is refused, and a piece in the wrong
+# while. Rows in any other order are not corrected: the newest first is refused, and a piece in the wrong
 # place reads like a clock that was set (W-CLOCK-BACK). :func:`repair_row_times` stands first; the steps
-# follow in the order in which it takes them.
+# follow in its order.
 
 
 def repair_row_times(
@@ -781,7 +781,7 @@ MARGIN_US = 60 * MICROSECONDS
 
 
 def unwrap_counter(stamps: NDArray[np.int64], tick_us: int) -> tuple[QualityFlag, ...]:
-    """Undo the wraps of a counter of ``tick_us`` a count, in place (W-WRAP); 0 where stamps are no counts."""
+    """Undo the wraps of a counter of ``tick_us`` a count, in place (W-WRAP); 0 if stamps are not counts."""
     if tick_us == 0 or count_backward(stamps) == 0:
         return ()
     wrap_us = 2**BITS * tick_us
@@ -816,13 +816,13 @@ def measure_pace(stamps: NDArray[np.int64]) -> Pace:
     return Pace(*usual)
 
 
-# A clock that stood still, and one that left for a while and came back.
+# A clock that stood still, or was wrong for a while.
 
 FAR_US = 60 * MICROSECONDS
 """A single row at either end of a file, so far from the others, is an outlier."""
 LOOKED_AT_ROWS = 8193
 SHORTEST_STOP_US, SHORTEST_STOP_STEPS = 500_000, 3.0
-"""So long, and so many steps of the clock, rows bear one stamp only where the clock stopped."""
+"""So long, and so many steps of the clock, rows have one stamp only if the clock stopped."""
 LEAST_TIMED_PART = 0.5
 FREE_STOPS, BETWEEN_STOPS_US = 3, 60 * MICROSECONDS
 """More than a few, and more than one a minute, are rows that came in bunches."""
@@ -861,11 +861,11 @@ def has_outlying_ends(stamps: NDArray[np.int64]) -> bool:
 def place_outliers(columns: SampleColumns) -> tuple[QualityFlag, ...]:
     """Put rows whose clock left for a while and came back after the rows before them (W-CLOCK-FWD).
 
-    They keep the distances of their own stamps, unless these stood still.
+    They keep the distances of their stamps, unless these stood still.
     """
     stamps = columns.stamps[: columns.rows]
     pace = measure_pace(stamps)
-    steps = np.diff(stamps)  # rows at most a second late stay where they are
+    steps = np.diff(stamps)  # rows at most a second late keep their place
     edges = np.flatnonzero((steps > pace.longest_us) | (steps < -LONGEST_DELAY_US)) + 1
     first, stop = edges[:-1], edges[1:]  # pieces between two long steps of the clock
     if len(first) == 0:
@@ -904,7 +904,7 @@ def _leave_out(columns: SampleColumns, kept: NDArray[np.bool_]) -> tuple[Quality
     return flag_counts({Caveat.ROWS_DROPPED: dropped})
 
 
-# Rows that stand in a table twice: a copy that went on from too early, or a file put after itself.
+# Rows that are in a table twice: a copy that went on from too early, or a file put after itself.
 
 LEAST_ROWS = 10
 """So many rows alike in all readings and in their stamps, and not all one, come about by copying only."""

@@ -23,7 +23,7 @@ def join_recordings(recordings: Sequence[Recording]) -> Recording:
     the later file are dropped where the earlier one still runs (W-DUP). The time between two files is missing
     (W-GAP).
     Where the offset from UTC changes between two files, the first file's offset holds for all (W-DST, or
-    W-OFFSET where no zone's clocks changed so at about that time).
+    W-OFFSET if no zone's clocks changed so at about that time).
 
     Raises UnusableJoin: nothing to join, no clock, several devices, more overlap, or a span of over a month.
     """

@@ -109,6 +109,14 @@ def test_other_files_are_left_where_they_are(watch: FolderWatch) -> None:
     assert hidden.exists()
 
 
+def test_a_photo_stays_where_it_is(watch: FolderWatch) -> None:
+    photo = put(watch, "shift.csv", b"\xff\xd8\xff\xe0 a photo")
+    watch.scan()
+
+    assert watch.scan() == []
+    assert photo.exists()
+
+
 def test_a_file_that_is_too_large_stays_and_stops_nobody(watch: FolderWatch) -> None:
     large = put(watch, "large.csv", bytes(1_000_001))
     put(watch, "shift.csv")

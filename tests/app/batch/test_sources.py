@@ -37,6 +37,16 @@ def test_a_folder_gives_the_recordings_in_and_below_it_but_not_the_results(folde
     assert found.others == 1
 
 
+def test_files_that_a_computer_puts_beside_recordings_are_left_aside(folder: Path) -> None:
+    for name in ("._a.csv", "~$a.csv", "desktop.ini", "deep/.DS_Store"):
+        (folder / name).touch()
+
+    found = find_recordings([folder], folder / "out")
+
+    assert [path.name for path in found.logs] == ["a.csv", "b.gt3x", "c.csv.gz", "diary.csv"]
+    assert found.others == 5
+
+
 @pytest.mark.parametrize(
     ("named", "logs"),
     [

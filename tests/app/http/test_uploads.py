@@ -400,3 +400,29 @@ def test_bytes_are_analysed_again_unasked_only_if_their_analysis_was_given_up(cl
 def test_where_no_more_may_wait_the_upload_is_kept_and_nothing_begins(settings: Settings) -> None:
     with serving(settings, max_queued=0) as client:
         assert list_analyses(client, send_declared(client, b"0123456789")) == []
+
+
+DOCUMENTS = {
+    "PDF": b"%PDF-1.7 a letter",
+    "JPEG": b"\xff\xd8\xff\xe0 a photo",
+    "HEIC/MP4": b"\0\0\0\x18ftypheic a photo",
+    "Word (.docx)": b"PK\x03\x04" + bytes(26) + b"word/document.xml",
+}
+
+
+@pytest.mark.parametrize("kind", DOCUMENTS)
+def test_a_photo_or_a_document_is_refused_and_not_stored(
+    client: TestClient, settings: Settings, kind: str
+) -> None:
+    content = DOCUMENTS[kind]
+    address = announce(client, len(content), filename="shift.csv")
+
+    last = client.patch(address, content=content, headers=BODY | {"upload-offset": "0"})
+    whole = client.post("/api/v1/recordings", content=content, params={"file_name": "shift.csv"})
+
+    for answer in (last, whole):
+        assert answer.status_code in (415, 422), answer.text
+        assert answer.json()["code"] == "E-TYPE"
+    assert files_of(settings) == []
+    assert client.get("/api/v1/recordings").json()["items"] == []
+    assert client.head(address, headers=TUS).status_code == 404

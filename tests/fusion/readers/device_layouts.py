@@ -165,6 +165,44 @@ def metawear() -> bytes:
     )
 
 
+def open_log() -> str:
+    """Write date and time in two columns, as OpenLog Artemis does."""
+    clock = [datetime.fromtimestamp(START_S + 23 * 86_400 + t, UTC) for t in TIME_S]
+    dates, times = ([f"{one:{form}}" for one in clock] for form in ("%m/%d/%Y", "%H:%M:%S.%f"))
+    names = ["rtcDate", "rtcTime", *(f"{name}{unit}" for name, unit in NAMES_AND_UNITS)]
+    return ",".join(names) + ",\n" + rows(dates, times, ACC_G, GYR_DPS)
+
+
+NAMES_AND_UNITS = [*((f"a{axis}", " (g)") for axis in "XYZ"), *((f"g{axis}", " (dps)") for axis in "XYZ")]
+
+
+def monitored_table() -> str:
+    """Write a table with the time of a serial monitor before each line."""
+    header = ",".join(f"{name}{unit}" for name, unit in NAMES_AND_UNITS)
+    table = rows(ACC_G, GYR_DPS).splitlines()
+    lines = (f"07:58:{t:06.3f} -> {row}\n" for t, row in zip(TIME_S, table, strict=True))
+    return f"07:58:00.000 -> {header}\n" + "".join(lines)
+
+
+def sensor_lines() -> str:
+    """Write a line for each sensor, as SparkFun's sketch for the LSM9DS1 does."""
+    acc, gyr = (rows(values).replace(",", ", ").splitlines() for values in (ACC_G, GYR_DPS))
+    return "".join(
+        f"[07:58:{t:06.3f}] A: {one} g\n[07:58:{t:06.3f}] G: {other} deg/s\n"
+        for t, one, other in zip(TIME_S, acc, gyr, strict=True)
+    )
+
+
+def polar() -> bytes:
+    def table(unit: str, values: np.ndarray) -> str:
+        phone = ["2026-03-02T07:58:00.793"] * len(TIME_S)
+        stamps = [f"{826_441_200_000_000_000 + round(t * 1e9)}" for t in TIME_S]
+        names = ["Phone timestamp", "sensor timestamp [ns]", *(f"{axis} [{unit}]" for axis in "XYZ")]
+        return ";".join(names) + "\n" + rows(phone, stamps, values, mark=";")
+
+    return pack(Polar_Sense_1_ACC=table("mg", 1000 * ACC_G), Polar_Sense_1_GYRO=table("dps", GYR_DPS))
+
+
 TABLES: dict[str, Callable[[], str | bytes]] = {
     "shimmer": shimmer,
     "shimmer of four lines": shimmer_of_four_lines,
@@ -179,4 +217,8 @@ TABLES: dict[str, Callable[[], str | bytes]] = {
     "sensorlogger": sensor_logger,
     "sensorlogger of an iPhone": lambda: sensor_logger(("Accelerometer", "Gravity")),
     "metawear": metawear,
+    "openlog": open_log,
+    "monitored table": monitored_table,
+    "sensor lines": sensor_lines,
+    "polar": polar,
 }

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from fusion.checks.faults import cut_rows, exclude_faults, refuse_dead
+from fusion.readers import read_recording
 from fusion.recording import Segment, Span
 from tests.badfiles.arm import Matrix, minute
 from tests.factories import record
@@ -86,3 +87,29 @@ def test_rounding_takes_no_piece_beyond_the_end_of_its_segment() -> None:
     last = cut_rows(whole, [(75, 80)])[-1]
 
     assert last.end_us == whole.end_us
+
+
+@pytest.mark.real_recordings
+@pytest.mark.parametrize(("acc_step_g", "gyr_step_dps"), [(0.0, 0.573), (0.001, 0.573), (0.0078, 1.0)])
+def test_a_flat_run_that_coarse_steps_explain_is_not_stuck(
+    shared_data: Callable[[str], Path], acc_step_g: float, gyr_step_dps: float
+) -> None:
+    """0.01 rad/s are 0.573 deg/s; twelve bits of 16 g and 2000 deg/s are 7.8 mg and 1 deg/s."""
+    (segment,) = read_recording(shared_data("gt9x/link_imu_100hz_179s.gt3x")).segments
+    acc_g = segment.acc_g if not acc_step_g else acc_step_g * np.round(segment.acc_g / acc_step_g)
+    gyr_dps = gyr_step_dps * np.round(segment.gyr_dps / gyr_step_dps)
+
+    recording = exclude_faults(record(acc_g.astype(float), gyr_dps.astype(float), segment.rate_hz))
+
+    assert recording.excluded == ()
+
+
+def test_an_axis_that_stuck_among_coarse_ones_is_found() -> None:
+    acc_g, gyr_dps = copies()
+    swing_dps = 60.0 * np.sin(np.arange(len(gyr_dps)) / 20.0)[:, None]
+    gyr_dps = 0.5 * np.round((gyr_dps + swing_dps) / 0.5)
+    gyr_dps[2000:2300, 0] = 0.5
+
+    recording = exclude_faults(record(acc_g, gyr_dps, 100.0))
+
+    assert recording.excluded == (Span(20_000_000, 3_000_000, "stuck"),)

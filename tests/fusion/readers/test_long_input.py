@@ -1,6 +1,7 @@
 """A megabyte of the worst text ends soon: the time to read grows with its length, not with its square."""
 
 import io
+import zipfile
 
 import pytest
 
@@ -26,6 +27,11 @@ REPEATED = [
     b"<!--",
     b"1:1:1 ",
     b"\xff",
+    b"1:01:01.1 -> ",
+    b"[1:01:01.1",
+    b"A: 1, ",
+    b"gyr",
+    b"X,",
 ]
 
 
@@ -54,3 +60,14 @@ def test_a_line_of_a_board_that_is_too_long_is_torn(piece: bytes) -> None:
     reader.feed(piece * (1 + LONGEST_LINE_BYTES // len(piece)) + b"\n", 0)
 
     assert reader.torn == 1
+
+
+@pytest.mark.parametrize("piece", ["gyro", "1", "acc_", " ", "linear "], ids=repr)
+def test_a_long_name_in_an_archive_takes_no_long_time(piece: str) -> None:
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w") as archive:
+        for number in range(4):
+            archive.writestr(piece * (60_000 // len(piece)) + f"{number}.csv", "time (s),X,Y,Z\n1,2,3,4\n")
+
+    with pytest.raises(FusionError):
+        read_recording(packed)

@@ -73,15 +73,6 @@ def test_packets_of_mt_manager_without_a_rate_want_one(form: str, shared_data: S
 
 
 @pytest.mark.real_recordings
-def test_rows_beside_a_time_of_day_that_no_column_holds_are_counted(shared_data: SharedData) -> None:
-    """The serial monitor put its own time before each row, also before the header."""
-    recording = read_recording(shared_data("cases/monitor_csv_millis.txt"), rate_hz=100.0)
-
-    assert recording.understood["time"] == "row number"
-    assert recording.stated.is_counted
-
-
-@pytest.mark.real_recordings
 @pytest.mark.parametrize(("files", "kind"), [("broad/*.npz", "NumPy (.npz)"), ("*/LICENSE*.txt", "text")])
 def test_numpy_archives_and_licences_are_called_what_they_are(
     files: str, kind: str, shared_data: SharedData

@@ -219,7 +219,7 @@ def build_request(
     if settings.periods is not None:
         diary = read_periods(settings.periods)
         check_periods(diary, row.inspection)
-    columns = (settings.profile or {}) | ({"sensor": settings.sensor} if settings.sensor else {})
+    columns = (settings.profile or {}) | settings.columns
     profile = write_profile(columns) if columns else ""
     conclusion = settings.conclusion
     return replace(

@@ -217,8 +217,19 @@ class AnalysisOptions(BaseModel):
         None
     )
     sensor: Annotated[
-        str, Field(max_length=200, description="The sensor on the arm, if a table has several.")
+        str,
+        Field(max_length=200, description="Which sensor of a table or archive of several is on the arm."),
     ] = ""
+    date_order: Annotated[
+        Literal["dmy", "mdy"] | None,
+        Field(description="Order of day, month and year in dates that can be read both ways."),
+    ] = None
+
+    @property
+    def columns(self) -> dict[str, str]:
+        """The options that a column profile holds."""
+        stated = {"sensor": self.sensor, "date_order": self.date_order}
+        return {name: value for name, value in stated.items() if value}
 
     def complete(self, about: Description) -> Self:
         """Fill in subject and side from the recording if the options do not set them."""
@@ -251,7 +262,7 @@ class AnalysisOptions(BaseModel):
             no_slip_times_s=tuple(self.no_slip_at),
             pose_held=self.pose_held,
             rate_hz=self.rate_hz,
-            profile=write_profile({"sensor": self.sensor}) if self.sensor else "",
+            profile=write_profile(self.columns) if self.columns else "",
             languages=(first, find_other_language(first)),
             paper=self.paper or paper,
         )

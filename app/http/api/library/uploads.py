@@ -47,7 +47,8 @@ from app.request import ReportRequest
 from app.services import Services, UsedServices, get_request_origin
 from app.store.folder import StoredRecording, Upload, read_recording, too_large
 from app.store.incoming import GrowingFile, name_recording
-from fusion.errors import EmptyFile
+from fusion.documents import HEAD_BYTES, refuse_document
+from fusion.errors import EmptyFile, UnknownFormat
 
 # Uploads in one request: bytes are written to disk, and acknowledged once they are durable.
 
@@ -327,6 +328,7 @@ def finish_upload(services: Services, row: UploadRow, way_in: WayIn = "api") -> 
     """
     if not row.is_whole or row.recording_id is not None:
         return row
+    _refuse_document(services, row)
     try:
         sha256 = services.incoming.hash(row.id, row.length_bytes)
         stored = StoredRecording(name_recording(row.id), sha256, row.length_bytes)
@@ -346,6 +348,19 @@ def finish_upload(services: Services, row: UploadRow, way_in: WayIn = "api") -> 
         services.storage.drop_recording(stored.id)
     services.incoming.forget(row.id)
     return services.uploads.get(row.id)
+
+
+def _refuse_document(services: Services, row: UploadRow) -> None:
+    """Refuse a photo or a document, and drop its upload. Raises fusion.errors.UnknownFormat."""
+    try:
+        with services.incoming.path(row.id).open("rb") as file:
+            refuse_document(file.read(HEAD_BYTES))
+    except FileNotFoundError:  # a peer was quicker
+        return
+    except UnknownFormat:
+        services.uploads.drop(row.id)
+        services.incoming.forget(row.id)
+        raise
 
 
 def drop_upload(services: Services, row: UploadRow) -> None:

@@ -14,7 +14,7 @@ export async function readDrop(transfer) {
 
 // Keep only files of a folder that can be recordings; individually selected files are always kept.
 export function keepRecordings(files) {
-  const kept = files.filter((file) => ACCEPTED.test(file.name) && !file.name.startsWith("."));
+  const kept = files.filter((file) => ACCEPTED.test(file.name) && !/^(\.|~\$)/.test(file.name));
   kept.sort((one, other) => one.name.localeCompare(other.name, undefined, { numeric: true }));
   return { files: kept, ignored: files.length - kept.length };
 }

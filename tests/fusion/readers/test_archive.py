@@ -1,0 +1,194 @@
+"""Archives: which of their files is the recording, and which files are left aside."""
+
+import io
+import zipfile
+
+import numpy as np
+import pytest
+
+from fusion.errors import SeveralSensors, UnsafeArchive
+from fusion.readers import ColumnProfile, read_recording
+from fusion.readers.tables.profile import propose_file_profile
+from fusion.recording import Recording
+from tests.fusion.readers.device_layouts import ACC_G, GYR_DPS, GYR_RAD, START_S, TIME_S, axes, metawear, rows
+from tests.fusion.readers.seen import codes
+from tests.fusion.readers.tables.table_builder import CANON
+
+UP_G = np.tile([0.0, 0.0, 1.0], (len(TIME_S), 1))
+
+
+def pack(members: dict[str, str | bytes]) -> io.BytesIO:
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in members.items():
+            archive.writestr(name, content)
+    return packed
+
+
+def watch() -> str:
+    heads = [*axes("rotationRate{}"), *axes("gravity{}"), *axes("acceleration{}")]
+    values = rows(START_S * 1e9 + TIME_S * 1e9, TIME_S, GYR_RAD, -UP_G, UP_G - ACC_G, form="%.7f")
+    return "time,seconds_elapsed," + ",".join(heads) + "\n" + values
+
+
+def sensor_table(values: np.ndarray, unit: str = "", time: str = "time_s") -> str:
+    heads = [f"{axis}{unit}" for axis in ("X", "Y", "Z")]
+    return f"{time}," + ",".join(heads) + "\n" + rows(TIME_S, values)
+
+
+def read_archive(members: dict[str, str | bytes], sensor: str = "") -> Recording:
+    profile = ColumnProfile(sensor=sensor) if sensor else None
+    return read_recording(pack(members), file_name="arm.zip", profile=profile)
+
+
+PHONE_AND_WATCH: dict[str, str | bytes] = {
+    "WristMotion.csv": watch(),
+    "TotalAcceleration.csv": sensor_table(ACC_G[::-1] * 9.80665, " (m/s^2)"),
+    "Gyroscope.csv": sensor_table(-GYR_RAD[::-1], " (rad/s)"),
+    "Metadata.csv": "version,device name\n3,phone\n",
+}
+
+
+def test_two_devices_of_an_archive_are_named_and_offered() -> None:
+    with pytest.raises(SeveralSensors) as refusal:
+        read_archive(PHONE_AND_WATCH)
+
+    assert refusal.value.facts == {"n": 2, "list": "WristMotion, TotalAcceleration"}
+    assert propose_file_profile(pack(PHONE_AND_WATCH)).sensors == ("WristMotion", "TotalAcceleration")
+
+
+def test_the_device_that_a_person_names_is_read() -> None:
+    (watch_run,) = read_archive(PHONE_AND_WATCH, "WristMotion").segments
+    (phone_run,) = read_archive(PHONE_AND_WATCH, "TotalAcceleration").segments
+
+    np.testing.assert_allclose(watch_run.acc_g, ACC_G, atol=2e-6)
+    np.testing.assert_allclose(phone_run.acc_g, ACC_G[::-1], atol=2e-6)
+
+
+def test_a_device_that_the_archive_does_not_hold_is_refused_by_its_name() -> None:
+    with pytest.raises(SeveralSensors) as refusal:
+        read_archive(PHONE_AND_WATCH, "Headphone")
+
+    assert refusal.value.facts["wanted"] == "Headphone"
+
+
+@pytest.mark.parametrize(
+    ("acceleration", "angular_rate"),
+    [
+        ("Polar_Sense_AB12_20260302_070000_ACC.txt", "Polar_Sense_AB12_20260302_070001_GYRO.txt"),
+        ("MetaWear_2026_C2B2_Accelerometer_100.000Hz.csv", "MetaWear_2026_C2B2_Gyroscope_100.000Hz.csv"),
+        ("data/first.csv", "data/second.csv"),
+    ],
+)
+def test_two_tables_are_a_pair_by_their_names_or_columns(acceleration: str, angular_rate: str) -> None:
+    members: dict[str, str | bytes] = {
+        acceleration: sensor_table(ACC_G, " (g)"),
+        angular_rate: sensor_table(GYR_DPS, " (deg/s)"),
+        "Polar_Sense_AB12_20260302_070000_MAGN.txt": sensor_table(ACC_G, " (G)"),
+    }
+
+    recording = read_archive(members)
+
+    np.testing.assert_allclose(recording.segments[0].acc_g, ACC_G, atol=2e-6)
+    assert recording.understood["left_aside"] == "1"
+
+
+def test_two_pairs_are_two_devices() -> None:
+    members: dict[str, str | bytes] = {
+        f"{side}_{name}.csv": sensor_table(values, unit)
+        for side in ("left", "right")
+        for name, values, unit in (("Accelerometer", ACC_G, " (g)"), ("Gyroscope", GYR_DPS, " (deg/s)"))
+    }
+
+    with pytest.raises(SeveralSensors) as refusal:
+        read_archive(members)
+
+    assert refusal.value.facts["list"] == "left, right"
+    np.testing.assert_allclose(read_archive(members, "left").segments[0].acc_g, ACC_G, atol=2e-6)
+
+
+def test_linear_acceleration_and_gravity_are_added() -> None:
+    members: dict[str, str | bytes] = {
+        "Linear Acceleration.csv": sensor_table((ACC_G - UP_G) * 9.80665, " (m/s^2)"),
+        "Gravity.csv": sensor_table(UP_G * 9.80665, " (m/s^2)"),
+        "Gyroscope.csv": sensor_table(GYR_RAD, " (rad/s)"),
+    }
+
+    np.testing.assert_allclose(read_archive(members).segments[0].acc_g, ACC_G, atol=2e-6)
+
+
+def test_files_that_a_computer_puts_beside_a_recording_are_left_aside_and_counted() -> None:
+    sidecars = ["p01/.DS_Store", "__MACOSX/p01/._shift.csv", "desktop.ini", "p01/~$shift.csv", "._x.csv"]
+
+    recording = read_archive({"p01/shift.csv": CANON, **dict.fromkeys(sidecars, b"\0Mac")})
+
+    assert recording.duration_us == 20_000_000
+    assert recording.understood["left_aside"] == "5"
+
+
+def test_two_files_that_are_no_recordings_are_still_several() -> None:
+    with pytest.raises(UnsafeArchive) as refusal:
+        read_archive({"a.csv": "1,2\n3,4\n", "b.csv": "1,2\n3,4\n"})
+
+    assert refusal.value.facts["reason"] == "several"
+
+
+def test_rows_that_arrive_three_at_a_time_are_spread_in_two_tables_too() -> None:
+    """100 Hz, each burst under the time of its last row: 30 s hold 3000 rows."""
+    late = np.repeat(TIME_S[2::3], 3)
+    table = "epoch (ms),x-axis ({0}),y-axis ({0}),z-axis ({0})\n"
+    stamps = 1000.0 * (START_S + late)
+    members: dict[str, str | bytes] = {
+        f"arm_{name}_100Hz.csv": table.format(unit) + rows(stamps, values)
+        for name, unit, values in (("Accelerometer", "g", ACC_G), ("Gyroscope", "deg/s", GYR_DPS))
+    }
+
+    recording = read_archive(members)
+
+    (segment,) = recording.segments
+    assert segment.rate_hz == pytest.approx(100.0, abs=0.01)
+    np.testing.assert_allclose(segment.gyr_dps, GYR_DPS, atol=1e-3)
+    np.testing.assert_allclose(segment.acc_g, ACC_G, atol=0.02)
+    assert "W-ROWS-DROPPED" not in codes(recording)
+
+
+def test_an_accelerometer_slower_than_the_gyroscope_is_named() -> None:
+    slow = slice(None, None, 4)
+    heads = "time_s," + ",".join(axes("{}"))
+    members: dict[str, str | bytes] = {
+        "Accelerometer.csv": heads.replace("X", "X (g)") + "\n" + rows(TIME_S[slow], ACC_G[slow]),
+        "Gyroscope.csv": sensor_table(GYR_DPS, " (deg/s)"),
+    }
+
+    (flag,) = [flag for flag in read_archive(members).flags if flag.code == "W-ACC-RATE"]
+
+    assert flag.facts == {"acc_hz": 25.0, "gyr_hz": 100.0}
+
+
+def test_a_table_with_times_of_a_calendar_only_is_half_of_a_pair() -> None:
+    clock = [f"2026-03-02T07:00:{t:06.3f}" for t in TIME_S]
+    heads = "time," + ",".join(axes("{}"))
+    members: dict[str, str | bytes] = {
+        "ACC.csv": heads.replace("X", "X (g)") + "\n" + rows(clock, ACC_G),
+        "GYR.csv": heads.replace("X", "X (deg/s)") + "\n" + rows(clock, GYR_DPS),
+    }
+
+    recording = read_archive(members)
+
+    assert f"{recording.start:%Y-%m-%d %H:%M}" == "2026-03-02 07:00"
+    np.testing.assert_allclose(recording.segments[0].acc_g, ACC_G, atol=2e-6)
+
+
+def test_an_arm_band_is_not_taken_for_a_description() -> None:
+    assert read_recording(io.BytesIO(metawear())).device == "metawear"
+
+
+def test_a_first_time_that_no_clock_shows_is_left_aside() -> None:
+    heads = "time,time_s," + ",".join(axes("{}"))
+    clock = ["2026-03-02T27:00:00"] * len(TIME_S)
+    members: dict[str, str | bytes] = {
+        "ACC.csv": heads.replace("X", "X (g)") + "\n" + rows(clock, TIME_S, ACC_G),
+        "GYR.csv": heads.replace("X", "X (deg/s)") + "\n" + rows(clock, TIME_S, GYR_DPS),
+    }
+
+    assert read_archive(members).start is None

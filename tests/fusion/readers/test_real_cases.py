@@ -1,0 +1,145 @@
+"""Layouts that people meet, made from one simulated recording of a right arm."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fusion.errors import SeveralSensors, UnusableTime
+from fusion.readers import ColumnProfile, parse_profile, read_recording
+from fusion.readers.tables.columns import DateOrder
+from fusion.recording import Recording
+
+pytestmark = pytest.mark.real_recordings
+
+FIRST_ROW_G = (-0.082, 0.984, -0.023)
+FIRST_ROW_DPS = (-0.427, 0.977, -0.854)
+"""Of the recording that all these files were made from."""
+
+
+@pytest.fixture
+def read_case(shared_data: Callable[[str], Path]) -> Callable[..., Recording]:
+    return lambda name, **asked: read_recording(shared_data(f"cases/{name}"), **asked)
+
+
+def check_first_row(recording: Recording, gravity: float = 1.0) -> None:
+    first = recording.segments[0]
+    np.testing.assert_allclose(first.acc_g[0], gravity * np.array(FIRST_ROW_G), atol=0.003)
+    np.testing.assert_allclose(first.gyr_dps[0], FIRST_ROW_DPS, atol=0.35)
+
+
+def test_gravity_is_added_to_the_acceleration_of_a_watch(read_case: Callable[..., Recording]) -> None:
+    recording = read_case("core_motion_watch.csv")
+
+    check_first_row(recording)
+    assert recording.duration_us == 360_000_000
+
+
+@pytest.mark.parametrize("name", ["sim_2dec.csv", "sim_2dec_nounit.csv"])
+def test_two_decimals_without_a_unit_lose_nothing(read_case: Callable[..., Recording], name: str) -> None:
+    recording = read_case(name)
+
+    assert recording.excluded == ()
+    assert recording.duration_us == 360_000_000
+
+
+def test_a_phone_and_a_watch_are_both_offered(read_case: Callable[..., Recording]) -> None:
+    with pytest.raises(SeveralSensors) as refusal:
+        read_case("phone_and_watch.zip")
+
+    assert refusal.value.facts["list"] == "WristMotion, Accelerometer"
+    check_first_row(read_case("phone_and_watch.zip", profile=ColumnProfile(sensor="WristMotion")))
+
+
+@pytest.mark.parametrize(
+    ("name", "rate_hz", "duration_s"),
+    [
+        ("mac_zip.zip", 100.0, 360.0),
+        ("metawear.zip", 100.0, 360.0),
+        ("metawear_triplets.zip", 100.0, 360.0),
+        ("polar_sense.zip", 52.0, 360.0),
+    ],
+)
+def test_archives_are_read(
+    read_case: Callable[..., Recording], name: str, rate_hz: float, duration_s: float
+) -> None:
+    recording = read_case(name)
+
+    check_first_row(recording)
+    assert recording.rate_hz == pytest.approx(rate_hz, abs=0.001)
+    assert recording.duration_us / 1e6 == pytest.approx(duration_s, abs=0.03)
+    assert not {"W-ROWS-DROPPED", "W-GAP"} & {flag.code for flag in recording.flags}
+
+
+def test_a_column_of_words_does_not_stop_a_profile(
+    read_case: Callable[..., Recording], shared_data: Callable[[str], Path]
+) -> None:
+    profile = parse_profile(shared_data("cases/words_profile.json").read_text())
+
+    check_first_row(read_case("words_profile.csv", profile=profile))
+
+
+def test_a_date_and_a_time_in_two_columns_show_the_gaps(read_case: Callable[..., Recording]) -> None:
+    recording = read_case("openlog_day25_dropouts.TXT")
+
+    (gap,) = [flag for flag in recording.flags if flag.code == "W-GAP"]
+    assert (recording.duration_us, gap.count) == (360_000_000, 6)
+    assert gap.seconds == pytest.approx(24.0)
+    assert f"{recording.start:%Y-%m-%d %H:%M}" == "2026-03-25 07:00"
+
+
+@pytest.mark.parametrize(("order", "day"), [("dmy", "2026-02-03"), ("mdy", "2026-03-02")])
+def test_an_open_order_of_day_and_month_is_asked_for(
+    read_case: Callable[..., Recording], order: DateOrder, day: str
+) -> None:
+    with pytest.raises(UnusableTime) as refusal:
+        read_case("openlog_03_02.TXT")
+
+    recording = read_case("openlog_03_02.TXT", profile=ColumnProfile(date_order=order))
+
+    assert refusal.value.facts == {"why": "date-order"}
+    assert f"{recording.start:%Y-%m-%d}" == day
+    check_first_row(recording)
+
+
+def test_the_time_of_a_serial_monitor_is_stripped(read_case: Callable[..., Recording]) -> None:
+    named = ColumnProfile((2, 3, 4), (5, 6, 7), "g", "dps", time=1)
+
+    for recording in (
+        read_case("monitor_csv_millis.txt"),
+        read_case("monitor_csv.txt", profile=named),
+    ):
+        check_first_row(recording)
+        assert recording.duration_us == 360_000_000
+
+
+def test_a_row_of_units_counts_cell_by_cell(read_case: Callable[..., Recording]) -> None:
+    recording = read_case("shimmer_local_flux.csv")
+
+    check_first_row(recording)
+    assert (recording.stated.acc_unit, recording.stated.gyr_unit) == ("m/s2", "deg/s")
+
+
+def test_lines_of_one_sensor_each_make_rows(read_case: Callable[..., Recording]) -> None:
+    """50 Hz; each fourth line ends a sample: 38,504 lines and 9626 rows."""
+    recording = read_case("lsm_one_sensor_a_line.txt")
+
+    check_first_row(recording)
+    assert sum(map(len, recording.segments)) == 9626
+    assert recording.rate_hz == pytest.approx(50.0, abs=0.001)
+
+
+def test_names_over_several_columns_name_the_sensors(read_case: Callable[..., Recording]) -> None:
+    with pytest.raises(SeveralSensors) as refusal:
+        read_case("apdm_format7.csv")
+
+    assert refusal.value.facts == {"n": 2, "list": "Chest, Right Upper Arm"}
+    check_first_row(read_case("apdm_format7.csv", profile=ColumnProfile(sensor="Right Upper Arm")))
+
+
+def test_a_start_time_above_the_table_is_a_clock(read_case: Callable[..., Recording]) -> None:
+    start = read_case("dot_start_time.csv").start
+
+    assert start is not None
+    assert start.isoformat() == "2026-03-02T07:00:00.086000+01:00"
