@@ -389,6 +389,10 @@ class SecretUnreadable(AppError, code="E-SECRET", outcome=Outcome(503, 3), file=
     """The secret of this server is gone, or is not the one that encrypted a second factor or a webhook."""
 
 
+class StartSecretUnusable(ServerRefused, code="E-START-SECRET", file="path"):
+    """The secret of a server without accounts is empty, unreadable or not a secret."""
+
+
 class ResultDamaged(
     AppError,
     code="E-RESULT-DAMAGED",

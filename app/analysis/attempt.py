@@ -132,7 +132,7 @@ def load_and_render_again(
 
 def choose_limits(settings: "Settings", size_bytes: int) -> Limits:
     """Choose the limits of an attempt: a large file gets more time."""
-    wall_s = max(settings.wall_limit_s, settings.wall_limit_s_per_gb * size_bytes / 1e9)
+    wall_s = settings.wall_limit_s + settings.wall_limit_s_per_gb * size_bytes / 1e9
     return Limits(settings.memory_limit_bytes, wall_s)
 
 

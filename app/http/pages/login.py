@@ -7,6 +7,7 @@ from fastapi import APIRouter, Request, Response
 from fastapi.responses import RedirectResponse
 
 from app.accounts.accounts import LONGEST_S
+from app.accounts.gate import ADMISSION_TERM_S
 from app.accounts.logins import BROWSER_TERM_S, EXTRA, Entered
 from app.accounts.subjects import Permission, Subject
 from app.errors import (
@@ -35,7 +36,7 @@ from app.http.middleware.guard import (
     set_cookie,
 )
 from app.http.middleware.problems import drop_secrets
-from app.http.pages.rendering import YEAR_S, Form, Page, UsedForm, UsedPage, find_base, first, take_secret
+from app.http.pages.rendering import Form, Page, UsedForm, UsedPage, find_base, first, take_secret
 from app.report.words.messages import describe_problem
 from app.services import SUBJECT
 from app.store.folder import load_extra
@@ -74,7 +75,7 @@ def log_in(page: UsedPage, form: UsedForm) -> Response:
     gate, wanted = find_gate(page.request), first(form, "next")
     if not gate.needs_accounts:
         if gate.secret is not None and gate.secret.matches(first(form, "secret"), ""):
-            return _lead_with(page, gate.secret.cookie, wanted, YEAR_S)
+            return _lead_with(page, gate.secret.admit_browser(), wanted, ADMISSION_TERM_S)
         return _render_login(page, wanted, NotSignedIn())
     caller = find_caller(page.request)
     try:
@@ -128,7 +129,7 @@ def open_once(ticket: str, page: UsedPage) -> Response:
     gate = find_gate(page.request)
     if gate.secret is None or gate.needs_accounts or not gate.secret.take_address(ticket):
         raise NotSignedIn
-    return _lead_with(page, gate.secret.cookie, "/", YEAR_S)
+    return _lead_with(page, gate.secret.admit_browser(), "/", ADMISSION_TERM_S)
 
 
 @router.get("/login/link/{ticket}")
@@ -208,8 +209,11 @@ def confirm(page: UsedPage, form: UsedForm, subject: UsedSubject) -> Response:
 def log_out(page: UsedPage) -> Response:
     """End the session, and have the browser forget what it keeps of us."""
     request = page.request
-    if find_gate(request).needs_accounts:
-        page.logins.accounts.end_session(request.cookies.get(name_cookie(request, SESSION_COOKIE), ""))
+    gate, cookie = find_gate(request), request.cookies.get(name_cookie(request, SESSION_COOKIE), "")
+    if gate.needs_accounts:
+        page.logins.accounts.end_session(cookie)
+    elif gate.secret is not None:
+        gate.secret.sign_out(cookie)
     response = page.go("/login")
     drop_cookie(request, response, SESSION_COOKIE)
     response.headers["Clear-Site-Data"] = '"cache", "storage"'

@@ -54,7 +54,7 @@ Begin = Callable[[], dict[str, str]]
 def header(request: pytest.FixtureRequest, accounts: AccountStore, person: Person) -> dict[str, str]:
     """What a request brings: a session's cookie or a token."""
     if request.param == "session":
-        return {"cookie": f"acromion_session={accounts.begin_session(person.id)}"}
+        return {"cookie": f"acromion_session_8080={accounts.begin_session(person.id)}"}
     token = accounts.add_token(person.id, "script", ["read", "upload"], time.time() + 3600)
     return {"authorization": f"Bearer {token}"}
 

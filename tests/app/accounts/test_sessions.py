@@ -26,7 +26,7 @@ def is_in(visitor: Visitor) -> bool:
 def copy_session(visitor: Visitor, visit: Visit) -> Visitor:
     """Open a browser that has the cookie of another."""
     thief = visit()
-    thief.client.cookies.set("acromion_session", visitor.client.cookies["acromion_session"])
+    thief.client.cookies.set("acromion_session_8080", visitor.client.cookies["acromion_session_8080"])
     return thief
 
 
@@ -49,8 +49,8 @@ def test_a_cookie_that_was_planted_before_the_login_opens_nothing_after_it(
 ) -> None:
     victim, attacker = visit(), visit()
     planted = "A" * 43
-    victim.client.cookies.set("acromion_session", planted)
-    attacker.client.cookies.set("acromion_session", planted)
+    victim.client.cookies.set("acromion_session_8080", planted)
+    attacker.client.cookies.set("acromion_session_8080", planted)
 
     log_in_again(victim, clock)
 
@@ -123,7 +123,7 @@ def test_roles_and_the_end_of_a_person_hold_from_the_next_request_on(
 
 
 def test_a_cookie_is_read_by_no_script_and_by_no_other_site(visitor: Visitor) -> None:
-    cookie = next(cookie for cookie in visitor.client.cookies.jar if cookie.name == "acromion_session")
+    cookie = next(cookie for cookie in visitor.client.cookies.jar if cookie.name == "acromion_session_8080")
     assert (cookie.path, cookie.secure, cookie.domain_specified) == ("/", False, False)
     assert cookie.has_nonstandard_attr("HttpOnly")
     assert cookie.get_nonstandard_attr("SameSite") == "lax"
@@ -135,14 +135,14 @@ def test_behind_tls_a_cookie_is_bound_to_this_very_host(
     session = accounts.begin_session(add_person().id)
     visitor, other = visit_behind_proxy(), visit_behind_proxy()
     ticket = read_ticket(visitor.give_password("clara"))
-    other.client.cookies.set("acromion_session", session)  # without the prefix it opens nothing
+    other.client.cookies.set("acromion_session_8080", session)  # without the prefix it opens nothing
 
     answer = visitor.post("/login/code", ticket=ticket, code=make_code(clock), next="/")
 
     set_cookies = answer.headers.get_list("set-cookie")
     assert sorted(cookie.partition("=")[0] for cookie in set_cookies) == [
-        "__Host-acromion_browser",
-        "__Host-acromion_session",
+        "__Host-acromion_browser_8080",
+        "__Host-acromion_session_8080",
     ]
     assert all("Secure" in cookie and "Path=/" in cookie for cookie in set_cookies)
     assert not is_in(other)
@@ -180,7 +180,7 @@ def test_nobody_ends_the_session_of_another(
 ) -> None:
     add_person("dora")
     clara, dora = enter(), enter("dora")
-    subject = accounts.find_by_session(clara.client.cookies["acromion_session"])
+    subject = accounts.find_by_session(clara.client.cookies["acromion_session_8080"])
     assert subject is not None
 
     dora.post("/account/sessions/end", session=subject.session)
