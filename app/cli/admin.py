@@ -646,6 +646,7 @@ def reset(
 
     with _open(data, lang) as desk:
         person = desk.find(login)
+        desk.logins.forget_tries(person)
         if second_factor:
             desk.logins.drop_second_factor(person.id)
             desk.say("second", login=person.login)

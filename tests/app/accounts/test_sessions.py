@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from app.accounts.accounts import AccountStore, Person
+from app.accounts.accounts import AccountStore, Person, SessionAges
 from tests.app.accounts.conftest import (
     PASSWORD,
     AddPerson,
@@ -291,3 +291,25 @@ def test_whoever_may_not_read_is_led_to_what_he_may_use(
     add_person("clara", role)
 
     assert enter().get("/").headers["location"] == place
+
+
+def test_a_session_of_a_clock_that_was_ahead_has_ended(
+    person: Person, accounts: AccountStore, clock: Clock
+) -> None:
+    clock.wait(400 * 24 * 3600.0)
+    cookie = accounts.begin_session(person.id)
+    clock.wait(-400 * 24 * 3600.0)
+
+    assert accounts.find_by_session(cookie) is None
+
+
+def test_setting_the_clock_back_makes_no_session_younger() -> None:
+    now_s = 0.0
+    ages = SessionAges(lambda: now_s)
+    is_over = [ages.is_over("s", 0.0)]
+    now_s = 11.9 * 3600
+    is_over.append(ages.is_over("s", 60.0))
+    now_s = 12 * 3600
+    is_over.append(ages.is_over("s", 60.0))
+
+    assert is_over == [False, False, True]
