@@ -129,7 +129,13 @@ IdentityOption = Annotated[
 
 
 def backup(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="The backup to write (.zip, .zip.age).")],
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE",
+            help="The backup to write (.zip, .zip.age), or a folder for a dated one.",
+        ),
+    ],
     recipient: RecipientOption = None,
     keep: Annotated[
         int | None,
@@ -149,6 +155,8 @@ def backup(
     from app.ops.place import check_used, record_command  # noqa: PLC0415
     from app.store.folder import open_storage  # noqa: PLC0415
 
+    if file.is_dir():
+        file /= f"acromion-{datetime.now(UTC):%Y-%m-%d-%H%M%S}.zip{'.age' if recipient else ''}"
     if keep and not any(letter.isdigit() for letter in file.name):
         raise typer.BadParameter("FILE needs a date: acromion-2026-03-02.zip", param_hint="--keep")
     settings = find_settings(data)
@@ -271,13 +279,13 @@ def doctor(data: DataOption = None, lang: LanguageOption = "en") -> None:
     """Look for what would keep Acromion from working well on this machine, and say the cure."""
     from app.ops.doctor import examine  # noqa: PLC0415  the database, and only this needs it
 
-    words, healthy = load_wording(lang, "operations"), True
+    words, has_failed = load_wording(lang, "operations"), False
     for found in examine(find_settings(data)):
         entry = words["check"][found.name]
         what, cure = fill(entry["what"], found.facts), fill(entry["cure"], found.facts)
-        print_sentence(lang, "doctor", "good" if found.healthy else "bad", what=what, cure=cure)
-        healthy = healthy and found.healthy
-    if not healthy:
+        print_sentence(lang, "doctor", found.state, what=what, cure=cure)
+        has_failed = has_failed or found.state == "bad"
+    if has_failed:
         raise typer.Exit(Exit.SOME_FAILED)
 
 
