@@ -478,18 +478,24 @@ def _copy_verified(source: Path, out: Path, sha256: str) -> None:
 def retention(
     kind: Annotated[str, typer.Argument(metavar="[KIND]", help="recordings, results, trash, trail")] = "",
     days: Annotated[str, typer.Argument(metavar="[DAYS]", help='Days of running time, or "never".')] = "",
+    now: Annotated[
+        bool, typer.Option("--now", help="Apply a shorter term at once, not after 7 days.")
+    ] = False,
     data: DataOption = None,
     lang: LanguageOption = "en",
 ) -> None:
     """Show how long each kind is kept, or change the term of one."""
-    from app.library.governance import RetentionStore  # noqa: PLC0415
+    from app.library.governance import GRACE_DAYS, RetentionStore  # noqa: PLC0415
 
     with _opened(lang, data) as (_, store):
         terms = RetentionStore(store.engine, store.reader)
         if kind:
             if days != "never" and (not days.isdecimal() or len(days) > 6):
                 raise BadParameter(name="days", value=days[:20], allowed="1, 2, 3 …, never")
-            terms.put(kind, None if days == "never" else int(days))
+            term = None if days == "never" else int(days)
+            if count := terms.count_due(kind, term):
+                print_sentence(lang, "trail", "due", count=str(count), days="0" if now else str(GRACE_DAYS))
+            terms.put(kind, term, now=now)
         for name, number in terms.find_all().items():
             sentence = "term" if number is not None else "for_good"
             what = load_wording(lang, "trail")["terms"][name]

@@ -207,7 +207,7 @@ ASKED_AGAIN = [
     ("POST", "/api/v1/webhooks"),
     ("POST", "/api/v1/tokens"),
     ("POST", "/account/sessions/end"),
-    ("DELETE", "/api/v1/recordings/rec_x?purge=true"),
+    ("DELETE", "/api/v1/recordings/rec_x?purge=now"),
 ]
 
 

@@ -174,7 +174,7 @@ export class Queue {
   // For good; into the trash where somebody may not do that, or logged in too long ago.
   async erase(recordingId) {
     const address = `${this.api}/recordings/${recordingId}`;
-    const answer = await fetch(`${address}?purge=true`, { method: "DELETE" });
+    const answer = await fetch(`${address}?purge=now`, { method: "DELETE" });
     if (answer.status === 403) await fetch(address, { method: "DELETE" });
   }
 
