@@ -38,7 +38,9 @@ class AppError(Exception):
     The class statement declares the code, the outcome (default: the parent's) and the possible facts, each
     with its unit or meaning.
 
-    Attributes ---------- outcome
+    Attributes
+    ----------
+    outcome
         HTTP status and exit code.
     fact_meanings
         Allowed names in ``facts``, each with its unit or meaning.

@@ -90,7 +90,7 @@ MAX_LIVE_MESSAGE_BYTES = 256 * 1024
 GRACE_S = 3
 BACKLOG = 2048
 TLS_CIPHERS = "ECDHE+AESGCM:ECDHE+CHACHA20"
-"""Of TLS 1.2; uvicorn's own choice takes in those without forward secrecy."""
+"""For TLS 1.2; uvicorn's default includes ciphers without forward secrecy."""
 OPENER = "open.html"
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 

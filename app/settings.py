@@ -19,7 +19,9 @@ def _build_database_url(known: dict[str, Any]) -> str:
 class Settings(BaseSettings):
     """Settings of the server and its workers; each can be set as ``ACROMION_<NAME>``.
 
-    Attributes ---------- data_dir
+    Attributes
+    ----------
+    data_dir
         Folder for the database, the recordings and the reports, unless other settings move them elsewhere.
     database_url
         Database: SQLite in the data folder or, for example, ``postgresql+psycopg://acromion@db/acromion``.

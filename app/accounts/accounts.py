@@ -209,7 +209,9 @@ class AccountStore:
     def add_person(self, login: str, name: str, roles: Collection[Role]) -> Person:
         """Add a person, who cannot sign in before a password is set.
 
-        Raises ------ BadParameter
+        Raises
+        ------
+        BadParameter
             The sign-in name is taken or has characters that no e-mail address has; or the name is invalid.
         """
         check_name(name)
@@ -465,7 +467,9 @@ def normalise_login(login: str) -> str:
 def check_name(name: str) -> None:
     """Check the name of a person or a token.
 
-    Raises ------ BadParameter
+    Raises
+    ------
+    BadParameter
         It is empty, too long or not printable.
     """
     if not name.strip() or len(name) > LONGEST_NAME or not name.isprintable():
@@ -504,7 +508,7 @@ class SessionAges:
 
 
 def _is_active(now_s: float) -> tuple[Any, ...]:
-    """Select active sessions; one that begins in the future has an unknown age and has ended."""
+    """Select active sessions; a session that begins in the future has an unknown age and has ended."""
     is_known = sessions.c.began_s <= now_s + CLOCK_SKEW_S
     return (sessions.c.used_s > now_s - IDLE_S, sessions.c.began_s > now_s - LONGEST_S, is_known)
 
@@ -549,7 +553,9 @@ def make_token(
 ) -> tuple[Token, str]:
     """Create a personal token; return it and the secret that is shown once.
 
-    Raises ------ BadParameter, NotPermitted
+    Raises
+    ------
+    BadParameter, NotPermitted
         The person lacks one of the ``permissions``.
     """
     if not 1 <= days <= MOST_DAYS:

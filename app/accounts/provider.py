@@ -76,7 +76,9 @@ class Provider:
     def finish(self, answer: Mapping[str, str], state: str, back: str) -> Return:
         """Check the response of the provider and return its person; ``state`` is this browser's.
 
-        Raises ------ ProviderRefused, NotPermitted
+        Raises
+        ------
+        ProviderRefused, NotPermitted
             The provider lists no role.
         """
         given = answer.get("state", "")

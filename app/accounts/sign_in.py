@@ -208,9 +208,9 @@ LOG_PERIOD_S = 15 * 60.0
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """Whose tries are counted: the first ``free`` cost no time, then 1, 2, 4 … s up to ``longest_s``.
+    """A counter of attempts: the first ``free`` cost no time, then 1, 2, 4 … s up to ``longest_s``.
 
-    ``most_each``: the most tries that count of each single source, whose budget is then the first of a try.
+    ``most_each``: the most attempts of one source that count; the first budget of an attempt is its source's.
     """
 
     key: str
@@ -300,7 +300,7 @@ def _read_tries(connection: Connection, key: str) -> tuple[int, float]:
 
 
 def _read_limited_tries(connection: Connection, budget: Budget, now_s: float) -> tuple[int, float]:
-    """Return the wrong tries, and the end of their delay: a clock that was ahead cannot make it longer."""
+    """Return the failed attempts and the end of their delay, which a clock that was ahead cannot prolong."""
     failures, until_s = _read_tries(connection, budget.key)
     return failures, min(until_s, now_s + budget.find_delay_s(failures))
 
@@ -585,7 +585,7 @@ class SignIn:
         return load_extra("app.accounts.passwords", EXTRA)
 
     def _take(self, found: Credentials | None, caller: Caller, *of_person: Budget) -> Sequence[Budget]:
-        """Count a try: by the browser alone where the person logged in there before. Raises TooManyTries."""
+        """Count an attempt, for a known browser only against that browser. Raises TooManyTries."""
         known_as = found.person_id if found is not None else ""
         budgets: Sequence[Budget] = (*of_person, limit_address(caller.address))
         if caller.browser and self.credentials.knows_browser(caller.browser, known_as):
@@ -594,16 +594,16 @@ class SignIn:
         return budgets
 
     def forget_tries(self, person: Person) -> None:
-        """Forget the wrong tries of a person's name and second factor."""
+        """Forget the failed attempts for a person's name and second factor."""
         _, of_name = self._limit_login(person.login, "")
         self.throttle.clear((of_name, limit_code(person.id)))
 
     def _limit_login(self, login: str, address: str) -> tuple[Budget, Budget]:
-        """Count tries of one name, whether or not there is such a person: of one address, and of all.
+        """Return the counters for a sign-in name, whether or not it exists: of one address, and of all.
 
-        Of each address only the first three count for all, so that one address cannot lock a person out.
-        The keys are keyed digests, because people sometimes type a password in place of the name. The key
-        comes from the secret of the server, so that all servers count together.
+        Only the first three attempts of an address count for all, so that one address cannot lock a person
+        out. The keys are keyed digests, because people sometimes type a password in place of the name. The
+        digest key comes from the server secret, so that all servers count together.
         """
         key = self.accounts.secrets.derive("logins")
         names = (f"{login}\n{find_network(address)}", login)

@@ -176,7 +176,9 @@ def run_beside(act: Callable[[], T], on_wait: Callable[[], object]) -> T:
 def run_and_wait(attempt: Attempt) -> tuple[ResultFile, ...]:
     """Make an attempt while the caller waits; return the files.
 
-    Raises ------ RecordedProblem
+    Raises
+    ------
+    RecordedProblem
         With the code and facts of the refusal.
     Crashed, Interrupted
         The child died, or none could be started.

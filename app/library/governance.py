@@ -65,7 +65,7 @@ class RetentionStore(RowStore):
     def put(self, kind: str, days: int | None, *, now: bool = False) -> None:
         """Change the term of a kind; None keeps it permanently.
 
-        After a term was shortened, nothing of its kind is deleted for :data:`GRACE_DAYS`, unless ``now``.
+        After a term was shortened, no data of its kind are deleted for :data:`GRACE_DAYS`, unless ``now``.
         Raises BadParameter.
         """
         check_term(kind, days)

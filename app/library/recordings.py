@@ -238,7 +238,7 @@ class RecordingStore(RowStore):
                 record(connection, "recording.trashed", recording_id)
 
     def hasten_purge(self, recording_id: str, trashed_s: float) -> None:
-        """Let a recording in the trash count as having been there for at least ``trashed_s``."""
+        """Advance the time of a recording in the trash to at least ``trashed_s``."""
         mine = update(recordings).where(recordings.c.id == recording_id, recordings.c.state == TRASHED)
         self._write(mine.where(recordings.c.trashed_s < trashed_s).values(trashed_s=trashed_s))
 

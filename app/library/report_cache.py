@@ -127,7 +127,9 @@ class PairReports:
     def make(self, asked: AnyReportJobs) -> PairReport:
         """Return a report on several analyses, from the cache if it is intact.
 
-        Raises ------ RecordedProblem, Crashed, Interrupted
+        Raises
+        ------
+        RecordedProblem, Crashed, Interrupted
             From the child process; E-PAIR and E-DAYS are among the first
             (:class:`app.errors.CannotPair`, :class:`app.errors.CannotProfile`).
         NotHere, NotFinished, NoSuchFile, ResultDamaged

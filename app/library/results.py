@@ -105,7 +105,9 @@ def is_damaged(store: JobStore, storage: Storage, job: Job) -> bool:
 def retry(store: JobStore, storage: Storage, analysis_id: str, way_in: WayIn) -> Job:
     """Queue an analysis again that failed, was cancelled or is damaged; any other stays unchanged.
 
-    Raises ------ NotHere StoreDamaged
+    Raises
+    ------
+    NotHere StoreDamaged
         The recording is also damaged.
     """
     job = store.retry(analysis_id, way_in)
@@ -115,7 +117,9 @@ def retry(store: JobStore, storage: Storage, analysis_id: str, way_in: WayIn) ->
 def regenerate(store: JobStore, storage: Storage, job: Job, way_in: WayIn) -> Job:
     """Queue a finished analysis again; the new one replaces it.
 
-    Raises ------ StoreDamaged
+    Raises
+    ------
+    StoreDamaged
         The recording or its reference is damaged, so that no new report can be made.
     """
     if not can_regenerate(store, storage, job):

@@ -24,7 +24,7 @@ IDIOMS = {
         r"\b(?:even|only|also|except|save|but) where\b"
     ),
     "because, not for": r"[,;:] for (?:it|they|he|she|there|nothing|nobody|what|whoever)\b",
-    "contain, have": r"\b(?:bears?|bore|borne)\b",
+    "contain, have": r"\b(?:bears?|bore)\b",
     "is, not stands": (
         r"\b(?:stands?|stood) "
         r"(?:in|on|beside|behind|under|above|below|there|before|for|at|as|alone|with)\b"
@@ -47,7 +47,7 @@ IDIOMS = {
     "your own": r"\bof (?:theirs|ours|yours|hers|mine)\b",
     "sign in, audit log": (
         r"\b(?:audit trail|the trail|log in|logs in|logged in|logging in)\b|"
-        r"(?<![/\"'`_.#-])\blogins?\b(?![\"'`_])"
+        r"(?<![/\"'`_.#{-])\blogins?\b(?![\"'`_/}])"
     ),
     "name the thing: what it, what stands": (
         r"\bwhat (?:it|they|he|she|one|somebody|nobody|stands|lies|holds|belongs|remains|comes|goes)\b"

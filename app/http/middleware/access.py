@@ -126,7 +126,9 @@ class AuditRecorder:
     async def send(self, message: Message) -> None:
         """Send a message.
 
-        Raises ------ Exception
+        Raises
+        ------
+        Exception
             If the entry could not be written. The response must not be sent in that case.
         """
         if message["type"] == "websocket.accept":

@@ -157,7 +157,9 @@ def group_days(
 ) -> StudiedDays:
     """Group days by person, arm and side of the change.
 
-    Parameters ---------- days
+    Parameters
+    ----------
+    days
         In any order.
     same_subject
         A person states that all are from one person, if a code is missing.
