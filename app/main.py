@@ -38,10 +38,10 @@ from app.errors import (
     WrongVerb,
 )
 from app.http.api import about, live, pairs, trust, validations, webhooks
-from app.http.api.housekeeping import keep_house, reconcile, write_side_files
+from app.http.api.housekeeping import reconcile, run_housekeeping, write_side_files
 from app.http.api.library import analyses, batches, mappings, recordings, uploads
 from app.http.middleware.access import CHECKED, Access
-from app.http.middleware.guard import SECURITY_HEADERS, Guard, PlainText, make_timeout_protocol
+from app.http.middleware.guard import SECURITY_HEADERS, Guard, PlainText, build_timeout_protocol
 from app.http.middleware.problems import Refusal, hide_address, respond_to_refusal, translate_error
 from app.http.pages import account, help, library, login, rendering  # noqa: A004
 from app.http.pages import live as live_page
@@ -49,7 +49,7 @@ from app.http.pages import pairs as pair_pages
 from app.http.pages import trust as trust_pages
 from app.http.pages import validations as validation_pages
 from app.http.pages.recording import analysis, columns, day
-from app.http.pages.rendering import FOLDER, Assets, find_assets
+from app.http.pages.rendering import FOLDER, Assets, get_assets_path
 from app.intake import FolderWatch, Intake
 from app.library.database.connect import (
     bring_up_to_date,
@@ -102,7 +102,7 @@ def _build_routes() -> tuple[BaseRoute, ...]:
     router = APIRouter(generate_unique_id_function=lambda route: route.name)
     for routes in (*ROUTES, *PAGES):
         router.include_router(routes, dependencies=CHECKED)
-    router.mount(find_assets(), Assets(directory=FOLDER))
+    router.mount(get_assets_path(), Assets(directory=FOLDER))
     return tuple(router.routes)
 
 
@@ -223,11 +223,11 @@ def respond_to_error(request: Request, error: Exception) -> Response:
     is_sent = accepts_page and request.headers.get("sec-fetch-mode", "navigate") == "navigate"
     is_opened = is_sent and request.method in ("GET", "HEAD") and not path.startswith("/login")
     if isinstance(refusal, NotSignedIn) and is_opened:
-        return login.respond_with_login(request)
+        return login.respond_with_sign_in(request)
     if isinstance(refusal, NotConfirmed) and is_sent:
         return login.respond_with_confirmation(request)
     if isinstance(refusal, NotPermitted) and is_opened and path == "/":
-        return login.respond_with_place(request)
+        return login.respond_with_permitted_page(request)
     is_page = not path.startswith(("/api", "/healthz", "/readyz", "/metrics"))
     if isinstance(refusal, ResultDamaged | NotHere):  # the error page offers the next step
         is_page = is_page or accepts_page
@@ -270,7 +270,7 @@ async def _live(application: FastAPI) -> AsyncIterator[None]:
         services.pairs.sweep()
         if count := live.import_interrupted_sessions(services):
             logger.warning("the server stopped during %d live sessions; at most 2 s of each are lost", count)
-        house = asyncio.create_task(keep_house(services))
+        house = asyncio.create_task(run_housekeeping(services))
         try:
             yield
         finally:
@@ -315,7 +315,7 @@ def configure_server(application: FastAPI, settings: Settings) -> uvicorn.Config
         ssl_certfile=settings.tls_cert,
         ssl_keyfile=settings.tls_key,
         ssl_ciphers=TLS_CIPHERS,
-        http=make_timeout_protocol(settings.header_patience_s),
+        http=build_timeout_protocol(settings.header_patience_s),
         ws="websockets-sansio" if find_spec("websockets") else "none",
         ws_max_size=MAX_LIVE_MESSAGE_BYTES,
         ws_per_message_deflate=False,

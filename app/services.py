@@ -141,8 +141,7 @@ class Services:
         self.cache = DecodedCache(settings.data_dir / "cache", settings.max_cache_bytes)
         self.readiness = Readiness(store, storage, settings)
         self.live: LiveHub | None = None
-        """Built by the first live session (:func:`app.http.api.live.find_hub`) because it loads ``fusion``.
-        """
+        """The first live session builds it (:func:`app.http.api.live.get_hub`): it loads the science."""
         self.live_turn = threading.Lock()
 
 

@@ -1,1 +1,1 @@
-"""A list of recordings in, a folder of reports and one table out."""
+"""Batch runs: from a list of recordings to a folder of reports and tables."""

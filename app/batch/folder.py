@@ -1,8 +1,8 @@
-"""Plan of a run, and the folder of each recording: what it was made from, its versions, its languages.
+"""The plan of a run, and the result folder of each recording: its marker, versions and languages.
 
-No report is overwritten. The newest stands in the folder under the plain names; the one before it moves into
-``v1``, ``v2``, ... inside. A report in another language is the same report: it takes the plain names, and the
-one there keeps its language in its name (``report.en.html``).
+No report is overwritten. The newest report has the plain file names; the previous one moves to ``v1``,
+``v2``, ... inside the folder. A report in another language is the same version: it gets the plain names, and
+the existing one gets its language in its name (``report.en.html``).
 """
 
 import errno
@@ -29,19 +29,18 @@ from app.store.folder import hash_file
 from app.version import identify_engine
 from fusion.conventions import is_sidecar
 
-# Plan of a run: which recordings are analysed, and where the products of each go.
+# The plan of a run: which recordings are analysed, and where their products go.
 
 
-# The folder of each recording: it stays the same from run to run.
+# The folder of each recording stays the same from run to run.
 #
-# A folder is named after the file's stem; recordings of one stem are numbered. Which of them is whose is
-# recorded by the marker in the folder, not by the order in which they are found: a recording that joins the
-# study later must not take the folder of another, whose report would then stand as an earlier version of
-# its own.
+# A folder is named after the file's stem; further recordings with the same stem get a number. The marker in
+# the folder identifies its recording, not the order of the files. Otherwise a recording that joins the study
+# later could take another's folder, and the other's report would become an earlier version of the new one.
 
 
 MARKER = "done.json"
-"""Written last into a recording's folder: the folder is ours, and complete."""
+"""Written last into a recording's folder: it marks the folder as complete and made by acromion."""
 
 TABLES = (
     "summary.csv",
@@ -60,34 +59,36 @@ TABLES = (
 """Files next to the recordings' folders."""
 
 PROFILES = "profiles"
-"""Folder of the column profiles that were used, beside the recordings' folders; no recording's own."""
+"""Folder of the column profiles in use, next to the recordings' folders; no recording may use this name."""
 
 SHARDS = "shards"
-"""Folder of what several processes of one run tell each other (:mod:`app.batch.run`)."""
+"""Folder for data that the processes of a sharded run exchange (:mod:`app.batch.run`)."""
 
 TRUTH = "truth.parquet"
-"""What is known of a simulated recording, with ``truth.json`` beside it."""
+"""The true angles of a simulated recording, with ``truth.json`` next to it."""
 
 OWN_FOLDERS = (PROFILES, SHARDS)
 _RESERVED = re.compile(r'[<>:"/\\|?*\x00-\x1f]|[. ]+$')
 
 
-def place_folders(logs: Sequence[Path], out: Path) -> list[Path]:
-    """Assign each recording its folder: that of an earlier run, or one that no other recording has.
+def assign_folders(logs: Sequence[Path], out: Path) -> list[Path]:
+    """Assign each recording a folder: its own from an earlier run, or a free one.
 
-    Whatever part of a study is done already, by this process or another, the plan is the same. The results
-    are looked at once: folders that another process makes meanwhile change nothing of it.
+    The plan does not depend on how much of a study is already done. The results are read once, so folders
+    that another process creates meanwhile do not change the plan.
     """
     folders: dict[str, list[tuple[int, Path]]] = {format_folder_name(log).casefold(): [] for log in logs}
     for path in out.iterdir() if out.is_dir() else ():
         whole = path.name.casefold()
-        stem, _, number = whole.rpartition("-")  # arm-2 is the second folder of arm, or the first of arm-2
+        stem, _, number = whole.rpartition(
+            "-"
+        )  # "arm-2" may be the second folder of arm, or the first of arm-2
         numbered = (stem, int(number)) if stem and number.isdecimal() else (whole, 1)
         for name, place in {(whole, 1), numbered}:
             if name in folders:
                 folders[name].append((place, path))
     markers: dict[Path, dict[str, str]] = {path: {} for found in folders.values() for _, path in found}
-    for path in markers:  # one without a marker, or with none that can be read, names no recording
+    for path in markers:  # a missing or unreadable marker identifies no recording
         with suppress(OSError, ValueError):
             values = json.loads((path / MARKER).read_text("utf-8"))
             markers[path] = values if isinstance(values, dict) else {}
@@ -102,15 +103,15 @@ def place_folders(logs: Sequence[Path], out: Path) -> list[Path]:
         return next((path for path in list_made(log) if markers[path]["place"] == place), None)
 
     def find_by_bytes(log: Path) -> Path | None:
-        """Find the folder that was made of these bytes while they lay elsewhere."""
+        """Return the folder made from the same bytes at another path."""
         for path in list_made(log):
-            with suppress(OSError):  # a log that cannot be read is reported when its turn comes
+            with suppress(OSError):  # an unreadable recording is reported when it is analysed
                 if markers[path].get("input", "").split()[:1] == [digest(log)]:
                     return path
         return None
 
     def find_free(log: Path) -> Path | None:
-        """Find a folder that names no recording: its stem, then numbered."""
+        """Return a folder without a recording: named after the stem, then numbered."""
         stem = format_folder_name(log)
         every = chain([out / stem], (out / f"{stem}-{number}" for number in count(2)))
         free = (path for path in every if path.name.casefold() not in taken)
@@ -127,12 +128,12 @@ def place_folders(logs: Sequence[Path], out: Path) -> list[Path]:
 
 
 def identify_place(log: Path) -> str:
-    """Hash a place on the disk: it can be recognised, and not read back."""
+    """Hash a path, so that it can be recognised but not read back."""
     return hashlib.sha256(os.fsencode(os.path.normpath(log.absolute()))).hexdigest()[:16]
 
 
 def format_folder_name(log: Path) -> str:
-    """Return the file's stem, as a name that can only be a folder directly below the results."""
+    """Return the file's stem as a name that is safe for a folder."""
     stem = log.name.removesuffix(".gz").rpartition(".")[0] or log.name
     safe = _RESERVED.sub("_", clean_text(stem)).lstrip(". ")
     return f"{safe}_" if safe in OWN_FOLDERS else safe[:120] or "recording"
@@ -140,9 +141,9 @@ def format_folder_name(log: Path) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """One recording to do: where it is, what is asked of it, where its products go.
+    """One recording to analyse: its path, its request and its result folder.
 
-    ``path`` is where it lies, from the folder that was named.
+    ``path`` is relative to the folder in the command.
     """
 
     log: Path
@@ -153,18 +154,18 @@ class Task:
 
     @property
     def name(self) -> str:
-        """Name that no other recording of the run has."""
+        """A name that is unique in the run."""
         return self.path or format_path(Path(self.log.name))
 
     @property
     def origin(self) -> Origin:
-        """What identifies the recording in the tables."""
+        """The identity of the recording in the tables."""
         who = self.request
         return Origin(who.file_name, who.subject, who.side, self.name, self.folder.name)
 
 
 def format_path(path: Path) -> str:
-    """Write a path as text that any file takes: bytes of its name that are not UTF-8 become U+FFFD."""
+    """Format a path as valid text: bytes that are not UTF-8 become U+FFFD."""
     return os.fsencode(path).decode("utf-8", "replace")
 
 
@@ -176,22 +177,22 @@ def plan_tasks(
     *,
     force: bool,
 ) -> list[Task]:
-    """Return each recording a folder named after its stem; equal stems get a number."""
+    """Build a task for each recording, with a folder named after its stem; equal stems get a number."""
     known = list(logs)
     return [
         Task(log, replace(request, file_name=clean_file_name(log.name)), folder, force, format_log(log))
-        for log, folder in zip(known, place_folders(known, out), strict=True)
+        for log, folder in zip(known, assign_folders(known, out), strict=True)
     ]
 
 
-# Recordings are named one by one, by a folder, by a pattern or in a list.
+# Recordings can be given one by one, as folders, as patterns or in a list.
 
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """The recordings, each once, in a stable order, and how many other files lay in the folders named.
+    """The recordings without duplicates in a stable order, and the number of other files in the folders.
 
-    ``base`` is the folder that was named; of several the one that holds them all.
+    ``base`` is the folder in the command, or the common parent of several.
     """
 
     logs: tuple[Path, ...]
@@ -199,23 +200,23 @@ class Found:
     base: Path = Path()
 
     def format_place(self, log: Path) -> str:
-        """Write where a recording lies, relative to the folder that was named."""
-        way = _lay_out(log)
+        """Return the path of a recording relative to ``base``."""
+        way = _get_absolute_path(log)
         below = way.relative_to(self.base) if way.is_relative_to(self.base) else way
         return Path(format_path(below)).as_posix()
 
 
 def find_recordings(paths: Iterable[Path], out: Path, without: Collection[Path] = ()) -> Found:
-    """List the recordings named, and those in and below the folders named.
+    """Find the recordings among paths and in folders, recursively.
 
-    Files in the folder for the results, the files ``without`` (diaries, lists) and the files that a computer
-    puts beside others are not recordings.
+    The results folder is ignored, as are the files in ``without`` (diaries, lists) and the files that a
+    computer puts beside others.
     """
     logs: dict[Path, None] = {}
     others = 0
     bases: list[Path] = []
     for path in _expand(paths):
-        bases.append(_lay_out(path) if path.is_dir() else _lay_out(path).parent)
+        bases.append(_get_absolute_path(path) if path.is_dir() else _get_absolute_path(path).parent)
         inside = _find_in_folder(path, out, {p.resolve() for p in without}) if path.is_dir() else [path]
         found = [
             p
@@ -227,20 +228,20 @@ def find_recordings(paths: Iterable[Path], out: Path, without: Collection[Path] 
         others += len(inside) - len(found)
     try:
         base = Path(os.path.commonpath(bases))
-    except ValueError:  # several drives, which nothing holds
+    except ValueError:  # on several drives there is no common parent
         base = Path()
     return Found(tuple(logs), others, base)
 
 
-def _lay_out(path: Path) -> Path:
-    """Return the whole path without following links: a recording is where it was named."""
+def _get_absolute_path(path: Path) -> Path:
+    """Return the absolute path without following links."""
     return Path(os.path.normpath(path.absolute()))
 
 
 def _find_in_folder(folder: Path, out: Path, without: Collection[Path]) -> list[Path]:
-    """List the files, but for results: those of this run, and of any other (it holds ``run.json``).
+    """List the files in a folder without results, of this run or others (a folder with ``run.json``).
 
-    The truth that ``acromion simulate`` writes beside a recording is no recording either.
+    The true angles that ``acromion simulate`` writes next to a recording are also ignored.
     """
     files = [
         path
@@ -255,11 +256,11 @@ def _find_in_folder(folder: Path, out: Path, without: Collection[Path]) -> list[
 
 
 def read_list(content: str, folder: Path) -> list[Path]:
-    """Read a list of paths, one a line; a relative one starts from ``folder``.
+    """Parse a list of paths, one per line; relative paths start from ``folder``.
 
-    Blank lines and lines that begin with # are left out.
+    Blank lines and lines that start with # are ignored.
 
-    Raises UnusableList if a line names nothing that is there.
+    Raises UnusableList if a path does not exist.
     """
     paths = []
     for number, line in enumerate(content.splitlines(), 1):
@@ -272,10 +273,10 @@ def read_list(content: str, folder: Path) -> list[Path]:
 
 
 def _expand(paths: Iterable[Path]) -> Iterator[Path]:
-    """Expand patterns ourselves where the shell did not (Windows, or within quotes)."""
+    """Expand patterns that the shell did not (Windows, or within quotes)."""
     for path in paths:
         if set("*?[") & set(str(path)) and not path.exists():
-            names = sorted(glob.glob(str(path), recursive=True))  # noqa: PTH207  a path may be absolute
+            names = sorted(glob.glob(str(path), recursive=True))  # noqa: PTH207  the path may be absolute
             yield from map(Path, names or [str(path)])
         else:
             yield path
@@ -290,43 +291,43 @@ _REPORT_FILES = ("answer.txt", "report.html", "report.pdf")
 
 @dataclass(frozen=True, slots=True)
 class Marker:
-    """What the products in a folder were made from; it is written last, so that they are complete."""
+    """The origin of the products in a folder; it is written last, so that they are complete."""
 
     fingerprint: str
     input: str = ""
-    """SHA-256 of the log and of each file joined to it."""
+    """SHA-256 of the recording and of each file joined to it."""
     settings: str = "{}"
     version: int = 1
     changes: tuple[str, ...] = ()
     language: Language = "en"
     figures: Mapping[str, str] = field(default_factory=dict)
-    """SHA-256 of each file of figures, by its name."""
+    """SHA-256 of each result file, by name."""
     papers: Mapping[Language, Paper] = field(default_factory=dict)
-    """The paper of each language's PDF; A4 where none is stated."""
+    """The paper of the PDF in each language; A4 if not stated."""
     place: str = ""
-    """Where the log lay (:func:`app.batch.folder.identify_place`)."""
+    """Hash of the recording's path (:func:`identify_place`)."""
 
 
-def make_marker(task: Task, digest: str = "") -> Marker:
+def build_marker(task: Task, digest: str = "") -> Marker:
     """Build the marker of a task: the same input, settings and software give the same figures.
 
-    ``digest``: SHA-256 of its one log, where it is known.
+    ``digest``: SHA-256 of its single recording, if known.
     """
     digest = digest or " ".join(hash_file(path) for path in (task.log, *map(Path, task.request.joined)))
-    settings, fingerprint = _write_settings(task.request), take_fingerprint(digest, task.request)
+    settings, fingerprint = _write_settings(task.request), compute_fingerprint(digest, task.request)
     language, paper = task.request.languages[0], task.request.paper
     place = identify_place(task.log)
     return Marker(fingerprint, digest, settings, language=language, papers={language: paper}, place=place)
 
 
-def take_fingerprint(digest: str, request: ReportRequest) -> str:
-    """Hash what the figures depend on: the bytes (by their digest), what is asked, and the software."""
+def compute_fingerprint(digest: str, request: ReportRequest) -> str:
+    """Hash everything that determines the figures: digest of the bytes, settings and software."""
     parts = [digest, request.file_name, _write_settings(request), identify_engine()]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 
 def read_marker(folder: Path, figures: str = "results.json") -> Marker | None:
-    """Read what a finished folder was made from; None where it is not finished, or no longer whole."""
+    """Read the marker of a finished folder; None if it is unfinished or its files have changed."""
     if not all((folder / name).exists() for name in (MARKER, figures, "answer.txt")):
         return None
     try:
@@ -338,11 +339,11 @@ def read_marker(folder: Path, figures: str = "results.json") -> Marker | None:
 
 
 def is_up_to_date(task: Task) -> bool:
-    """Whether the report that is there holds the figures that the task would make."""
+    """Return whether the existing report has the figures that the task would produce."""
     before = read_marker(task.folder)
-    if before is None or before.settings != _write_settings(task.request):  # the log need not be read
+    if before is None or before.settings != _write_settings(task.request):  # without reading the recording
         return False
-    return before.fingerprint == make_marker(task).fingerprint
+    return before.fingerprint == build_marker(task).fingerprint
 
 
 def _write_settings(request: ReportRequest) -> str:
@@ -350,38 +351,38 @@ def _write_settings(request: ReportRequest) -> str:
 
 
 def write_marker(folder: Path, marker: Marker) -> None:
-    """Declare the folder complete."""
+    """Write the marker, which declares the folder complete."""
     whole = replace(marker, figures=_hash_figures(folder))
     (folder / MARKER).write_text(json.dumps(asdict(whole)), "utf-8")
 
 
 def _hash_figures(folder: Path) -> dict[str, str]:
-    """Hash the files that a later run relies on to write reports again."""
+    """Hash the files from which a later run renders reports."""
     there = (folder / name for name in _FIGURES)
     return {path.name: hash_file(path) for path in there if path.exists()}
 
 
 def find_changes(before: Marker, after: Marker) -> tuple[str, ...]:
-    """Find what differs: "input", the settings, or else the "engine"."""
+    """Return what differs: "input", the settings, or else the "engine"."""
     old, new = json.loads(before.settings), json.loads(after.settings)
     other_input = ("input",) if before.input and before.input != after.input else ()
     return (*other_input, *compare_settings(old, new)) or ("engine",)
 
 
-def refuse_foreign_folder(folder: Path) -> None:
-    """Refuse to replace a folder that we did not make. Raises FileExistsError."""
+def check_own_folder(folder: Path) -> None:
+    """Refuse to replace a folder that acromion did not make. Raises FileExistsError."""
     if folder.exists() and not (folder / MARKER).exists() and any(folder.iterdir()):
         raise FileExistsError(errno.EEXIST, "a folder of this name exists and was not made by acromion")
 
 
 def use_plain_names(folder: Path, language: Language) -> None:
-    """Rename the report in ``language`` to ``report.html``, its answer to ``answer.txt``."""
+    """Rename the report in ``language`` to ``report.html`` and its answer to ``answer.txt``."""
     for path in folder.glob(f"*.{language}.*"):
         path.rename(folder / f"{path.name.partition('.')[0]}{path.suffix}")
 
 
 def has_report(folder: Path, marker: Marker, request: ReportRequest) -> bool:
-    """Whether the report is there in the language, the kinds and for the paper asked."""
+    """Return whether the report exists in the requested language, kinds and paper."""
     language = request.languages[0]
     if "pdf" in request.kinds and marker.papers.get(language, "a4") != request.paper:
         return False
@@ -391,7 +392,7 @@ def has_report(folder: Path, marker: Marker, request: ReportRequest) -> bool:
 
 
 def switch_language(folder: Path, marker: Marker, language: Language) -> None:
-    """Return the plain names to the files of another language, and note it in the marker."""
+    """Rename the files of another language to the plain names, and update the marker."""
     if language == marker.language:
         return
     for name in _REPORT_FILES:
@@ -403,8 +404,8 @@ def switch_language(folder: Path, marker: Marker, language: Language) -> None:
 
 
 def replace_folder(folder: Path, staging: Path, figures: str = "results.json") -> None:
-    """Put the new products in place; what stood there moves to ``v<version>`` inside."""
-    earlier = find_earlier(folder)
+    """Replace the folder with new products; the old ones move to ``v<version>`` inside."""
+    earlier = get_earlier_path(folder)
     if folder.exists():
         folder.rename(earlier)
     staging.rename(folder)
@@ -412,8 +413,8 @@ def replace_folder(folder: Path, staging: Path, figures: str = "results.json") -
 
 
 def restore_earlier(folder: Path, figures: str = "results.json") -> None:
-    """Move back what was set aside: to its own place where that is free (a run was cut), else inside."""
-    earlier = find_earlier(folder)
+    """Move the earlier contents back if a run was interrupted, else into the new folder as a version."""
+    earlier = get_earlier_path(folder)
     if not earlier.exists():
         return
     if not folder.exists():
@@ -428,8 +429,8 @@ def restore_earlier(folder: Path, figures: str = "results.json") -> None:
         earlier.rename(folder / f"v{before.version}")
 
 
-def find_last_version(folder: Path) -> int:
-    """Return the number of the last version kept inside; 0 for none."""
+def get_last_version(folder: Path) -> int:
+    """Return the number of the last earlier version; 0 if there is none."""
     return max((int(path.name[1:]) for path in _find_versions(folder)), default=0)
 
 
@@ -439,9 +440,9 @@ def _find_versions(folder: Path) -> list[Path]:
 
 @contextmanager
 def open_staging(folder: Path) -> Iterator[Path]:
-    """Return an empty staging folder next to ``folder``; it is removed at the end.
+    """Provide an empty staging folder next to ``folder``; it is deleted at the end.
 
-    Raises BlockingIOError if another run makes the same products just now.
+    Raises BlockingIOError if another run is making the same products.
     """
     staging = folder.with_name(f".{folder.name}.part")
     staging.mkdir(parents=True, exist_ok=True)
@@ -456,7 +457,7 @@ def open_staging(folder: Path) -> Iterator[Path]:
 
 @contextmanager
 def _hold_alone(staging: Path) -> Iterator[None]:
-    """Lock a folder until the end of the block or of this process, unless it is on a drive without locks."""
+    """Lock a folder until the end of the block or of this process, if the file system supports locks."""
     if sys.platform == "win32":
         yield
         return
@@ -465,7 +466,7 @@ def _hold_alone(staging: Path) -> Iterator[None]:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         os.close(descriptor)
-        raise BlockingIOError(errno.EAGAIN, "another run makes the same report just now") from None
+        raise BlockingIOError(errno.EAGAIN, "another run is making the same report") from None
     except OSError:
         pass
     try:
@@ -475,14 +476,14 @@ def _hold_alone(staging: Path) -> Iterator[None]:
 
 
 def write_version(folder: Path, figures: str, language: Language, make: Callable[[Path], None]) -> Marker:
-    """Write a report of several analyses into its folder, as a new version where its figures changed."""
+    """Write a report of several analyses to its folder, as a new version if its figures changed."""
     restore_earlier(folder, figures)
-    refuse_foreign_folder(folder)
+    check_own_folder(folder)
     with open_staging(folder) as staging:
         make(staging)
         use_plain_names(staging, language)
         fingerprint, before = hash_file(staging / figures), read_marker(folder, figures)
-        version = find_last_version(folder) + 1
+        version = get_last_version(folder) + 1
         if before is not None:
             version = before.version + (before.fingerprint != fingerprint)
         marker = Marker(fingerprint, version=version, language=language)
@@ -491,6 +492,6 @@ def write_version(folder: Path, figures: str, language: Language, make: Callable
     return marker
 
 
-def find_earlier(folder: Path) -> Path:
-    """Return the place next to a folder to which its former contents move."""
+def get_earlier_path(folder: Path) -> Path:
+    """Return the temporary path of a folder's earlier contents."""
     return folder.with_name(f".{folder.name}.earlier")

@@ -1,10 +1,10 @@
-"""The list of participants of a study: whose arm is in which file, and what was done at its calibration.
+"""The list of participants of a study: subject, arm and calibration of each file.
 
 A CSV with the column ``file`` and any of ``subject``, ``side``, ``pose``, ``calibration`` (seconds, as
 ``5-15``; two windows as ``5-15 20-30``), ``pose_held`` (``start`` or ``no``), ``axis`` (``y``), ``slip_at``
-and ``no_slip_at`` (seconds) and ``diary`` (a CSV beside the list). A row goes before the settings of the run;
-what it leaves empty does not. A row that fits two recordings, or a recording that two rows fit, is refused
-before anything is analysed.
+and ``no_slip_at`` (seconds) and ``diary`` (a CSV next to the list). A value in a row overrides the run's
+settings; an empty cell does not. A row that matches two recordings, or a recording that matches two rows, is
+refused before anything is analysed.
 """
 
 import os
@@ -48,7 +48,7 @@ _Parts = tuple[str, ...]
 
 @dataclass(frozen=True, slots=True)
 class Participant:
-    """One row: the file (a name, or a path's last parts), and the fields of the request it fills."""
+    """One row: the file (a name, or the last parts of a path), and the request fields it sets."""
 
     file: str
     line: int
@@ -58,11 +58,10 @@ class Participant:
 def assign_participants(
     tasks: Sequence[Task], content: bytes, folder: Path | None
 ) -> tuple[list[Task], list[Participant]]:
-    """Return the tasks with their settings from the list, and the rows that fit no recording.
+    """Return the tasks with their settings from the list, and the rows that match no recording.
 
-    Raises UnusableParticipants with every fault of the list at once.
-    Raises fusion.errors.UnusableDiary or OSError if a diary named in it (the fact ``diary``) cannot be
-    used, or opened.
+    Raises UnusableParticipants with all errors of the list at once. Raises fusion.errors.UnusableDiary or
+    OSError if a diary named in the list (the fact ``diary``) cannot be used or opened.
     """
     people, refusals = read_participants(content, folder)
     places = [_split_path(os.path.normpath(task.log.absolute())) for task in tasks]
@@ -73,7 +72,7 @@ def assign_participants(
     for row in people:
         fitting = _find_fitting(named, row.file)
         if len(fitting) > 1:
-            first, second = (_name_among(fitting, place) for place in fitting[:2])
+            first, second = (_format_unique_end(fitting, place) for place in fitting[:2])
             refusals.append(_refuse(row, "several recordings", first=first, second=second, cure="path"))
             continue
         owner = owners.setdefault(fitting[0] if fitting else _split_path(row.file), row)
@@ -90,7 +89,7 @@ def assign_participants(
     own = [refusal.facts for refusal in refusals if isinstance(refusal, UnusableParticipants)]
     if own:
         raise UnusableParticipants(**join_facts(sorted(own, key=lambda facts: int(facts["line"]))))
-    if refusals:  # a diary that the list names is told of once the list itself is sound
+    if refusals:  # errors of a diary are reported once the list itself is valid
         raise refusals[0]
     known = set(places)
     return assigned, [row for place, row in owners.items() if place not in known]
@@ -101,9 +100,9 @@ def _refuse(row: Participant, why: str, **facts: Fact) -> UnusableParticipants:
 
 
 def _find_fitting(named: Mapping[_Parts, Sequence[_Parts]], file: str) -> list[_Parts]:
-    """Find the recordings, by their last part without case, whose path ends with the parts of a row.
+    """Return the recordings whose path ends with the parts of a row, ignoring case.
 
-    If several do, a spelling with the same case goes first, then a whole path before the end of one.
+    If there are several, exact case has precedence, then a match of the whole path.
     """
     wanted = _split_path(file)
     near = named.get(_fold(wanted[-1:]), ())
@@ -113,15 +112,15 @@ def _find_fitting(named: Mapping[_Parts, Sequence[_Parts]], file: str) -> list[_
     return whole or exact or ends
 
 
-def _name_among(places: Sequence[_Parts], place: _Parts) -> str:
-    """Write the shortest end of a path that no other of the paths has."""
+def _format_unique_end(places: Sequence[_Parts], place: _Parts) -> str:
+    """Return the shortest end of a path that is unique among the paths."""
     lengths = range(1, len(place))
     alone = (n for n in lengths if sum(other[-n:] == place[-n:] for other in places) == 1)
     return "/".join(place[-next(alone, len(place)) :])
 
 
 def _split_path(path: str) -> _Parts:
-    """Return the parts of a path, however accents are written in it (macOS, Windows)."""
+    """Split a path into parts, in Unicode NFC (macOS and Windows differ)."""
     whole = unicodedata.normalize("NFC", path)
     return tuple(part for part in re.split(r"[/\\]", whole) if part not in {"", "."})
 
@@ -133,12 +132,11 @@ def _fold(parts: _Parts) -> _Parts:
 def read_participants(
     content: bytes, folder: Path | None
 ) -> tuple[list[Participant], list[UnusableParticipants | UnusableDiary]]:
-    """Return the rows of the list, and what cannot be used in it.
+    """Return the rows of the list, and the errors in it.
 
-    Diaries it names are read from ``folder``, and refused without one.
+    Diaries are read from ``folder``; without one they are refused.
 
-    Raises UnusableParticipants if the header cannot be used.
-    Raises OSError if a diary cannot be opened.
+    Raises UnusableParticipants if the header cannot be used. Raises OSError if a diary cannot be opened.
     """
     rows = read_rows(decode_text(content))
     names = _map_columns(*next(rows, (1, [])))
@@ -181,7 +179,7 @@ def _map_columns(line: int, cells: list[str]) -> list[str]:
 
 @dataclass(frozen=True, slots=True)
 class Reader:
-    """How a cell is read: the field of the request it fills, the function, what is allowed."""
+    """How to parse a cell: the request field it sets, the function, and a hint of allowed values."""
 
     field: str
     read: Callable[[str], Any]
@@ -207,14 +205,14 @@ def _readers(folder: Path | None) -> Mapping[str, Reader]:
 
 
 def _find_word(words: Mapping[str, str], text: str) -> str:
-    """Look up the meaning of a word. Raises ValueError."""
+    """Return the meaning of a word. Raises ValueError."""
     if text not in words:
         raise ValueError
     return words[text]
 
 
 def _read_diary_beside(folder: Path | None, name: str) -> tuple[DiaryEntry, ...]:
-    if folder is None:  # the list came by itself
+    if folder is None:  # the list was uploaded without a folder
         raise ValueError
     try:
         return read_diary((folder / name).read_bytes())

@@ -1,4 +1,4 @@
-"""Analyses the recordings of a run, each in a child process with limits; finished ones are not repeated."""
+"""Run the analyses of a batch, each in a child process with limits; finished ones are not repeated."""
 
 import hashlib
 import json
@@ -27,18 +27,18 @@ from app.batch.folder import (
     SHARDS,
     Marker,
     Task,
+    build_marker,
+    check_own_folder,
+    compute_fingerprint,
     find_changes,
-    find_last_version,
+    get_last_version,
     has_report,
     is_up_to_date,
-    make_marker,
     open_staging,
     read_marker,
-    refuse_foreign_folder,
     replace_folder,
     restore_earlier,
     switch_language,
-    take_fingerprint,
     use_plain_names,
     write_marker,
 )
@@ -47,24 +47,24 @@ from app.request import ReportRequest
 from app.store.folder import KnownFiles, write_durably
 from fusion.errors import Fact
 
-# How many recordings this machine analyses at once.
+# The number of recordings analysed in parallel.
 
 
 NEED_BYTES = 1_200_000_000
-"""One analysis of 14.4 million samples, as measured by ``benchmarks/road.py``, with a margin."""
+"""Memory of one analysis of 14.4 million samples, as measured by ``benchmarks/road.py``, with a margin."""
 
 
 @dataclass(frozen=True, slots=True)
 class Capacity:
-    """The cores we may use and the memory that is free."""
+    """The available cores and free memory."""
 
     cores: int
     free_bytes: int
 
 
 def measure_capacity() -> Capacity:
-    """Ask the system; the cores are those this process may run on."""
-    import psutil  # noqa: PLC0415  of no use to a run of one recording
+    """Return the cores that this process may use, and the free memory."""
+    import psutil  # noqa: PLC0415  not needed for a single recording
 
     allowed = getattr(os, "sched_getaffinity", None)
     cores = len(allowed(0)) if allowed else os.cpu_count() or 1
@@ -72,21 +72,20 @@ def measure_capacity() -> Capacity:
 
 
 def choose_workers(recordings: int, capacity: Capacity) -> int:
-    """Leave one core to the person at the machine and take no more than fits into memory; at least one."""
+    """Return the number of workers that fits into memory and leaves one core free; at least one."""
     return max(1, min(recordings, capacity.cores - 1, capacity.free_bytes // NEED_BYTES))
 
 
 OnProgress = Callable[[Task, str | None, float], None]
 GoOn = Callable[[str | None, float], bool]
-"""Takes the stage and how far it is; False ends the analysis."""
+"""Receives the stage and its progress; return False to stop the analysis."""
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What came of one recording: its answer in a few lines, or the code and facts of the refusal.
+    """The result of one recording: its answer in a few lines, or the code and facts of the refusal.
 
-    ``version`` is that of its report; ``changes`` name what is different from the version before, if this is
-    a new one.
+    ``version`` is that of its report; ``changes`` are the differences from the previous version.
     """
 
     task: Task
@@ -99,9 +98,9 @@ class Outcome:
 
 
 def run_tasks(tasks: Sequence[Task], workers: int, on_progress: OnProgress) -> Iterator[Outcome]:
-    """Run the tasks, ``workers`` at once; outcomes come as they are ready, those of an earlier run first.
+    """Run the tasks, ``workers`` at once; yield outcomes when ready, finished recordings first.
 
-    When the caller stops asking (Ctrl-C), the analyses under way are ended and leave nothing behind.
+    If the caller stops early (Ctrl-C), running analyses are stopped without leaving files.
     """
     stopping = threading.Event()
 
@@ -110,7 +109,7 @@ def run_tasks(tasks: Sequence[Task], workers: int, on_progress: OnProgress) -> I
             on_progress(task, stage, fraction)
             return not stopping.is_set()
 
-        return do_task(task, go_on)
+        return run_task(task, go_on)
 
     with ThreadPoolExecutor(workers) as pool:
         begun = sorted(tasks, key=lambda task: not (task.folder / MARKER).exists())
@@ -123,46 +122,46 @@ def run_tasks(tasks: Sequence[Task], workers: int, on_progress: OnProgress) -> I
             pool.shutdown(cancel_futures=True)
 
 
-def do_task(task: Task, go_on: GoOn) -> Outcome:
-    """Analyse one recording into its folder; whatever happens to it is an outcome, never an exception."""
+def run_task(task: Task, go_on: GoOn) -> Outcome:
+    """Analyse one recording into its folder; every error becomes an outcome."""
     try:
         restore_earlier(task.folder)
         before = read_marker(task.folder)
-        asked = make_marker(task) if before else None
+        asked = build_marker(task) if before else None
         if before is None or asked is None or before.fingerprint != asked.fingerprint or task.force:
             return _do(task, before, asked, go_on)
         if not has_report(task.folder, before, task.request):
             return _rewrite(task, before, go_on)
-        return _take_done(task, before)
+        return _reuse(task, before)
     except OSError as error:
         return Outcome(task, code=UNREADABLE_PATH, facts={"why": error.strerror or str(error)})
 
 
-def find_done(task: Task) -> Outcome | None:
-    """Give what an earlier run made of the same bytes by the same settings; None where it is not whole."""
+def find_finished(task: Task) -> Outcome | None:
+    """Return the result of an earlier run with the same bytes and settings; None if there is none."""
     try:
         if task.force or not is_up_to_date(task):
             return None
         before = read_marker(task.folder)
         if before is None or not has_report(task.folder, before, task.request):
             return None
-        return _take_done(task, before)
+        return _reuse(task, before)
     except OSError:
         return None
 
 
-def _take_done(task: Task, before: Marker) -> Outcome:
+def _reuse(task: Task, before: Marker) -> Outcome:
     switch_language(task.folder, before, task.request.languages[0])
     return Outcome(task, _read_answer(task), repeated=True, version=before.version)
 
 
 def _do(task: Task, before: Marker | None, asked: Marker | None, go_on: GoOn) -> Outcome:
-    """Analyse; other settings than before make the next version, the same (``--force``) are the same report.
+    """Analyse a recording; changed settings make a new version, unchanged settings (``--force``) do not.
 
-    ``asked`` is None if nothing was made before: then the log is hashed while it is read.
+    ``asked`` is None if there is no earlier report; the recording is then hashed while it is read.
     """
-    refuse_foreign_folder(task.folder)
-    version, changes = find_last_version(task.folder) + 1, tuple[str, ...]()
+    check_own_folder(task.folder)
+    version, changes = get_last_version(task.folder) + 1, tuple[str, ...]()
     if before is not None and asked is not None:
         version, changes = before.version, before.changes
         if before.fingerprint != asked.fingerprint:
@@ -174,9 +173,9 @@ def _do(task: Task, before: Marker | None, asked: Marker | None, go_on: GoOn) ->
         if outcome.code:
             return outcome
         marker = asked
-        if marker is None:  # the reading of one log took its SHA-256
+        if marker is None:  # the reader has computed the SHA-256
             results = json.loads((staging / "results.json").read_bytes())
-            marker = make_marker(task, "" if task.request.joined else results["recording"]["sha256"])
+            marker = build_marker(task, "" if task.request.joined else results["recording"]["sha256"])
         use_plain_names(staging, marker.language)
         write_marker(staging, replace(marker, version=version, changes=changes))
         replace_folder(task.folder, staging)
@@ -184,7 +183,7 @@ def _do(task: Task, before: Marker | None, asked: Marker | None, go_on: GoOn) ->
 
 
 def _rewrite(task: Task, before: Marker, go_on: GoOn) -> Outcome:
-    """Write the finished analysis in another language or form, or for another paper; nothing is analysed."""
+    """Render a finished analysis in another language, format or paper size without analysing it again."""
     language = task.request.languages[0]
     with open_staging(task.folder) as staging:
         outcome = _attempt(task, task.request, staging, partial(load_and_render_again, task.folder), go_on)
@@ -202,7 +201,7 @@ def _rewrite(task: Task, before: Marker, go_on: GoOn) -> Outcome:
 
 
 def _attempt(task: Task, request: ReportRequest, staging: Path, make: MakeReport, go_on: GoOn) -> Outcome:
-    from app.settings import Settings  # noqa: PLC0415  with pydantic, while the science is loaded elsewhere
+    from app.settings import Settings  # noqa: PLC0415  loads pydantic while numpy is loaded elsewhere
 
     limits = choose_limits(Settings(), task.log.stat().st_size)
     outcome = run_attempt(Attempt(task.log, request, staging, make, limits), go_on)
@@ -219,7 +218,7 @@ def _read_answer(task: Task) -> tuple[str, ...]:
     return tuple((task.folder / "answer.txt").read_text("utf-8").splitlines())
 
 
-# One run as several processes.
+# Sharding: one run as several processes.
 
 
 SHARD_HINT = "K/N, 1 <= K <= N"
@@ -234,22 +233,22 @@ class Shard:
     count: int
 
     def select(self, tasks: Sequence[Task]) -> list[Task]:
-        """Return every N-th task in the order of their paths: slices differ by one recording at most."""
+        """Return every N-th task in path order, so that slices differ by at most one recording."""
         ordered = sorted(tasks, key=lambda task: (task.name, task.folder.name))
         return ordered[self.number - 1 :: self.count]
 
     @property
     def stem(self) -> str:
-        """Where its failures stand, without ".json"."""
+        """The name of its file of failures, without ".json"."""
         return f"{self.number}-of-{self.count}"
 
     def __str__(self) -> str:
-        """Write it as it is typed."""
+        """Format the shard as typed: K/N."""
         return f"{self.number}/{self.count}"
 
 
 def parse_shard(text: str) -> Shard:
-    """Read ``K/N``. Raises ValueError."""
+    """Parse ``K/N``. Raises ValueError."""
     number, count = (int(part) for part in text.split("/"))
     if not 1 <= number <= count:
         raise ValueError(SHARD_HINT)
@@ -257,11 +256,11 @@ def parse_shard(text: str) -> Shard:
 
 
 class ShardRecord:
-    """What one slice leaves for ``acromion collect`` in ``shards/`` of the results.
+    """The files of one slice for ``acromion collect``, in ``shards/`` of the results.
 
-    ``plan.json`` names every recording, its folder and what is asked of it; it is the same whichever process
-    writes it. ``K-of-N.json`` has the failures of one slice, which leave no folder. Neither holds a path of
-    this computer.
+    ``plan.json`` lists every recording with its folder and request; every process writes the same content.
+    ``K-of-N.json`` has the failures of one slice, which have no folder. Neither contains a path of this
+    computer.
     """
 
     def __init__(self, out: Path, shard: Shard, tasks: Sequence[Task], request: ReportRequest) -> None:
@@ -278,7 +277,7 @@ class ShardRecord:
         self._plan_sha256 = hashlib.sha256(self._content).hexdigest()
 
     def begin(self) -> None:
-        """Write the plan, and take back what an earlier run of this slice, or of other slices, reported."""
+        """Write the plan; clear the failures of this slice, and of runs with another number of slices."""
         self._folder.mkdir(parents=True, exist_ok=True)
         plan = self._folder / _PLAN
         if not plan.exists() or plan.read_bytes() != self._content:
@@ -297,10 +296,10 @@ class ShardRecord:
 
 @dataclass(frozen=True, slots=True)
 class Collected:
-    """What all slices left.
+    """The results of all slices.
 
-    ``undone`` are the slices ("K/N") that have recordings to do still, and ``differing`` those that ran with
-    other files or options than the slice that began last.
+    ``undone``: slices ("K/N") with recordings that are not analysed yet. ``differing``: slices that ran with
+    other files or options than the last started slice.
     """
 
     outcomes: list[Outcome]
@@ -310,21 +309,22 @@ class Collected:
 
 
 def collect_outcomes(out: Path) -> Collected:
-    """Read what became of every recording of the plan, in its order, and the settings of the run.
+    """Return the outcome of every recording of the plan, in order, and the settings of the run.
 
-    A recording without a report or a failure is not done: a process that was killed can say nothing.
+    A recording with neither a report nor a failure counts as not done, because a killed process writes
+    nothing.
 
-    Raises OSError, ValueError, KeyError or TypeError if no process with ``--shard`` has written, or its
-    plan cannot be read.
+    Raises OSError, ValueError, KeyError or TypeError if no process with ``--shard`` has run, or its plan
+    cannot be read.
     """
     content = (out / SHARDS / _PLAN).read_bytes()
     plan, plan_sha256 = json.loads(content), hashlib.sha256(content).hexdigest()
     records = {path.stem: json.loads(path.read_bytes()) for path in (out / SHARDS).glob("*-of-*.json")}
     others = {stem for stem, record in records.items() if record["plan"] != plan_sha256}
     problems: dict[str, Mapping[str, Any]] = {}
-    for stem in records.keys() - others:  # what was reported of other plans says nothing
+    for stem in records.keys() - others:  # failures of other plans do not count
         problems |= records[stem]["problems"]
-    outcomes = [_find_outcome(out, told, problems.get(told["path"])) for told in plan["recordings"]]
+    outcomes = [_find_outcome(out, entry, problems.get(entry["path"])) for entry in plan["recordings"]]
     undone = {outcome.task.name for outcome in outcomes if outcome.code == Interrupted.code}
     tasks = [outcome.task for outcome in outcomes]
     count = max(int(stem.split("-of-")[1]) for stem in records)
@@ -341,14 +341,14 @@ def _encode(value: Any) -> bytes:
     return (json.dumps(value, ensure_ascii=False, indent=1) + "\n").encode()
 
 
-def _find_outcome(out: Path, told: Mapping[str, Any], problem: Mapping[str, Any] | None) -> Outcome:
-    """Give what became of one recording: its failure, its report, or nothing yet."""
-    request = ReportRequest.from_json(told["request"])
-    task = Task(Path(told["path"]), request, out / told["folder"], path=told["path"])
+def _find_outcome(out: Path, entry: Mapping[str, Any], problem: Mapping[str, Any] | None) -> Outcome:
+    """Return the outcome of one recording: its failure, its report, or not done."""
+    request = ReportRequest.from_json(entry["request"])
+    task = Task(Path(entry["path"]), request, out / entry["folder"], path=entry["path"])
     if problem is not None:
         return Outcome(task, code=problem["code"], facts=problem["facts"])
     marker = read_marker(task.folder)
-    is_current = marker is not None and marker.fingerprint == take_fingerprint(marker.input, request)
+    is_current = marker is not None and marker.fingerprint == compute_fingerprint(marker.input, request)
     if marker is None or not is_current or not has_report(task.folder, marker, request):
         return Outcome(task, code=Interrupted.code)
     return Outcome(task, version=marker.version)

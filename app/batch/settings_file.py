@@ -1,7 +1,7 @@
-"""The settings of a study as ``settings.yaml``: what a run used, and what ``--config`` takes back.
+"""The settings of a study as ``settings.yaml``, which a run writes and ``--config`` reads.
 
-The names are those of the command's options. Which file, whose arm and how many at once are not settings of
-a study: they stand in the participants' table and on the command line.
+The names are those of the command's options. Files, arms and the number of parallel jobs are not settings of
+a study: they are in the list of participants and on the command line.
 """
 
 import json
@@ -34,7 +34,7 @@ DIARY_HINT = '[{start: "07:58" | start_s: 60, end | end_s, kind, label}]'
 
 
 class _PlainLoader(yaml.SafeLoader):
-    """Reads ``10:30`` as text, not as 630 (YAML 1.1 counts in sixties)."""
+    """Loads ``10:30`` as text; YAML 1.1 would read it as 630 in base 60."""
 
 
 _PlainLoader.yaml_implicit_resolvers = {
@@ -55,7 +55,7 @@ _PlainLoader.add_implicit_resolver(
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """A name in the file: the field of the request it fills, how its value is read, what is allowed."""
+    """A name in the file: the request field it sets, how to parse its value, and a hint of allowed values."""
 
     name: str
     field: str
@@ -82,7 +82,7 @@ def _read_window_list(value: Any) -> tuple[tuple[float, float], ...]:
 
 
 def _read_held(value: Any) -> PoseHeld | None:
-    """Read ``start`` or ``no``, which YAML 1.1 takes for "false"."""
+    """Parse ``start`` or ``no``, which YAML 1.1 reads as "false"."""
     known: tuple[PoseHeld | None, ...] = (*get_args(PoseHeld), None)
     return known[known.index("no" if value is False else value)]
 
@@ -110,7 +110,7 @@ def _read_kinds(value: Any) -> tuple[ReportKind, ...]:
 def _read_entry(
     *, start: str = "", end: str = "", start_s: Any = "", end_s: Any = "", kind: Any, **others: Any
 ) -> DiaryEntry:
-    """Read a row; a number is seconds, and seconds stand under ``start_s`` and ``end_s`` alone."""
+    """Parse a row; seconds are allowed only in ``start_s`` and ``end_s``."""
     if kind not in KINDS or not (isinstance(start, str) and isinstance(end, str)):
         raise ValueError
     try:
@@ -152,7 +152,7 @@ _BY_NAME = {setting.name: setting for setting in SETTINGS}
 
 
 def encode_settings(request: ReportRequest) -> bytes:
-    """Write the settings of a request as YAML, every one of them, in a fixed order."""
+    """Format all settings of a request as YAML, in a fixed order."""
     values = {
         "method": request.method,
         "pose": request.pose,
@@ -166,7 +166,7 @@ def encode_settings(request: ReportRequest) -> bytes:
         "lang": request.languages[0],
         "report": list(request.kinds),
         "paper": request.paper,
-        "diary": [  # a row's line in the file that it came from is no setting
+        "diary": [  # the line in the original file is not a setting
             {name: value for name, value in row.items() if value not in {None, ""} and name != "line"}
             for row in (asdict(entry) | split_times(entry) for entry in request.diary)
         ],
@@ -177,10 +177,10 @@ def encode_settings(request: ReportRequest) -> bytes:
 
 
 def read_settings(content: bytes) -> dict[str, Any]:
-    """Read a settings file: fields of :class:`ReportRequest` and their values, only those it names.
+    """Parse a settings file; return the fields of :class:`ReportRequest` that it sets.
 
-    Raises UnusableSettings with the line or the name, what is allowed and, for a name that is not known, the
-    nearest that is.
+    Raises UnusableSettings with the line or name, the allowed values and, for an unknown name, the nearest
+    known one.
     """
     try:
         values = yaml.load(content, _PlainLoader)  # noqa: S506  a SafeLoader

@@ -45,7 +45,7 @@ _PACKAGES = ("numpy", "scipy", "numba", "pandas", "pyarrow", "typst")
 def write_tables(out: Path, outcomes: Sequence[Outcome], request: ReportRequest, made_at: datetime) -> None:
     """Write the files next to the recordings' folders: summary, problems, periods, dictionary, run.
 
-    Each is the old one or the new one, whole, whatever ends us meanwhile.
+    Each file is replaced atomically.
     """
     out.mkdir(parents=True, exist_ok=True)
     found: list[dict[str, Any] | None] = []
@@ -63,7 +63,7 @@ def write_tables(out: Path, outcomes: Sequence[Outcome], request: ReportRequest,
         if results is None:
             made.append(Made(code=outcome.code))
             continue
-        folder = outcome.task.folder  # the files of earlier versions lie in folders inside
+        folder = outcome.task.folder  # files of earlier versions are in subfolders
         files = sorted(path for path in folder.iterdir() if path.is_file())
         made.append(Made({f"{folder.name}/{path.name}": path.stat().st_size for path in files}, results))
     write_durably(out / CRATE, encode_crate(made, sizes, made_at.isoformat(timespec="seconds")))
@@ -75,7 +75,7 @@ def _encode_tables(
     request: ReportRequest,
     made_at: datetime,
 ) -> Iterator[tuple[str, bytes]]:
-    """Encode each table; ``found``: the results of each outcome, None of a failure."""
+    """Encode each table; ``found``: the results of each outcome, None for a failure."""
     language, every = request.languages[0], list(zip(outcomes, found, strict=True))
     rows = [
         summarise_failure(one.task.origin, one.code or "") if results is None else summarise_results(results)

@@ -1,6 +1,6 @@
-"""The command line: what outsiders' scripts rely on (names and exit codes are a contract).
+"""The command line. Users' scripts depend on command names, options and exit codes; do not change them.
 
-One module for each kind of command; they are given their names here, in the order in which help lists them.
+Each module has one kind of command. The commands get their names here, in the order of the help.
 """
 
 import io
@@ -49,12 +49,12 @@ app.add_typer(account, name="account")
 
 
 def main() -> None:
-    """Enter from the command ``acromion``."""
+    """Run the command ``acromion``."""
     if isinstance(sys.stdout, io.TextIOWrapper):
         out = sys.stdout
         buffering = (out.line_buffering, out.write_through)
         sys.stdout = PipedOutput(out.buffer, out.encoding, out.errors, None, *buffering)
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # a sign that the terminal cannot write must end no run
+        if isinstance(stream, io.TextIOWrapper):  # unprintable characters must not stop a run
             stream.reconfigure(errors="replace")
     app()

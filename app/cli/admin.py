@@ -1,4 +1,4 @@
-"""The commands of the person who runs Acromion: server, backups, audit log, terms, holds and accounts."""
+"""Commands for administrators: server, backups, audit log, retention, holds and accounts."""
 
 import hashlib
 import json
@@ -46,34 +46,41 @@ T = TypeVar("T", bound=str)
 
 def serve(
     host: Annotated[
-        str, typer.Option(help="Any but this computer needs accounts, --hosts and TLS.")
+        str,
+        typer.Option(
+            help="Address to listen on; other than this computer, it needs accounts, --hosts and TLS."
+        ),
     ] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=0, max=65535)] = 8080,
-    data: Annotated[Path, typer.Option(metavar="DIR", help="Where recordings and reports are kept.")] = Path(
+    data: Annotated[Path, typer.Option(metavar="DIR", help="Folder for recordings and reports.")] = Path(
         "acromion-data"
     ),
     workers: Annotated[
-        int, typer.Option("-j", "--jobs", min=0, help="Analyses at once; 0 leaves them to other workers.")
+        int,
+        typer.Option("-j", "--jobs", min=0, help="Analyses in parallel; 0 leaves them to separate workers."),
     ] = 2,
     open_: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
     watch: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Take in what is put into this folder, too.")
+        Path | None, typer.Option(metavar="DIR", help="Also import files that are put into this folder.")
     ] = None,
     pose_held: Annotated[
         PoseHeld | None,
-        typer.Option(help="Of what --watch takes in: the pose was held at the start of wear, or not."),
+        typer.Option(help="For files of --watch: whether the pose was held at the start of wear."),
     ] = None,
-    tls_cert: Annotated[Path | None, typer.Option(metavar="FILE.pem", help="Certificate of HTTPS.")] = None,
-    tls_key: Annotated[Path | None, typer.Option(metavar="FILE.pem", help="Its key.")] = None,
-    hosts: Annotated[str, typer.Option(metavar="NAME,...", help="Names that the server answers to.")] = "",
+    tls_cert: Annotated[Path | None, typer.Option(metavar="FILE.pem", help="TLS certificate.")] = None,
+    tls_key: Annotated[
+        Path | None, typer.Option(metavar="FILE.pem", help="Private key of the certificate.")
+    ] = None,
+    hosts: Annotated[str, typer.Option(metavar="NAME,...", help="Host names of the server.")] = "",
     proxy: Annotated[
-        str, typer.Option(metavar="ADDRESS", help="A proxy of this computer that ends TLS: 127.0.0.1 or ::1.")
+        str,
+        typer.Option(metavar="ADDRESS", help="Address of a TLS proxy on this computer: 127.0.0.1 or ::1."),
     ] = "",
     no_secret: Annotated[
-        bool, typer.Option("--no-secret", help="Without accounts, let everybody on this computer in.")
+        bool, typer.Option("--no-secret", help="Without accounts, allow everyone on this computer.")
     ] = False,
 ) -> None:
-    """Serve the page and the API, with the workers that do the analyses."""
+    """Start the web page, the API and the workers."""
     from app.main import serve as serve_app  # noqa: PLC0415
     from app.settings import Settings  # noqa: PLC0415
 
@@ -92,11 +99,11 @@ def serve(
 
 
 def worker(
-    data: Annotated[Path, typer.Option(metavar="DIR", help="The data folder of the server.")] = Path(
+    data: Annotated[Path, typer.Option(metavar="DIR", help="Data folder of the server.")] = Path(
         "acromion-data"
     ),
 ) -> None:
-    """Do queued analyses until stopped; any number may run beside the server."""
+    """Run queued analyses until stopped; several workers can run next to the server."""
     from app.library.database.connect import check_whole, translate_start_errors  # noqa: PLC0415
     from app.queue.worker import run_by_settings  # noqa: PLC0415
     from app.settings import Settings  # noqa: PLC0415
@@ -116,43 +123,48 @@ def worker(
 
 DataOption = Annotated[
     Path | None,
-    typer.Option("--data", metavar="DIR", help="The data folder; else ACROMION_DATA_DIR or ./acromion-data."),
+    typer.Option("--data", metavar="DIR", help="Data folder; default: ACROMION_DATA_DIR or ./acromion-data."),
 ]
 LanguageOption = Annotated[Language, typer.Option("--lang")]
 RecipientOption = Annotated[
     list[str] | None,
-    typer.Option("--recipient", metavar="age1...", help="Who may read it (age); again for several."),
+    typer.Option(
+        "--recipient", metavar="age1...", help="Public key (age) that can decrypt it; can be repeated."
+    ),
 ]
 IdentityOption = Annotated[
-    Path | None, typer.Option("--identity", metavar="FILE", help="The age identity that opens it.")
+    Path | None,
+    typer.Option("--identity", metavar="FILE", help="File with the age identity that decrypts it."),
 ]
 
 
 def backup(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="The backup to write (.zip, .zip.age).")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Backup file to write (.zip, .zip.age).")],
     recipient: RecipientOption = None,
     keep: Annotated[
         int | None,
         typer.Option(
-            min=1, help="Keep so many backups of this name (its digits may differ); delete older ones."
+            min=1, help="Keep this many backups with this name (digits may differ); delete older ones."
         ),
     ] = None,
     data: DataOption = None,
     lang: LanguageOption = "en",
 ) -> None:
-    """Write every row and every file into one file; the server may run meanwhile.
+    """Write all rows and files into one file, even while the server is running.
 
-    A damaged store is backed up, too: what is missing or damaged is listed, and the exit code is 1.
+    A damaged store is also backed up: missing or damaged files are listed, and the exit code is 1.
     """
-    from app.ops.backup import back_up, drop_older_backups  # noqa: PLC0415  only this needs the database
+    from app.ops.backup import back_up, drop_older_backups  # noqa: PLC0415  loads the database
     from app.ops.copies import record_backup  # noqa: PLC0415
     from app.ops.place import check_used, record_command  # noqa: PLC0415
     from app.store.folder import open_storage  # noqa: PLC0415
 
     if keep and not any(letter.isdigit() for letter in file.name):
-        raise typer.BadParameter("FILE needs a date: acromion-2026-03-02.zip", param_hint="--keep")
-    settings = find_settings(data)
-    with _refusals_printed(lang, settings):
+        raise typer.BadParameter(
+            "FILE must contain a date, such as acromion-2026-03-02.zip", param_hint="--keep"
+        )
+    settings = load_settings(data)
+    with _printing_refusals(lang, settings):
         check_used(settings)
         record_command(settings, "store.backed_up")
         copied = back_up(settings, file, recipient or ())
@@ -167,17 +179,17 @@ def backup(
 
 
 def drill(
-    file: Annotated[Path, typer.Argument(metavar="BACKUP", help="The backup to try.")],
+    file: Annotated[Path, typer.Argument(metavar="BACKUP", help="Backup to test.")],
     identity: IdentityOption = None,
     lang: LanguageOption = "en",
 ) -> None:
-    """Restore a backup into a temporary folder, read every byte, and say how long it took."""
-    from app.ops.backup import drill as try_out  # noqa: PLC0415  the database, and only this needs it
+    """Restore a backup into a temporary folder, check every file, and print how long it took."""
+    from app.ops.backup import drill as try_out  # noqa: PLC0415  loads the database
 
-    with _refusals_printed(lang, find_settings(None)):
+    with _printing_refusals(lang, load_settings(None)):
         done = try_out(file, identity)
     _print_faults(lang, done.faults)
-    minutes = math.ceil(done.minutes * 10) / 10  # a short drill took no 0.0 minutes
+    minutes = math.ceil(done.minutes * 10) / 10  # round up, so that a short drill does not show 0.0
     facts = {"number": str(done.files), "minutes": f"{minutes:.1f}", "faults": str(len(done.faults))}
     print_sentence(lang, "drill", "bad" if done.faults else "good", **facts)
     if done.faults:
@@ -185,28 +197,28 @@ def drill(
 
 
 def restore(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="The backup to read.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Backup to restore.")],
     identity: IdentityOption = None,
     data: DataOption = None,
     lang: LanguageOption = "en",
 ) -> None:
-    """Put a backup into an empty data folder (or an empty database and bucket).
+    """Restore a backup into an empty data folder (or an empty database and bucket).
 
-    A backup with faults is restored, too: what is missing or damaged is listed, and the exit code is 1.
+    A backup with errors is also restored: missing or damaged files are listed, and the exit code is 1.
     """
-    from sqlalchemy.engine import make_url  # noqa: PLC0415  heavy, and only this needs it
+    from sqlalchemy.engine import make_url  # noqa: PLC0415  slow import
 
     from app.ops.backup import restore as put_back  # noqa: PLC0415
-    from app.store.folder import LEDGER_FILE  # noqa: PLC0415  the database, and only this needs it
+    from app.store.folder import LEDGER_FILE  # noqa: PLC0415  loads the database
 
-    settings = find_settings(data)
-    with _refusals_printed(lang, settings):
+    settings = load_settings(data)
+    with _printing_refusals(lang, settings):
         copied = put_back(settings, file, identity)
     _print_accounts(lang, copied.accounts)
     if copied.erased:
         print_sentence(lang, "restore", "erased", number=str(copied.erased))
     places = {"folder": str(settings.data_dir), "files": settings.object_store or str(settings.data_dir)}
-    rows = ""  # in the data folder, as the files
+    rows = ""  # the rows are in the data folder, like the files
     if settings.object_store or not settings.is_database_inside:
         rows = make_url(settings.database_url).render_as_string(hide_password=True)
     _print_copied(lang, "restore", copied, **places, rows=rows)
@@ -216,19 +228,21 @@ def restore(
 
 
 def verify(
-    file: Annotated[Path | None, typer.Argument(metavar="FILE", help="A backup; else what is kept.")] = None,
+    file: Annotated[
+        Path | None, typer.Argument(metavar="FILE", help="Backup to check; default: the data folder.")
+    ] = None,
     identity: IdentityOption = None,
     data: DataOption = None,
     lang: LanguageOption = "en",
 ) -> None:
-    """Read every file and compare it with what its row says."""
-    from app.library.database.connect import check_whole  # noqa: PLC0415  the database, and only this needs it
+    """Read every file and compare it with its row in the database."""
+    from app.library.database.connect import check_whole  # noqa: PLC0415  loads the database
     from app.ops.backup import find_damage  # noqa: PLC0415
     from app.ops.place import check_used, record_command  # noqa: PLC0415
     from app.ops.verify import find_expected, find_faults  # noqa: PLC0415
 
-    with _refusals_printed(lang, find_settings(data)):
-        settings = find_settings(data)
+    with _printing_refusals(lang, load_settings(data)):
+        settings = load_settings(data)
         if file is None:
             check_used(settings)
             check_whole(settings.database_url)
@@ -246,12 +260,12 @@ def verify(
 
 
 def recover(data: DataOption = None, lang: LanguageOption = "en") -> None:
-    """Bring back from the side files the recordings that the database has lost; rows that are there stay."""
-    from app.ops.place import check_recoverable  # noqa: PLC0415  the database, and only this needs it
+    """Restore recordings that the database has lost from the side files; existing rows do not change."""
+    from app.ops.place import check_recoverable  # noqa: PLC0415  loads the database
     from app.ops.recover import recover as bring_back  # noqa: PLC0415
 
-    settings = find_settings(data)
-    with _refusals_printed(lang, settings):
+    settings = load_settings(data)
+    with _printing_refusals(lang, settings):
         check_recoverable(settings)
         done = bring_back(settings)
     for trouble in done.troubles:
@@ -268,11 +282,11 @@ def recover(data: DataOption = None, lang: LanguageOption = "en") -> None:
 
 
 def doctor(data: DataOption = None, lang: LanguageOption = "en") -> None:
-    """Look for what would keep Acromion from working well on this machine, and say the cure."""
-    from app.ops.doctor import examine  # noqa: PLC0415  the database, and only this needs it
+    """Check this machine for problems that affect Acromion, and print how to fix them."""
+    from app.ops.doctor import examine  # noqa: PLC0415  loads the database
 
     words, healthy = load_wording(lang, "operations"), True
-    for found in examine(find_settings(data)):
+    for found in examine(load_settings(data)):
         entry = words["check"][found.name]
         what, cure = fill(entry["what"], found.facts), fill(entry["cure"], found.facts)
         print_sentence(lang, "doctor", "good" if found.healthy else "bad", what=what, cure=cure)
@@ -282,7 +296,7 @@ def doctor(data: DataOption = None, lang: LanguageOption = "en") -> None:
 
 
 def _print_copied(language: Language, command: str, copied: "Copied", **facts: str) -> None:
-    """Print how many files were copied and which were not whole."""
+    """Print how many files were copied, and which were missing or damaged."""
     if not copied.faults:
         print_sentence(language, command, "done", number=str(copied.promised), **facts)
         return
@@ -292,7 +306,7 @@ def _print_copied(language: Language, command: str, copied: "Copied", **facts: s
 
 
 def _print_accounts(language: Language, accounts: "Accounts") -> None:
-    """Print who may sign in, and which tokens work."""
+    """Print which people can sign in, and which tokens are valid."""
     for login, roles in accounts.people:
         print_sentence(language, "restore", "person", login=login, roles=roles)
     for name, login, permissions, expires_s in accounts.tokens:
@@ -305,23 +319,23 @@ def _print_faults(language: Language, faults: "Sequence[Fault]") -> None:
         print_sentence(language, "verify", fault.finding, name=fault.name)
 
 
-def find_settings(data: Path | None) -> "Settings":
-    """Return the settings of a data folder, else those of the environment."""
+def load_settings(data: Path | None) -> "Settings":
+    """Return the settings of a data folder, or those of the environment."""
     from app.settings import Settings  # noqa: PLC0415
 
     return Settings() if data is None else Settings(data_dir=data)
 
 
 def print_sentence(language: Language, command: str, sentence: str, /, **facts: str) -> None:
-    """Print a sentence of a command, filled in."""
+    """Print a sentence of a command with its values."""
     shown = {name: escape_controls(fact) for name, fact in facts.items()}
     typer.echo(fill(load_wording(language, "operations")[command][sentence], shown))
 
 
 @contextmanager
-def _refusals_printed(language: Language, settings: "Settings") -> Iterator[None]:
-    """Print a refusal in words, and end with its exit code."""
-    from sqlalchemy.exc import SQLAlchemyError  # noqa: PLC0415  heavy, and only this needs it
+def _printing_refusals(language: Language, settings: "Settings") -> Iterator[None]:
+    """Print a refusal and exit with its code."""
+    from sqlalchemy.exc import SQLAlchemyError  # noqa: PLC0415  slow import
 
     from app.library.database.connect import translate_start_errors  # noqa: PLC0415
 
@@ -332,7 +346,7 @@ def _refusals_printed(language: Language, settings: "Settings") -> Iterator[None
         _print_refusal(refusal, language)
     except SQLAlchemyError:
         _print_refusal(DatabaseAway(), language)
-    except OSError as error:  # the place of the backup
+    except OSError as error:  # of the backup file
         _print_refusal(BackupRefused(why=f"{error.filename or ''} {error.strerror}".strip()), language)
 
 
@@ -342,33 +356,41 @@ def _print_refusal(refusal: AppError, language: Language) -> None:
     raise typer.Exit(Exit.NOTHING_DONE) from None
 
 
-# The audit log, terms, holds; and the original of a recording.
+# The audit log, retention, holds; and original recordings.
 
 
-MOST_SHOWN = 1000
+MAX_SHOWN = 1000
 
 trail = typer.Typer(help="The audit log: who did what.", no_args_is_help=True)
-hold = typer.Typer(help="Keep a recording whatever happens.", no_args_is_help=True)
+hold = typer.Typer(help="Protect a recording from deletion.", no_args_is_help=True)
 
 
 @trail.command("show")
 def show_trail(
-    subject: Annotated[str, typer.Option(help="Who touched this subject's recordings.")] = "",
-    recording: Annotated[str, typer.Option(metavar="ID", help="An erased one, too.")] = "",
-    who: Annotated[str, typer.Option(metavar="ID", help="What did this person, token or machine do.")] = "",
-    begin: Annotated[str, typer.Option("--from", metavar="TIME", help="ISO 8601; without a zone UTC.")] = "",
+    subject: Annotated[str, typer.Option(help="Show entries about the recordings of this subject.")] = "",
+    recording: Annotated[
+        str, typer.Option(metavar="ID", help="Show entries about this recording, also if it was erased.")
+    ] = "",
+    who: Annotated[
+        str, typer.Option(metavar="ID", help="Show entries of this person, token or command line.")
+    ] = "",
+    begin: Annotated[
+        str, typer.Option("--from", metavar="TIME", help="ISO 8601; UTC if it has no time zone.")
+    ] = "",
     end: Annotated[str, typer.Option("--to", metavar="TIME")] = "",
-    form: Annotated[str, typer.Option(help="text, csv or jsonl; the last two give every line.")] = "text",
+    form: Annotated[
+        str, typer.Option(help="text, csv or jsonl; csv and jsonl contain all entries.")
+    ] = "text",
     data: DataOption = None,
     lang: LanguageOption = "en",
 ) -> None:
-    """Answer who touched a subject, or what somebody did, between two moments; the newest first."""
+    """Show audit log entries of a subject, recording or person in a time range, newest first."""
     from app.library.audit_log import AuditFilter, find_lines, record_alone  # noqa: PLC0415
     from app.library.recordings import RecordingStore  # noqa: PLC0415
 
     for option, value in (("--subject", subject), ("--recording", recording), ("--who", who)):
-        if not value.isprintable():  # a broken byte of the terminal, which no database takes
-            raise typer.BadParameter("signs that cannot be printed", param_hint=option)
+        if not value.isprintable():  # invalid bytes, which databases refuse
+            raise typer.BadParameter("unprintable characters", param_hint=option)
     with _opened(lang, data) as (_, store):
         ids = frozenset({recording}) if recording else None
         if subject and ids is None:
@@ -376,7 +398,7 @@ def show_trail(
         question = AuditFilter(ids, who, "", _read_moment(begin), _read_moment(end))
         record_alone(store.engine, "trail.read")
         _print_lines(
-            form, map(asdict, find_lines(store.reader, question, most=MOST_SHOWN * (form == "text"))), lang
+            form, map(asdict, find_lines(store.reader, question, most=MAX_SHOWN * (form == "text"))), lang
         )
 
 
@@ -387,7 +409,7 @@ def begin_hold(
     data: DataOption = None,
     lang: LanguageOption = "en",
 ) -> None:
-    """Put a recording on hold: nothing of it is deleted for good."""
+    """Put a recording on hold, so that it cannot be permanently deleted."""
     from app.library.audit_log import AT_MACHINE  # noqa: PLC0415
     from app.library.recordings import HOLD_REASONS, RecordingStore  # noqa: PLC0415
 
@@ -415,22 +437,22 @@ def end_hold(
 
 def get(
     recording: Annotated[
-        str, typer.Argument(metavar="ID", help="Of the recording, or of an analysis of it.")
+        str, typer.Argument(metavar="ID", help="Id of the recording, or of one of its analyses.")
     ],
-    out: Annotated[Path, typer.Option("-o", "--out", metavar="FILE", help="The file to write.")],
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="FILE", help="File to write.")],
     force: Annotated[bool, typer.Option("--force", help="Replace FILE.")] = False,
     data: DataOption = None,
     lang: LanguageOption = "en",
 ) -> None:
     """Write the original file of a recording, byte for byte, verified by its SHA-256."""
     from app.library.audit_log import record_readings  # noqa: PLC0415
-    from app.library.recordings import RecordingStore  # noqa: PLC0415  the database, and only this needs it
+    from app.library.recordings import RecordingStore  # noqa: PLC0415  loads the database
     from app.store.folder import borrow_recording, open_storage  # noqa: PLC0415
 
     if out.exists() and not (force and out.is_file()):
         raise typer.BadParameter(f"{out} exists", param_hint="-o")
-    if not recording.isprintable():  # a broken byte of the terminal, which no database takes
-        raise typer.BadParameter("characters that cannot be printed", param_hint="ID")
+    if not recording.isprintable():  # invalid bytes, which databases refuse
+        raise typer.BadParameter("unprintable characters", param_hint="ID")
     with _opened(lang, data) as (place, store):
         recording_id = store.find_recording(recording) or recording
         row = RecordingStore(store.engine, store.reader).get(recording_id)
@@ -448,7 +470,7 @@ def get(
 
 
 def _copy_verified(source: Path, out: Path, sha256: str) -> None:
-    """Copy a file whole or not at all, readable by its owner alone. Raises DiskFull or StoreDamaged."""
+    """Copy a file completely or not at all, readable only by its owner. Raises DiskFull or StoreDamaged."""
     from app.store.folder import COPY_BYTES, sync_file, translate_disk_full  # noqa: PLC0415
     from app.store.permissions import create_file  # noqa: PLC0415
 
@@ -473,7 +495,7 @@ def retention(
     data: DataOption = None,
     lang: LanguageOption = "en",
 ) -> None:
-    """Show how long each kind is kept, or change the term of one."""
+    """Show the retention period of each kind, or change one."""
     from app.library.governance import RetentionStore  # noqa: PLC0415
 
     with _opened(lang, data) as (_, store):
@@ -523,14 +545,14 @@ def _quote(value: str) -> str:
 
 @contextmanager
 def _opened(language: Language, data: Path | None) -> "Iterator[tuple[Settings, JobStore]]":
-    """Open the database for whoever sits at the machine; a place without one is refused."""
+    """Open the database for a command; without a database, raise NotHere."""
     from app.library.audit_log import AT_MACHINE, acting  # noqa: PLC0415
     from app.library.database.connect import find_database_file  # noqa: PLC0415
     from app.library.jobs import JobStore  # noqa: PLC0415
     from app.ops.place import check_used  # noqa: PLC0415
 
-    settings = find_settings(data)
-    with _refusals_printed(language, settings), acting(AT_MACHINE):
+    settings = load_settings(data)
+    with _printing_refusals(language, settings), acting(AT_MACHINE):
         check_used(settings)
         file = find_database_file(settings.database_url)
         if file and not Path(file).exists():
@@ -539,26 +561,26 @@ def _opened(language: Language, data: Path | None) -> "Iterator[tuple[Settings, 
             yield settings, store
 
 
-# People, by whoever runs the server.
+# Accounts.
 
 
-account = typer.Typer(help="Who may log in: people, their roles, links and tokens.", no_args_is_help=True)
+account = typer.Typer(help="People who can sign in: their roles, links and tokens.", no_args_is_help=True)
 
 LoginArgument = Annotated[str, typer.Argument(metavar="LOGIN")]
 PasswordOption = Annotated[
-    bool, typer.Option("--password", help="Ask for a password now, instead of printing a link.")
+    bool, typer.Option("--password", help="Ask for a password now instead of printing a link.")
 ]
-RolesOption = Annotated[list[str], typer.Option("--role", metavar="|".join(ROLES), help="Again for each.")]
+RolesOption = Annotated[list[str], typer.Option("--role", metavar="|".join(ROLES), help="Can be repeated.")]
 
 
 @dataclass(frozen=True, slots=True)
-class _Desk:
-    """The accounts of an installation, and the language in which they are told of."""
+class _AccountCommand:
+    """The accounts of an installation, and the language of messages."""
 
     sign_in: "SignIn"
     language: Language
 
-    def say(self, sentence: str, **facts: str) -> None:
+    def print(self, sentence: str, **facts: str) -> None:
         shown = {name: escape_controls(fact) for name, fact in facts.items()}
         typer.echo(fill(load_wording(self.language, "access")["command"][sentence], shown))
 
@@ -568,13 +590,13 @@ class _Desk:
             raise NotHere(id=login)
         return person
 
-    def give_link(self, person: "Person", term_s: float) -> None:
+    def print_link(self, person: "Person", term_s: float) -> None:
         link = f"/login/link/{self.sign_in.make_link(person.id, term_s)}"
-        self.say("link", hours=str(int(term_s // 3600)), link=link)
-        self.say("link_path")
+        self.print("link", hours=str(int(term_s // 3600)), link=link)
+        self.print("link_path")
 
     def ask_password(self, person: "Person") -> None:
-        """Take a password from the terminal, typed twice, or a line of standard input."""
+        """Read a password from the terminal, typed twice, or from a line of standard input."""
         words = load_wording(self.language, "access")["command"]
         if sys.stdin.isatty():
             password = typer.prompt(str(words["ask"]), hide_input=True, confirmation_prompt=True)
@@ -582,53 +604,53 @@ class _Desk:
             password = sys.stdin.readline().rstrip("\r\n")
         self.sign_in.check_password(person, password)
         self.sign_in.set_password(person, password)
-        self.say("password", login=person.login)
+        self.print("password", login=person.login)
 
 
 @account.command()
 def add(
     login: LoginArgument,
     role: RolesOption,
-    name: Annotated[str, typer.Option(help="Of the person; else the login.")] = "",
+    name: Annotated[str, typer.Option(help="Name of the person; default: LOGIN.")] = "",
     password: PasswordOption = False,
     data: DataOption = None,
     lang: LanguageOption = "en",
 ) -> None:
-    """Add a person; prints an address that works once, by which a password is chosen."""
-    from app.accounts.sign_in import INVITED_S  # noqa: PLC0415  the database, and only this needs it
+    """Add a person and print a one-time link for setting a password."""
+    from app.accounts.sign_in import INVITED_S  # noqa: PLC0415  loads the database
 
-    with _open(data, lang, may_begin=True) as desk:
+    with _open(data, lang, may_begin=True) as command:
         roles = frozenset(_read_known("--role", role, ROLES))
-        person = desk.sign_in.accounts.add_person(login, name or login, roles)
-        desk.say("added", login=person.login, roles=", ".join(sorted(roles)))
+        person = command.sign_in.accounts.add_person(login, name or login, roles)
+        command.print("added", login=person.login, roles=", ".join(sorted(roles)))
         if password:
-            desk.ask_password(person)
+            command.ask_password(person)
         else:
-            desk.give_link(person, INVITED_S)
+            command.print_link(person, INVITED_S)
 
 
 @account.command("list")
 def list_people(data: DataOption = None, lang: LanguageOption = "en") -> None:
     """List the people."""
-    with _open(data, lang) as desk:
-        desk.sign_in.accounts.record_people_read()
+    with _open(data, lang) as command:
+        command.sign_in.accounts.record_people_read()
         words = load_wording(lang, "access")
-        for person in desk.sign_in.accounts.find_people():
+        for person in command.sign_in.accounts.find_people():
             state = words["ended"] if person.ended_at else words["command"]["open"]
             about = {"id": person.id, "login": person.login, "name": person.name, "state": state}
             roles = ", ".join(sorted(person.roles))
-            desk.say("person", roles=roles, **about)
+            command.print("person", roles=roles, **about)
 
 
 @account.command()
 def roles(
     login: LoginArgument, role: RolesOption, data: DataOption = None, lang: LanguageOption = "en"
 ) -> None:
-    """Return a person these roles in place of those before."""
-    with _open(data, lang) as desk:
+    """Set the roles of a person, replacing the earlier ones."""
+    with _open(data, lang) as command:
         given = frozenset(_read_known("--role", role, ROLES))
-        desk.sign_in.accounts.set_roles(desk.find(login).id, given)
-        desk.say("roles", login=login, roles=", ".join(sorted(given)))
+        command.sign_in.accounts.set_roles(command.find(login).id, given)
+        command.print("roles", login=login, roles=", ".join(sorted(given)))
 
 
 @account.command()
@@ -636,37 +658,37 @@ def reset(
     login: LoginArgument,
     password: PasswordOption = False,
     second_factor: Annotated[
-        bool, typer.Option("--second-factor", help="Turn the second step off, too: the phone is lost.")
+        bool, typer.Option("--second-factor", help="Also reset two-factor sign-in, if the phone is lost.")
     ] = False,
     data: DataOption = None,
     lang: LanguageOption = "en",
 ) -> None:
-    """Let a person choose a new password by an address that works once, for an hour."""
-    from app.accounts.sign_in import FORGOTTEN_S  # noqa: PLC0415  the database, and only this needs it
+    """Print a one-time link, valid for an hour, for setting a new password."""
+    from app.accounts.sign_in import FORGOTTEN_S  # noqa: PLC0415  loads the database
 
-    with _open(data, lang) as desk:
-        person = desk.find(login)
+    with _open(data, lang) as command:
+        person = command.find(login)
         if second_factor:
-            desk.sign_in.drop_second_factor(person.id)
-            desk.say("second", login=person.login)
+            command.sign_in.drop_second_factor(person.id)
+            command.print("second", login=person.login)
         if password:
-            desk.ask_password(person)
+            command.ask_password(person)
         else:
-            desk.give_link(person, FORGOTTEN_S)
+            command.print_link(person, FORGOTTEN_S)
 
 
 @account.command()
 def end(login: LoginArgument, data: DataOption = None, lang: LanguageOption = "en") -> None:
-    """Let a person log in no more; sessions and tokens end at once."""
-    with _open(data, lang) as desk:
-        desk.sign_in.accounts.end_person(desk.find(login).id)
-        desk.say("ended", login=login)
+    """Close an account; its sessions and tokens end at once."""
+    with _open(data, lang) as command:
+        command.sign_in.accounts.end_person(command.find(login).id)
+        command.print("ended", login=login)
 
 
 @account.command()
 def token(
     login: LoginArgument,
-    name: Annotated[str, typer.Option(help="What it is for.")],
+    name: Annotated[str, typer.Option(help="What the token is for.")],
     permission: Annotated[
         list[str], typer.Option("--may", metavar="PERMISSION", help=", ".join(PERMISSIONS))
     ],
@@ -674,42 +696,42 @@ def token(
     data: DataOption = None,
     lang: LanguageOption = "en",
 ) -> None:
-    """Make a token for a person's scripts; it is printed once."""
-    from app.accounts.accounts import format_end, make_token  # noqa: PLC0415  the database, and only this needs it
+    """Create a token for a person's scripts; it is printed once."""
+    from app.accounts.accounts import format_end, make_token  # noqa: PLC0415  loads the database
 
-    with _open(data, lang) as desk:
-        person, chosen = desk.find(login), _read_known("--may", permission, PERMISSIONS)
+    with _open(data, lang) as command:
+        person, chosen = command.find(login), _read_known("--may", permission, PERMISSIONS)
         may = collect_permissions(person.roles)
         subject = Subject("person", person.id, person.name, may)
-        made, bearer = make_token(desk.sign_in.accounts, subject, name, chosen, days)
+        made, bearer = make_token(command.sign_in.accounts, subject, name, chosen, days)
         typer.echo(bearer)
-        desk.say("token_once", end=format_end(made))
+        command.print("token_once", end=format_end(made))
 
 
 def _read_known(option: str, given: list[str], known: Collection[T]) -> list[T]:
-    """Return what was given, if all of it is known. Raises BadParameter."""
+    """Return the given values if all are known. Raises BadParameter."""
     if not set(given) <= set(known):
         raise BadParameter(name=option, value=", ".join(given), allowed=", ".join(map(str, known)))
     return [next(one for one in known if one == name) for name in given]
 
 
 @contextmanager
-def _open(data: DataOption, lang: Language, *, may_begin: bool = False) -> Iterator[_Desk]:
-    """Open the accounts; ``may_begin``: the installation may begin with them."""
-    from app.accounts.accounts import AccountStore  # noqa: PLC0415  the database, and only this needs it
+def _open(data: DataOption, lang: Language, *, may_begin: bool = False) -> Iterator[_AccountCommand]:
+    """Open the accounts; with ``may_begin``, the data folder may be new."""
+    from app.accounts.accounts import AccountStore  # noqa: PLC0415  loads the database
     from app.accounts.sign_in import SignIn  # noqa: PLC0415
     from app.library.audit_log import AT_MACHINE, acting  # noqa: PLC0415
     from app.ops.place import check_used  # noqa: PLC0415
     from app.store.permissions import make_folder  # noqa: PLC0415
 
-    settings = find_settings(data)
-    with _refusals_printed(lang, settings):
+    settings = load_settings(data)
+    with _printing_refusals(lang, settings):
         if not may_begin:
             check_used(settings)
         make_folder(settings.data_dir)
         accounts = AccountStore(settings)
         try:
             with acting(AT_MACHINE):
-                yield _Desk(SignIn(accounts, settings), lang)
+                yield _AccountCommand(SignIn(accounts, settings), lang)
         finally:
             accounts.database.close()

@@ -1,4 +1,4 @@
-"""The commands that compare: both arms, one day beside another, many days, a recording and a reference."""
+"""Commands that compare: both arms, two days, many days, a recording and a reference."""
 
 import re
 from collections.abc import Iterable, Iterator
@@ -24,31 +24,32 @@ from app.cli.options import (
     parse_windows,
     read_tasks_file,
 )
-from app.cli.output import Exit, choose_exit, print_problem, refusals_printed, report_progress
+from app.cli.output import Exit, choose_exit, print_problem, printing_refusals, report_progress
 from app.errors import UNREADABLE_PATH, AppError, CannotCompare, CannotPair, CannotProfile
 from app.request import PairRequest, ProfileRequest, Reference, ReportRequest
 from fusion.conventions import MethodName, Pose, Side
 
-_INPUT_HELP = "a folder that acromion run made, or a recording, which is analysed first."
+_INPUT_HELP = "a folder written by acromion run, or a recording, which is analysed first."
 SameSubjectOption = Annotated[
-    bool, typer.Option("--same-subject", help="All are of one person, though a subject code is missing.")
+    bool, typer.Option("--same-subject", help="All are of one person, although a subject code is missing.")
 ]
 MixedMethodsOption = Annotated[
-    bool, typer.Option("--mixed-methods", help="Set several method versions beside one another.")
+    bool, typer.Option("--mixed-methods", help="Allow results of several method versions.")
 ]
-KindsOption = Annotated[str, typer.Option("--report", help="What to write: html, pdf or html,pdf.")]
+KindsOption = Annotated[str, typer.Option("--report", help="Report formats: html, pdf or html,pdf.")]
 
 
 def pair(
     left: Annotated[Path, typer.Argument(help=f"Left arm: {_INPUT_HELP}")],
-    right: Annotated[Path, typer.Argument(help="Right arm: likewise.")],
+    right: Annotated[Path, typer.Argument(help="Right arm: the same.")],
     out: Out,
-    trunk: Annotated[Path | None, typer.Option(help="Trunk: likewise.")] = None,
+    trunk: Annotated[Path | None, typer.Option(help="Trunk: the same.")] = None,
     offset_s: Annotated[
-        float | None, typer.Option(help="When the right recording began, seconds after the left.")
+        float | None, typer.Option(help="When the right recording started, in seconds after the left.")
     ] = None,
     trunk_offset_s: Annotated[
-        float | None, typer.Option(help="When the trunk's recording began, seconds after the left arm's.")
+        float | None,
+        typer.Option(help="When the trunk's recording started, in seconds after the left arm's."),
     ] = None,
     subject: SubjectOption = "",
     pose_held: PoseHeldOption = None,
@@ -58,14 +59,14 @@ def pair(
     report: KindsOption = "html,pdf",
     paper: PaperOption = "a4",
 ) -> None:
-    """Set both arms of one shift side by side."""
+    """Report both arms of one shift side by side."""
     kinds, code = parse_kinds(report), parse_subject(subject)
     asked = ReportRequest("", code, languages=(lang,), paper=paper, pose_held=pose_held)
     if not same_subject:
-        _refuse_nobody(CannotPair(why="person"), (left, right, trunk), asked)
-    first = _finish_first(left, out / "left", replace(asked, side="left"))
-    second = _finish_first(right, out / "right", replace(asked, side="right"))
-    body = (_finish_first(trunk, out / "trunk", asked),) if trunk else ()
+        _check_subject_codes(CannotPair(why="person"), (left, right, trunk), asked)
+    first = _get_finished_folder(left, out / "left", replace(asked, side="left"))
+    second = _get_finished_folder(right, out / "right", replace(asked, side="right"))
+    body = (_get_finished_folder(trunk, out / "trunk", asked),) if trunk else ()
     offsets_s, asked_of = (offset_s, trunk_offset_s), (same_subject, mixed_methods)
     request = PairRequest("pair", *offsets_s, (lang,), kinds, paper, *asked_of)
     _write_pair(out / "both-arms", (first, second, *body), request)
@@ -73,7 +74,7 @@ def pair(
 
 def compare(
     before: Annotated[Path, typer.Argument(help=f"Before: {_INPUT_HELP}")],
-    after: Annotated[Path, typer.Argument(help="After: likewise.")],
+    after: Annotated[Path, typer.Argument(help="After: the same.")],
     out: Out,
     side: Annotated[Side | None, typer.Option(help="Which arm, for recordings.")] = None,
     subject: SubjectOption = "",
@@ -84,27 +85,27 @@ def compare(
     report: KindsOption = "html,pdf",
     paper: PaperOption = "a4",
 ) -> None:
-    """Compare two days, and say whether the change exceeds the usual day-to-day variation."""
+    """Compare two days, and report whether the change exceeds the usual day-to-day variation."""
     kinds = parse_kinds(report)
     code = parse_subject(subject)
     asked = ReportRequest("", code, side, languages=(lang,), paper=paper, pose_held=pose_held)
     if not same_subject:
-        _refuse_nobody(CannotCompare(why="person"), (before, after), asked)
-    first = _finish_first(before, out / "before", asked)
-    second = _finish_first(after, out / "after", asked)
+        _check_subject_codes(CannotCompare(why="person"), (before, after), asked)
+    first = _get_finished_folder(before, out / "before", asked)
+    second = _get_finished_folder(after, out / "after", asked)
     request = PairRequest("compare", None, None, (lang,), kinds, paper, same_subject, mixed_methods)
     _write_pair(out / "before-after", (first, second), request)
 
 
-def _refuse_nobody(refusal: AppError, paths: Iterable[Path | None], asked: ReportRequest) -> None:
-    """Refuse before any analysis recordings that are analysed without a subject code."""
+def _check_subject_codes(refusal: AppError, paths: Iterable[Path | None], asked: ReportRequest) -> None:
+    """Refuse recordings without a subject code before any analysis."""
     if not asked.subject and any(path and path.is_file() for path in paths):
         print_problem("--subject", refusal.code, refusal.facts, asked.languages[0])
         raise typer.Exit(Exit.NOTHING_DONE)
 
 
-def _finish_first(path: Path, out: Path, request: ReportRequest) -> Path:
-    """Return the folder of a finished analysis: the one named, or that of the recording, once analysed."""
+def _get_finished_folder(path: Path, out: Path, request: ReportRequest) -> Path:
+    """Return the folder of a finished analysis; a recording is analysed first."""
     if path.is_dir():
         return path
     tasks = plan_tasks([path], out, request, force=False)
@@ -114,11 +115,11 @@ def _finish_first(path: Path, out: Path, request: ReportRequest) -> Path:
 
 
 def _write_pair(folder: Path, sources: tuple[Path, ...], request: PairRequest) -> None:
-    """Make the report of two, and print its answer."""
-    from app.analysis.pair import make_report_of_two  # noqa: PLC0415  heavy, and only this needs it
+    """Write the report of two analyses, and print its answer."""
+    from app.analysis.pair import make_report_of_two  # noqa: PLC0415  slow import
 
     make = partial(make_report_of_two, sources, request)
-    with refusals_printed(str(folder), request.languages[0]):
+    with printing_refusals(str(folder), request.languages[0]):
         marker = write_version(folder, request.figures_name, request.languages[0], make)
     _print_answer(folder.name, folder, marker.version)
 
@@ -126,12 +127,14 @@ def _write_pair(folder: Path, sources: tuple[Path, ...], request: PairRequest) -
 def validate(
     path: Annotated[
         Path,
-        typer.Argument(metavar="FILE", help="A recording; or a folder of a whole study (docs/validate.md)."),
+        typer.Argument(
+            metavar="FILE", help="A recording, or the folder of a whole study (docs/validate.md)."
+        ),
     ],
     reference: Annotated[
         Path | None,
         typer.Option(
-            metavar="REF", help="MVNX, MT Manager, DOT, a CSV of angle or quaternion, elevation.parquet."
+            metavar="REF", help="MVNX, MT Manager, DOT, a CSV of angles or quaternions, or elevation.parquet."
         ),
     ] = None,
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder for the results.")] = Path(
@@ -140,27 +143,27 @@ def validate(
     tasks: Annotated[
         Path | None, typer.Option(metavar="FILE.csv", help="name,start_s,end_s[,paper_task].")
     ] = None,
-    side: Annotated[Side | None, typer.Option(help="Which arm of an MVNX (right if not said).")] = None,
+    side: Annotated[Side | None, typer.Option(help="Which arm of an MVNX  \\[default: right]")] = None,
     subject: SubjectOption = "",
     method: Annotated[MethodName, typer.Option(help="How elevation is estimated.")] = "smoothed",
-    pose: Annotated[Pose, typer.Option(help="The pose the wearer was calibrated in.")] = "n-pose",
+    pose: Annotated[Pose, typer.Option(help="Calibration pose of the wearer.")] = "n-pose",
     calibration: Annotated[
         list[str] | None, typer.Option(metavar="START_S,END_S", help="When the arm hung still.")
     ] = None,
     pose_held: PoseHeldOption = None,
     offset_s: Annotated[float | None, typer.Option(help="Reference clock at recording time 0.")] = None,
-    drift_ppm: Annotated[
-        float | None, typer.Option(help="How much faster the reference's clock runs.")
+    drift_ppm: Annotated[float | None, typer.Option(help="How much faster the reference clock runs.")] = None,
+    rate_hz: Annotated[
+        float | None, typer.Option(min=1, max=10_000, help="Sampling rate, for a FILE without timestamps.")
     ] = None,
-    rate_hz: Annotated[float | None, typer.Option(min=1, max=10_000, help="For a FILE without time.")] = None,
     reference_rate_hz: Annotated[
-        float | None, typer.Option(min=1, max=10_000, help="For a REF without time.")
+        float | None, typer.Option(min=1, max=10_000, help="Sampling rate, for a REF without timestamps.")
     ] = None,
     lang: LanguageOption = "en",
     paper: PaperOption = "a4",
 ) -> None:
     """Compare a recording with a reference angle or orientation: r, RMSE, bias, limits of agreement."""
-    from app.analysis.validate import make_study, make_validation  # noqa: PLC0415  heavy, and only this needs it
+    from app.analysis.validate import make_study, make_validation  # noqa: PLC0415  slow import
 
     request = ReportRequest(
         path.name,
@@ -174,8 +177,8 @@ def validate(
         paper=paper,
         pose_held=pose_held,
     )
-    if path.is_dir():  # a whole study: failures are printed, and show in the exit code
-        with refusals_printed(str(path), lang):
+    if path.is_dir():  # a whole study: print failures and set the exit code
+        with printing_refusals(str(path), lang):
             out.mkdir(parents=True, exist_ok=True)
             problems = make_study(path, request, out, typer.echo)
             use_plain_names(out, lang)
@@ -184,11 +187,11 @@ def validate(
         typer.echo(f"{path} -> {(out / 'study.html').resolve()}")
         raise typer.Exit(Exit.SOME_FAILED if problems else Exit.ALL_GOOD)
     if reference is None:
-        raise typer.BadParameter("needed, unless FILE is the folder of a study", param_hint="--reference")
+        raise typer.BadParameter("required, unless FILE is the folder of a study", param_hint="--reference")
     check_windows([request])
     given = Reference(str(reference.resolve()), reference.name, offset_s, drift_ppm, reference_rate_hz)
     given = replace(given, tasks=read_tasks_file(tasks, lang))
-    with refusals_printed(path.name, lang):
+    with printing_refusals(path.name, lang):
         out.mkdir(parents=True, exist_ok=True)
         make_validation(path, replace(request, reference=given), out)
         use_plain_names(out, lang)
@@ -201,18 +204,22 @@ def _print_answer(name: str, folder: Path, version: int = 1) -> None:
         typer.echo(f"  {line}")
 
 
-# Several days over one another.
+# Several days.
 
 
 def profile(
     results: Annotated[
         list[Path],
-        typer.Argument(metavar="RESULTS...", help="Folders that acromion run made, or results.json in them."),
+        typer.Argument(
+            metavar="RESULTS...", help="Folders written by acromion run, or results.json in them."
+        ),
     ],
     out: Out,
     after: Annotated[
         list[Path] | None,
-        typer.Option(metavar="RESULTS", help="Days after a change; may be repeated. RESULTS are before it."),
+        typer.Option(
+            metavar="RESULTS", help="Days after a change; can be repeated. RESULTS are the days before it."
+        ),
     ] = None,
     same_subject: SameSubjectOption = False,
     mixed_methods: MixedMethodsOption = False,
@@ -220,8 +227,8 @@ def profile(
     report: KindsOption = "html,pdf",
     paper: PaperOption = "a4",
 ) -> None:
-    """Lay the days of a person, or of a group, over one another: mean, spread, days still needed."""
-    from app.analysis.pair import make_profile  # noqa: PLC0415  heavy, and only this needs it
+    """Report the days of a person or group together: mean, spread, days still needed."""
+    from app.analysis.pair import make_profile  # noqa: PLC0415  slow import
 
     kinds = parse_kinds(report)
     folder = out / "days"
@@ -243,10 +250,10 @@ def profile(
 
 
 def _find_all(paths: list[Path], out: Path) -> list[Path]:
-    """Return the folders of finished analyses at the paths and below them; earlier versions are left aside.
+    """Return the folders of finished analyses at or below the paths, without earlier versions.
 
-    Raises CannotProfile if a path leads to none, or all lead to one and the same.
-    Raises FileNotFoundError if there is nothing at a path.
+    Raises CannotProfile if a path contains none, or if all contain the same one. Raises FileNotFoundError if
+    a path does not exist.
     """
     found: dict[Path, None] = {}
     for path in paths:

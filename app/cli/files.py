@@ -1,4 +1,4 @@
-"""Commands about files: demonstrations, what a file is, results in a convention, test signals."""
+"""Commands about files: demonstration, simulation, inspection, export, conformance."""
 
 import csv
 import json
@@ -19,7 +19,7 @@ from app.cli.options import (
     complete_profile,
     read_profile_file,
 )
-from app.cli.output import Exit, choose_exit, finish, print_problem, refusals_printed, report_progress
+from app.cli.output import Exit, choose_exit, finish, print_problem, printing_refusals, report_progress
 from app.errors import NO_RESULTS
 from app.report.figures import load_results
 from app.report.words.wording import fill, load_wording
@@ -38,8 +38,8 @@ def demo(
     lang: LanguageOption = "en",
     open_: Annotated[bool, typer.Option("--open", help="Open the report in the browser.")] = False,
 ) -> None:
-    """Simulate a shift, analyse it, write the report, say where."""
-    from fusion.simulation import simulate_shift, write_shift  # noqa: PLC0415  heavy, and only this needs it
+    """Simulate a shift, analyse it, write the report and print its path."""
+    from fusion.simulation import simulate_shift, write_shift  # noqa: PLC0415  slow import
 
     typer.echo(f"Simulating {hours:g} h of work with a GT9X Link ...")
     shift = simulate_shift("gt9x", hours, seed=1)
@@ -56,43 +56,43 @@ def demo(
 
 
 def simulate(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Where the recordings go.")],
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder for the recordings.")],
     device: Annotated[Literal["gt9x", "lsm9ds1"], typer.Option()],
     hours: Annotated[float, typer.Option(min=0.01, max=48)] = 8.0,
     seed: Annotated[int, typer.Option(min=0)] = 1,
     rate_hz: Annotated[float | None, typer.Option(min=10, max=2000)] = None,
 ) -> None:
-    """Write recordings as the devices write them, and the truth beside them."""
+    """Write simulated recordings in the formats of the devices, and their true angles."""
     from fusion.simulation import write_recordings  # noqa: PLC0415
 
     for path in write_recordings(folder, device, hours, seed, rate_hz):
         typer.echo(path)
 
 
-# What a file is, which version this is.
+# Inspection and version.
 
 
 def inspect(
     path: Annotated[Path, typer.Argument(metavar="FILE")],
-    as_json: Annotated[bool, typer.Option("--json", help="Machine-readable.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     rate_hz: Annotated[float | None, typer.Option(min=1, max=10_000)] = None,
     profile: ProfileOption = None,
     sensor: SensorOption = "",
     date_order: DateOrderOption = None,
     lang: LanguageOption = "en",
 ) -> None:
-    """Say what the file is: device, columns, units, rate, clock, gaps, warnings. Analyses nothing."""
+    """Describe a file without analysing it: device, columns, units, rate, clock, gaps, warnings."""
     from app.analysis.inspect import inspect_file  # noqa: PLC0415
     from app.report.inspection import describe_inspection  # noqa: PLC0415
 
-    with refusals_printed(path.name, lang):
+    with printing_refusals(path.name, lang):
         try:
             columns = complete_profile(read_profile_file(profile, lang), sensor, date_order)
             facts = inspect_file(path, rate_hz, columns)
         except FusionError as refusal:
             if as_json:
-                told = {"file": path.name, "code": refusal.code, "facts": dict(refusal.facts)}
-                typer.echo(json.dumps(told, indent=1))
+                problem = {"file": path.name, "code": refusal.code, "facts": dict(refusal.facts)}
+                typer.echo(json.dumps(problem, indent=1))
             raise
     typer.echo(
         json.dumps(facts, indent=1, ensure_ascii=False) if as_json else describe_inspection(facts, lang)
@@ -104,12 +104,15 @@ def version() -> None:
     typer.echo(f"acromion {software_version()} ({software_revision()})")
 
 
-# Finished results in a convention of the field.
+# Export to a standard dataset format.
 
 
 def export(
     results: Annotated[
-        list[Path], typer.Argument(metavar="RESULTS...", help="Results of acromion run, or folders of them.")
+        list[Path],
+        typer.Argument(
+            metavar="RESULTS...", help="Result folders of acromion run, or folders that contain them."
+        ),
     ],
     out: Annotated[
         Path, typer.Option("-o", "--out", help="Folder for the Motion-BIDS dataset; new or empty.")
@@ -117,7 +120,7 @@ def export(
     lang: Annotated[Language, typer.Option("--lang", help="Language of messages.")] = "en",
 ) -> None:
     """Write the angles of finished recordings as a Motion-BIDS dataset (docs/conventions.md)."""
-    from app.report.export.bids import Angles, list_bids  # noqa: PLC0415  Parquet, and only this needs it
+    from app.report.export.bids import Angles, list_bids  # noqa: PLC0415  loads Parquet
 
     folders = [folder for path in results for folder in _find_finished(path)]
     if not folders:
@@ -137,55 +140,55 @@ def export(
 
 
 def _find_finished(path: Path) -> list[Path]:
-    """List the folders of finished recordings: the one named, or those directly below it."""
+    """List the folders of finished recordings: the given one, or those directly below it."""
     candidates = [path, *sorted(path.iterdir())] if path.is_dir() else []
     names = ("results.json", "elevation.parquet")
     return [folder for folder in candidates if all((folder / name).exists() for name in names)]
 
 
-# Whether another program gives the figures of page 1 (docs/profile.md).
+# Check whether another program computes the figures of page 1 (docs/profile.md).
 
 
 RESULTS = "results.csv"
 
 
 def conformance(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Where the signals go and the results lie.")],
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder for the signals and results.csv.")],
 ) -> None:
-    """Write test signals with expected values; check DIR/results.csv where another program's figures lie."""
-    from fusion.simulation.conformance import SIGNALS  # noqa: PLC0415  heavy, and only this needs it
+    """Write test signals with expected values; check another program's figures in DIR/results.csv."""
+    from fusion.simulation.conformance import SIGNALS  # noqa: PLC0415  slow import
 
     folder.mkdir(parents=True, exist_ok=True)
     for path in _write_signals(folder, SIGNALS):
         typer.echo(path)
     if not (folder / RESULTS).exists():
-        typer.echo(f"No {RESULTS} yet: signal,figure,value, one row for each row of expected.csv.")
+        typer.echo(f"No {RESULTS} yet: write signal,figure,value, with a row for each row of expected.csv.")
         return
     given = {}
     with (folder / RESULTS).open(encoding="utf-8-sig", newline="") as file:
         for row in csv.DictReader(file):
-            with suppress(ValueError):  # a value that is no number counts as missing
+            with suppress(ValueError):  # an invalid number counts as missing
                 given[row.get("signal") or "", row.get("figure") or ""] = float(row.get("value") or "")
-    told = [
+    lines = [
         _check(one.name, item, given.get((one.name, item.figure))) for one in SIGNALS for item in one.expected
     ]
-    for line in told:
+    for line in lines:
         typer.echo(line)
-    wrong = sum(not line.startswith("ok") for line in told)
-    typer.echo(f"{len(told) - wrong} of {len(told)} figures within their tolerances")
+    wrong = sum(not line.startswith("ok") for line in lines)
+    typer.echo(f"{len(lines) - wrong} of {len(lines)} figures within their tolerances")
     if wrong:
         raise typer.Exit(Exit.SOME_FAILED)
 
 
 def _write_signals(folder: Path, signals: "Sequence[TestSignal]") -> Iterator[Path]:
-    """Write each signal (time_s,elevation_deg; empty where missing) and what is expected of it."""
+    """Write each signal (time_s,elevation_deg; empty if missing) and its expected values."""
     for signal in signals:
-        told = (
+        lines = (
             f"{time_s:.3f},{'' if isnan(angle_deg) else f'{angle_deg:.6f}'}\n"
             for time_s, angle_deg in zip(*(column.tolist() for column in signal.sample()), strict=True)
         )
         path = folder / f"{signal.name}.csv"
-        path.write_text("time_s,elevation_deg\n" + "".join(told), encoding="utf-8")
+        path.write_text("time_s,elevation_deg\n" + "".join(lines), encoding="utf-8")
         yield path
     path = folder / "expected.csv"
     with path.open("w", encoding="utf-8", newline="") as file:
@@ -198,7 +201,7 @@ def _write_signals(folder: Path, signals: "Sequence[TestSignal]") -> Iterator[Pa
 
 
 def _check(signal: str, item: "Expected", value: float | None) -> str:
-    """Return whether the figure given is within the tolerance of the one expected."""
+    """Format whether a value is within the tolerance of the expected one."""
     wanted = f"{signal} {item.figure}: expected {item.value:.6g} ± {item.tolerance:g} {item.unit}"
     if value is None:
         return f"MISSING {wanted}"

@@ -1,4 +1,4 @@
-"""The angle as it comes, in the terminal."""
+"""The command ``acromion live``: the angle in real time, in the terminal."""
 
 import signal
 import sys
@@ -12,7 +12,7 @@ import typer
 
 from app.batch.folder import plan_tasks
 from app.cli.options import LanguageOption, SideOption, SubjectOption, parse_axis, parse_subject
-from app.cli.output import finish, handling_signals, print_problem, refusals_printed, report_progress
+from app.cli.output import finish, handling_signals, print_problem, printing_refusals, report_progress
 from app.errors import UNREADABLE_PATH, AppError
 from app.logs import escape_controls
 from app.report.words.numbers import format_angle, format_duration, format_elapsed, format_number
@@ -29,45 +29,46 @@ if TYPE_CHECKING:
 BAR_WIDTH = 30
 REDRAW_S, PRINT_S = 0.1, 1.0
 SILENT_S = 2.0
-"""After so long without a frame the last angle is no longer shown: it is not that of the arm now."""
+"""After this time without a frame, the angle is no longer shown because it is outdated."""
 
 
 def live(
     source: Annotated[
         str,
         typer.Argument(
-            metavar="SOURCE", help="A recording (played), /dev/ttyACM0, COM3, udp://:5005, tcp://board:5005."
+            metavar="SOURCE",
+            help="A recording (replayed), /dev/ttyACM0, COM3, udp://:5005, tcp://board:5005.",
         ),
     ],
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder for the raw file and the report.")] = Path(
         "acromion-live"
     ),
-    speed: Annotated[float, typer.Option(min=1, max=20, help="How fast a recording is played.")] = 1.0,
-    baud: Annotated[int, typer.Option(min=1200, help="Of a serial port.")] = 115_200,
+    speed: Annotated[float, typer.Option(min=1, max=20, help="Replay speed of a recording.")] = 1.0,
+    baud: Annotated[int, typer.Option(min=1200, help="Baud rate of a serial port.")] = 115_200,
     axis: Annotated[
-        str | None, typer.Option(metavar="x|-x|y|-y|z|-z", help="Axis along the arm, in place of a pose.")
+        str | None, typer.Option(metavar="x|-x|y|-y|z|-z", help="Axis along the arm, instead of a pose.")
     ] = None,
     cue: Annotated[
         list[str] | None,
-        typer.Option(metavar="RULE", help="hold:60:10, share:60:10, stays:60:30; again for more."),
+        typer.Option(metavar="RULE", help="hold:60:10, share:60:10, stays:60:30; can be repeated."),
     ] = None,
     countdown_s: Annotated[
-        float, typer.Option("--countdown", min=0, max=60, help="Seconds before the pose is held.")
+        float, typer.Option("--countdown", min=0, max=60, help="Seconds before the pose.")
     ] = 5.0,
     side: SideOption = None,
     subject: SubjectOption = "",
     lang: LanguageOption = "en",
 ) -> None:
-    """Show the angle as it comes, write every sample, and make the report when stopped (Ctrl-C)."""
-    from app.live.cue_log import CUE_HINT, parse_rule  # noqa: PLC0415  the science, and only this needs it
-    from app.live.ports import EARLY, names_port  # noqa: PLC0415
-    from app.live.raw_file import PREFIX, Wearer, describe_asked  # noqa: PLC0415
+    """Show the angle in real time, save every sample, and write the report when stopped (Ctrl-C)."""
+    from app.live.cue_log import CUE_HINT, parse_rule  # noqa: PLC0415  loads numpy
+    from app.live.ports import EARLY, is_port  # noqa: PLC0415
+    from app.live.raw_file import PREFIX, Wearer, build_session_options  # noqa: PLC0415
     from app.live.recorder import Recorder, describe_difference, measure_difference  # noqa: PLC0415
     from app.live.sources import open_lines, open_replay  # noqa: PLC0415
 
     arm_axis = parse_axis(axis)
     request = ReportRequest("", parse_subject(subject), side, languages=(lang,), arm_axis=arm_axis)
-    _print_cut_sessions(out, lang)
+    _print_interrupted_sessions(out, lang)
     try:
         rules = tuple(parse_rule(text) for text in cue or ())
     except ValueError:
@@ -75,14 +76,14 @@ def live(
     path = out / f"{PREFIX}{datetime.now().astimezone():%Y%m%d-%H%M%S}.csv"
     wearer = Wearer(request.subject, side, arm_axis)
     opened: Source
-    with refusals_printed(source, lang):
-        if names_port(source):
+    with printing_refusals(source, lang):
+        if is_port(source):
             out.mkdir(parents=True, exist_ok=True)
-            about = describe_asked(source, wearer, rules)
+            about = build_session_options(source, wearer, rules)
             opened = open_lines(source, baud, path.with_suffix(EARLY), about)
         else:
             opened = open_replay(Path(source), speed)
-    with refusals_printed(str(path), lang), ExitStack() as on_failure:
+    with printing_refusals(str(path), lang), ExitStack() as on_failure:
         on_failure.callback(opened.close)
         out.mkdir(parents=True, exist_ok=True)
         recorder = Recorder(path, opened.facts, wearer, rules)
@@ -97,9 +98,9 @@ def live(
 
 
 def _run(source: "Source", recorder: "Recorder", countdown_s: float, language: Language) -> None:
-    """Take frames until the source ends or Ctrl-C, or SIGTERM, stops the session; then close the raw file.
+    """Process frames until the source ends, or Ctrl-C or SIGTERM; then close the raw file.
 
-    What came before the end is taken too; if that fails, its file stays for the next start.
+    Data received before the end is also processed; if that fails, its file stays for the next start.
     """
     from app.live.cue_log import write_log  # noqa: PLC0415
 
@@ -111,7 +112,7 @@ def _run(source: "Source", recorder: "Recorder", countdown_s: float, language: L
         pass
     except (FusionError, AppError) as refusal:
         print_problem(source.facts.name, refusal.code, refusal.facts, language)
-    except OSError as error:  # the disk took no more
+    except OSError as error:  # the disk is full
         print_problem(str(recorder.path), UNREADABLE_PATH, {"why": error.strerror or ""}, language)
     finally:
         early = source.early
@@ -119,7 +120,7 @@ def _run(source: "Source", recorder: "Recorder", countdown_s: float, language: L
             while early and not recorder.settle(early) and (frames := source.read()) is not None:
                 recorder.take(frames)
         source.close()
-    with refusals_printed(str(recorder.path), language):
+    with printing_refusals(str(recorder.path), language):
         recorder.stop()
         if recorder.cues:
             write_log(recorder.path, recorder.cues)
@@ -127,7 +128,7 @@ def _run(source: "Source", recorder: "Recorder", countdown_s: float, language: L
 
 
 def _take_frames(source: "Source", recorder: "Recorder", countdown_s: float, screen: "_Screen") -> None:
-    """Take frames until the source ends; the pose is asked for once what came early is made up for."""
+    """Process frames until the source ends; the pose starts once buffered data is processed."""
     early, heard_s = source.early, time.monotonic()
     if early is None:
         _ask_pose(recorder, countdown_s)
@@ -150,7 +151,7 @@ def _ask_pose(recorder: "Recorder", countdown_s: float) -> None:
 
 
 class _Screen:
-    """One line, kept up to date on a terminal; a line each second where the output is kept."""
+    """A status line that is updated on a terminal; otherwise a line every second."""
 
     def __init__(self, language: Language) -> None:
         self._language = language
@@ -159,7 +160,7 @@ class _Screen:
         self._due_s = 0.0
 
     def show(self, status: "LiveStatus", silent_s: float) -> None:
-        """Show where the session stands; ``silent_s``: how long nothing came."""
+        """Show the status; ``silent_s`` is the time since the last frame."""
         if time.monotonic() >= self._due_s:
             self._due_s = time.monotonic() + (REDRAW_S if self._is_terminal else PRINT_S)
             self._print(self._describe(status, silent_s))
@@ -174,7 +175,7 @@ class _Screen:
         typer.echo(load_wording(self._language, "live")["refused"][status.pose_refused])
 
     def print_cues(self, cues: "list[Cue]") -> None:
-        """Ring the bell of the terminal, and say which rule rang it."""
+        """Ring the terminal bell, and print the rule."""
         words = load_wording(self._language, "live")["cue"]
         for cue in cues:
             self._end_line()
@@ -217,12 +218,12 @@ class _Screen:
         return fill(self._words["line"], facts)
 
 
-def _print_cut_sessions(out: Path, language: Language) -> None:
-    """Name the sessions of this folder that were cut: their rows are kept, and what is lost is said."""
-    from app.live.raw_file import find_cut, take_early  # noqa: PLC0415
+def _print_interrupted_sessions(out: Path, language: Language) -> None:
+    """Print the interrupted sessions of this folder, and how much of each was saved."""
+    from app.live.raw_file import find_interrupted_sessions, recover_early_files  # noqa: PLC0415
 
-    take_early(out)
+    recover_early_files(out)
     words = load_wording(language, "live")["terminal"]
-    for cut in find_cut(out):
+    for cut in find_interrupted_sessions(out):
         facts = {"name": cut.path.name, "elapsed": format_elapsed(cut.elapsed_s)}
         typer.echo(escape_controls(fill(words["cut"], facts)), err=True)

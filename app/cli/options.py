@@ -1,4 +1,4 @@
-"""Options that commands share, and how they are parsed."""
+"""Options that commands share, and their parsers."""
 
 import json
 import sys
@@ -41,7 +41,7 @@ DiaryOption = Annotated[
     Path | None,
     typer.Option(
         metavar="FILE.csv",
-        help="Shift, tasks, breaks, not worn, the pose: start,end,kind,label (clock), or start_s,end_s.",
+        help="CSV of shift, tasks, breaks, not worn, pose: start,end,kind,label (clock), or start_s,end_s.",
     ),
 ]
 ProfileOption = Annotated[
@@ -49,14 +49,12 @@ ProfileOption = Annotated[
     typer.Option(
         "--profile",
         metavar="FILE.json|NAME",
-        help="What the columns of a table mean (docs/formats.md); a NAME is in profiles/ of the results.",
+        help="Meaning of a table's columns (docs/formats.md); a NAME is in profiles/ of the results.",
     ),
 ]
 SensorOption = Annotated[
     str,
-    typer.Option(
-        "--sensor", metavar="NAME", help="Which sensor of a table or archive of several is on the arm."
-    ),
+    typer.Option("--sensor", metavar="NAME", help="Sensor on the arm, if a table or zip has several."),
 ]
 DateOrderOption = Annotated[
     Literal["dmy", "mdy"] | None,
@@ -65,7 +63,8 @@ DateOrderOption = Annotated[
 PoseHeldOption = Annotated[
     PoseHeld | None,
     typer.Option(
-        "--pose-held", help="The pose was held at the start of wear; no: not so, though the file says it."
+        "--pose-held",
+        help="The pose was held at the start of wear; no: not held, even if the file states it.",
     ),
 ]
 PaperOption = Annotated[Paper, typer.Option(help="Paper of the PDF.")]
@@ -75,12 +74,12 @@ LanguageOption = Annotated[
 
 
 def read_diary_file(path: Path | None, language: Language) -> tuple[DiaryEntry, ...]:
-    """Read the diary before any recording, so that a mistake in it is reported at once."""
+    """Read the diary; called before any recording is read, so that errors in it are reported at once."""
     return _read_option_file(path, language, (), lambda file: read_diary(file.read_bytes()))
 
 
-def find_profile(path: Path | None, out: Path) -> Path | None:
-    """Find the column profile: a file or, where there is none, a name in ``profiles/`` of the results."""
+def resolve_profile(path: Path | None, out: Path) -> Path | None:
+    """Return the path of a column profile: a file, or a name in ``profiles/`` of the results."""
     if path is None or path.exists():
         return path
     kept = out / PROFILES / f"{path.name.removesuffix('.json')}.json"
@@ -88,10 +87,10 @@ def find_profile(path: Path | None, out: Path) -> Path | None:
 
 
 def read_profile_file(path: Path | None, language: Language) -> str:
-    """Read the column profile before any recording, so that a mistake in it is reported at once."""
+    """Read the column profile; called before any recording is read, so that errors are reported at once."""
     if path is None:
         return ""
-    from fusion.readers import parse_profile  # noqa: PLC0415  heavy, and only this needs it
+    from fusion.readers import parse_profile  # noqa: PLC0415  slow import
 
     def parse(file: Path) -> str:
         return write_profile(asdict(parse_profile(file.read_text("utf-8", errors="replace"))))
@@ -100,13 +99,13 @@ def read_profile_file(path: Path | None, language: Language) -> str:
 
 
 def complete_profile(profile: str, sensor: str, date_order: str | None) -> str:
-    """Add the sensor on the arm and the order of dates to a column profile as a request holds it."""
+    """Add the sensor on the arm and the order of dates to a request's column profile."""
     stated = {name: value for name, value in (("sensor", sensor), ("date_order", date_order)) if value}
     return write_profile(json.loads(profile or "{}") | stated) if stated else profile
 
 
-def keep_profile(path: Path | None, out: Path) -> None:
-    """Copy a profile that was used to ``profiles/`` of the results, where its name alone finds it again."""
+def save_profile(path: Path | None, out: Path) -> None:
+    """Copy a used profile to ``profiles/`` of the results, so that later runs can use its name."""
     if path is not None:
         kept = out / PROFILES / f"{path.stem}.json"
         content = path.read_bytes()
@@ -116,10 +115,10 @@ def keep_profile(path: Path | None, out: Path) -> None:
 
 
 def read_settings_file(path: Path | None, language: Language) -> dict[str, Any]:
-    """Read the settings of a study: fields of a request and their values."""
+    """Read a settings file; return the request fields that it sets."""
     if path is None:
         return {}
-    from app.batch.settings_file import read_settings  # noqa: PLC0415  YAML, and only this needs it
+    from app.batch.settings_file import read_settings  # noqa: PLC0415  loads YAML
 
     return _read_option_file(path, language, {}, lambda file: read_settings(file.read_bytes()))
 
@@ -127,9 +126,9 @@ def read_settings_file(path: Path | None, language: Language) -> dict[str, Any]:
 def apply_participants_file(
     path: Path | None, tasks: list[Task], language: Language
 ) -> tuple[list[Task], list[Participant]]:
-    """Return the tasks as the list of participants has them, and its rows that fit none of them.
+    """Return the tasks with the settings of the list of participants, and its rows that match no recording.
 
-    The diaries it names lie beside it.
+    Diaries are read from the folder of the list.
     """
     nothing: tuple[list[Task], list[Participant]] = (tasks, [])
     return _read_option_file(
@@ -138,7 +137,7 @@ def apply_participants_file(
 
 
 def read_list_file(path: Path | None, language: Language) -> list[Path]:
-    """Read a list of recordings; their paths start from the list, or from here for standard input."""
+    """Read a list of recordings; paths are relative to the list (standard input: to the current folder)."""
     if path == Path("-"):
         return _read_option_file(path, language, [], lambda _: read_list(sys.stdin.read(), Path()))
     return _read_option_file(
@@ -152,7 +151,7 @@ def read_tasks_file(path: Path | None, language: Language) -> tuple[TaskWindow, 
 
 
 def _read_option_file(path: Path | None, language: Language, nothing: T, read: Callable[[Path], T]) -> T:
-    """Read a file that steers the run; one that cannot be used is a usage error with its cure."""
+    """Read a file named by an option; an unusable file is a usage error with a printed fix."""
     if path is None:
         return nothing
     try:
@@ -167,7 +166,7 @@ def _read_option_file(path: Path | None, language: Language, nothing: T, read: C
 
 
 def _parse(option: str, hint: str, read: Callable[[], T]) -> T:
-    """Read what was typed; a value that cannot be is a usage error."""
+    """Parse a value; an invalid value is a usage error."""
     try:
         return read()
     except ValueError:
@@ -180,27 +179,27 @@ def parse_subject(text: str) -> str:
 
 
 def parse_windows(texts: list[str] | None) -> tuple[tuple[float, float], ...]:
-    """Read the calibration windows."""
+    """Parse the calibration windows."""
     return _parse("--calibration", f"{WINDOW_HINT}, e.g. 5,15", lambda: tuple(map(parse_window, texts or ())))
 
 
 def parse_axis(text: str | None) -> ArmAxis | None:
-    """Read the sensor's axis that was strapped along the arm."""
+    """Parse the sensor axis that points along the arm."""
     return _parse("--axis", AXIS_HINT, lambda: None if text is None else parse_arm_axis(text))
 
 
 def parse_shard_option(text: str | None) -> Shard | None:
-    """Read which slice of the recordings is done; None for all."""
+    """Parse the slice of the recordings to analyse; None for all."""
     return _parse("--shard", f"{SHARD_HINT}, e.g. 3/8", lambda: None if text is None else parse_shard(text))
 
 
 def parse_slip_times(texts: list[str] | None, option: str) -> tuple[float, ...]:
-    """Read when the sensor slipped, or did not."""
+    """Parse times at which the sensor did or did not slip."""
     return _parse(option, f"{SLIP_HINT}, e.g. 14400", lambda: tuple(map(parse_slip_time, texts or ())))
 
 
 def check_windows(requests: Iterable[ReportRequest]) -> None:
-    """Refuse before any analysis a number of windows that fits neither the pose nor the axis."""
+    """Refuse, before any analysis, a number of windows that does not fit the pose or axis."""
     for request in requests:
         count = len(request.calibration_windows_s)
         hint = find_window_hint(request.pose, count, request.arm_axis)
@@ -210,7 +209,7 @@ def check_windows(requests: Iterable[ReportRequest]) -> None:
 
 
 def parse_kinds(text: str | None) -> tuple[ReportKind, ...]:
-    """Read which kinds of report are wanted, in our order; nothing typed is no wish."""
+    """Parse the report formats, in a fixed order; empty if the option is not given."""
     kinds = {part.strip() for part in text.split(",")} if text is not None else set()
     known: tuple[ReportKind, ...] = ("html", "pdf")
     if kinds - set(known):

@@ -1,4 +1,4 @@
-"""Output of the command line: a line for each outcome and each problem, and the exit code."""
+"""Output of the command line: outcomes, problems, and the exit code."""
 
 import importlib
 import io
@@ -21,7 +21,7 @@ import typer
 
 from app.analysis.fork_server import warm_up
 from app.batch.folder import Task, format_path
-from app.batch.run import Outcome, ShardRecord, find_done, run_tasks
+from app.batch.run import Outcome, ShardRecord, find_finished, run_tasks
 from app.errors import UNREADABLE_PATH, AppError, Interrupted
 from app.logs import escape_controls
 from app.report.figures import load_results
@@ -32,7 +32,7 @@ from app.request import Language, ReportRequest
 from fusion.errors import FusionError
 
 _TABLES = "app.batch.tables"
-"""What only the end of a run needs; it is loaded while the first recording is analysed."""
+"""Needed only at the end of a run; loaded while the first recording is analysed."""
 
 
 class Exit(IntEnum):
@@ -44,24 +44,24 @@ class Exit(IntEnum):
     NOTHING_DONE = 3
     INTERRUPTED = 130
     NOBODY_READS = 141
-    """That of a program which SIGPIPE ends."""
+    """The code of a program that SIGPIPE ends."""
 
 
 class PipedOutput(io.TextIOWrapper):
-    """Standard output whose reader may leave (``| head``): the command then ends, and says nothing.
+    """Standard output whose reader may exit (``| head``); the command then exits without a message.
 
-    The end is no error, so that nothing that handles errors takes it for one of a file or of the disk.
+    It raises SystemExit and not an error, so that no handler reports it as a problem of a file or the disk.
     """
 
     def write(self, text: str) -> int:
-        """Write, or end the command."""
+        """Write, or exit."""
         try:
             return super().write(text)
         except BrokenPipeError:
             self._end()
 
     def flush(self) -> None:
-        """Flush, or end the command."""
+        """Flush, or exit."""
         try:
             super().flush()
         except BrokenPipeError:
@@ -69,14 +69,14 @@ class PipedOutput(io.TextIOWrapper):
 
     def _end(self) -> NoReturn:
         nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, self.fileno())  # what is left is written at the exit
+        os.dup2(nowhere, self.fileno())  # buffered text is written at exit
         os.close(nowhere)
         raise SystemExit(Exit.NOBODY_READS)
 
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far a run is; ``left_s`` is estimated from those analysed so far, None before the first."""
+    """Progress of a run; ``left_s`` is estimated from analysed recordings, None before the first."""
 
     done: int
     all: int
@@ -89,10 +89,10 @@ OnOutcome = Callable[[Outcome, Progress], None]
 def report_progress(
     tasks: Sequence[Task], workers: int, on_outcome: OnOutcome | None = None
 ) -> list[Outcome]:
-    """Do the tasks, reporting each outcome as it comes; gives them in the order of the tasks.
+    """Run the tasks and report each outcome when it is ready; return them in the order of the tasks.
 
-    Ctrl-C ends the run, and SIGTERM does: what was not reached is an outcome, too (E-INTERRUPTED), but for
-    what an earlier run has done.
+    Ctrl-C and SIGTERM end the run. Recordings that are not analysed have the outcome E-INTERRUPTED, unless an
+    earlier run has finished them.
     """
     on_outcome = on_outcome or print_outcome
     on_progress = _print_stage if on_outcome is print_outcome else lambda *_: None
@@ -104,7 +104,7 @@ def report_progress(
             threading.Thread(target=importlib.import_module, args=(_TABLES,), daemon=True).start()
             for outcome in run_tasks(tasks, workers, on_progress):
                 outcomes.append(outcome)
-                # earlier work cost nothing and says nothing of the rest
+                # earlier results took no time and predict nothing
                 analysed = sum(not one.repeated for one in outcomes)
                 elapsed_s, left = time.monotonic() - start_s, len(tasks) - len(outcomes)
                 left_s = elapsed_s / analysed * left if analysed else None
@@ -113,16 +113,16 @@ def report_progress(
         reached = [outcome.task for outcome in outcomes]
         rest = [task for task in tasks if task not in reached]
         done: dict[str, Outcome | None] = {}
-        with suppress(KeyboardInterrupt):  # a second Ctrl-C counts all as not done
+        with suppress(KeyboardInterrupt):  # a second Ctrl-C stops the search for earlier results
             for task in rest:
-                done[task.name] = find_done(task)
+                done[task.name] = find_finished(task)
         outcomes += [done.get(task.name) or Outcome(task, code=Interrupted.code) for task in rest]
     return sorted(outcomes, key=lambda outcome: tasks.index(outcome.task))
 
 
 @contextmanager
 def handling_signals(how: Any, *numbers: int) -> Iterator[None]:
-    """Handle these signals by ``how`` until the end of the block."""
+    """Handle signals with ``how`` until the end of the block."""
     before = {number: signal.signal(number, how) for number in numbers}
     try:
         yield
@@ -132,7 +132,7 @@ def handling_signals(how: Any, *numbers: int) -> Iterator[None]:
 
 
 def _print_stage(task: Task, stage: str | None, fraction: float) -> None:
-    """Keep one line on a terminal up to date; a log file is told once that the first run takes longer."""
+    """Update the status line on a terminal; in a log file, only note once that the first run takes longer."""
     language = task.request.languages[0]
     if sys.stderr.isatty():
         word = load_wording(language, "page")["stage"][stage or "starting"]
@@ -144,12 +144,12 @@ def _print_stage(task: Task, stage: str | None, fraction: float) -> None:
 
 @cache
 def _note_preparing(language: Language) -> None:
-    """Say once in a run that the first one takes longer."""
+    """Print once per run that the first one takes longer."""
     typer.echo(load_wording(language, "page")["stage"]["preparing"], err=True)
 
 
 def print_outcome(outcome: Outcome, progress: Progress) -> None:
-    """Print where the report is and its answer, or the problem and its cure."""
+    """Print the report's path and its answer, or the problem and its fix."""
     task, language = outcome.task, outcome.task.request.languages[0]
     words, counter = load_wording(language, "run")["outcome"], ""
     if sys.stderr.isatty():
@@ -161,24 +161,24 @@ def print_outcome(outcome: Outcome, progress: Progress) -> None:
     if outcome.code:
         print_problem(counter + task.name, outcome.code, outcome.facts, language)
         return
-    told = f" ({words['already']})" if outcome.repeated else ""
+    note = f" ({words['already']})" if outcome.repeated else ""
     if outcome.changes:
         n, old = str(outcome.version), str(outcome.version - 1)
-        told = f" ({fill(words['version'], {'changes': ', '.join(outcome.changes), 'n': n, 'old': old})})"
-    typer.echo(escape_controls(f"{counter}{task.name} -> {format_path(task.folder)}{told}"))
+        note = f" ({fill(words['version'], {'changes': ', '.join(outcome.changes), 'n': n, 'old': old})})"
+    typer.echo(escape_controls(f"{counter}{task.name} -> {format_path(task.folder)}{note}"))
     for line in outcome.answer:
         typer.echo(f"  {line}")
 
 
 def print_failure(outcome: Outcome, _progress: Progress) -> None:
-    """Print only what went wrong."""
+    """Print only failures."""
     if outcome.code:
         language = outcome.task.request.languages[0]
         print_problem(outcome.task.name, outcome.code, outcome.facts, language)
 
 
 def print_json(outcome: Outcome, progress: Progress) -> None:
-    """Print one line for a program: file, folder, code of the failure or null, how far the run is."""
+    """Print one JSON line: file, folder, code of the failure or null, progress of the run."""
     line = {
         "file": format_path(outcome.task.log),
         "folder": format_path(outcome.task.folder),
@@ -192,7 +192,7 @@ def print_json(outcome: Outcome, progress: Progress) -> None:
 
 
 def print_problem(name: str, code: str, facts: Any, language: Language) -> None:
-    """Print on standard error what is wrong, and the cure."""
+    """Print the problem and its fix on standard error."""
     problem = describe_problem(code, facts, language)
     typer.echo(
         f"{escape_controls(name)}: {code} {problem.title}\n  {problem.detail}\n  {problem.fix}", err=True
@@ -200,8 +200,8 @@ def print_problem(name: str, code: str, facts: Any, language: Language) -> None:
 
 
 @contextmanager
-def refusals_printed(name: str, language: Language) -> Iterator[None]:
-    """Print a refusal, or a path that cannot be used, and leave with its exit code."""
+def printing_refusals(name: str, language: Language) -> Iterator[None]:
+    """Print a refusal or an unusable path, and exit with its code."""
     try:
         yield
     except (FusionError, AppError) as refusal:
@@ -216,15 +216,14 @@ def refusals_printed(name: str, language: Language) -> Iterator[None]:
 def finish(
     outcomes: Sequence[Outcome], out: Path, request: ReportRequest, *, goes_on: bool = True, asks: bool = True
 ) -> NoReturn:
-    """Write the tables and leave with the exit code that agrees with them.
+    """Write the tables and exit with the code that agrees with them.
 
-    ``goes_on``: the command that was typed does what is left, if it is typed again. ``asks``: for the pose,
-    if it was assumed.
+    ``goes_on``: repeating the command continues the run. ``asks``: ask for the pose if it was assumed.
     """
     language = request.languages[0]
     if outcomes:
         try:
-            with handling_signals(signal.SIG_IGN, signal.SIGINT, signal.SIGTERM):  # a second's work
+            with handling_signals(signal.SIG_IGN, signal.SIGINT, signal.SIGTERM):  # takes about a second
                 importlib.import_module(_TABLES).write_tables(out, outcomes, request, datetime.now(UTC))
         except OSError as error:
             print_problem(str(out), UNREADABLE_PATH, {"why": error.strerror or ""}, language)
@@ -238,7 +237,7 @@ def finish(
 
 
 def finish_shard(outcomes: Sequence[Outcome], record: ShardRecord, out: Path, language: Language) -> NoReturn:
-    """Leave the failures of this slice to ``acromion collect``, and leave with the exit code of the slice."""
+    """Write the failures of this slice for ``acromion collect``, and exit with the code of the slice."""
     with handling_signals(signal.SIG_IGN, signal.SIGINT, signal.SIGTERM):
         record.write(outcomes)
     typer.echo(_format_total(outcomes, language, "_shard"), err=True)
@@ -248,7 +247,7 @@ def finish_shard(outcomes: Sequence[Outcome], record: ShardRecord, out: Path, la
 
 
 def format_question(outcomes: Sequence[Outcome]) -> list[str]:
-    """Ask for a pose that was assumed: for one recording each candidate with the option that names it."""
+    """Return the question about an assumed pose; for one recording, with the option for each candidate."""
     for outcome in outcomes:
         if not outcome.code and (len(outcomes) == 1 or outcome.task.request.pose_held is None):
             results = load_results((outcome.task.folder / "results.json").read_bytes())
@@ -277,7 +276,7 @@ def format_question(outcomes: Sequence[Outcome]) -> list[str]:
 def _format_total(
     outcomes: Sequence[Outcome], language: Language, part: Literal["", "_shard"], *, goes_on: bool = True
 ) -> str:
-    """Count what was done; a slice (``_shard``) wrote no table to point to."""
+    """Format the counts of outcomes; a slice (``_shard``) has written no tables."""
     counts = {
         "all": len(outcomes),
         "good": sum(outcome.code is None for outcome in outcomes),
@@ -292,7 +291,7 @@ def _format_total(
 
 
 def choose_exit(outcomes: Sequence[Outcome]) -> Exit:
-    """Choose the exit code from the list that the tables are made of."""
+    """Return the exit code from the outcomes that are also in the tables."""
     if any(outcome.code == Interrupted.code for outcome in outcomes):
         return Exit.INTERRUPTED
     good = [outcome.code is None for outcome in outcomes]

@@ -22,8 +22,6 @@ from app.cli.options import (
     apply_participants_file,
     check_windows,
     complete_profile,
-    find_profile,
-    keep_profile,
     parse_axis,
     parse_kinds,
     parse_shard_option,
@@ -34,6 +32,8 @@ from app.cli.options import (
     read_list_file,
     read_profile_file,
     read_settings_file,
+    resolve_profile,
+    save_profile,
 )
 from app.cli.output import (
     Exit,
@@ -57,7 +57,8 @@ def run(
         list[Path] | None, typer.Argument(help="Recordings, folders of recordings, or patterns.")
     ] = None,
     list_: Annotated[
-        Path | None, typer.Option("--list", metavar="FILE", help="A list of paths; - for standard input.")
+        Path | None,
+        typer.Option("--list", metavar="FILE", help="File with a list of paths; - for standard input."),
     ] = None,
     participants: Annotated[
         Path | None,
@@ -67,7 +68,8 @@ def run(
         ),
     ] = None,
     config: Annotated[
-        Path | None, typer.Option(metavar="FILE.yaml", help="Settings of a study, as settings.yaml.")
+        Path | None,
+        typer.Option(metavar="FILE.yaml", help="Settings of a study, in the format of settings.yaml."),
     ] = None,
     side: SideOption = None,
     subject: SubjectOption = "",
@@ -75,20 +77,21 @@ def run(
         MethodName | None, typer.Option(help="How elevation is estimated  \\[default: smoothed]")
     ] = None,
     pose: Annotated[
-        Pose | None, typer.Option(help="The pose the wearer was calibrated in  \\[default: n-pose]")
+        Pose | None, typer.Option(help="Calibration pose of the wearer  \\[default: n-pose]")
     ] = None,
     calibration: Annotated[
         list[str] | None,
         typer.Option(
             metavar="START_S,END_S",
-            help="When the pose was held; again each time it was. Two-point: hanging, then level.",
+            help="When the pose was held; can be repeated. Two-point: hanging, then level.",
         ),
     ] = None,
     pose_held: PoseHeldOption = None,
     axis: Annotated[
         str | None,
         typer.Option(
-            metavar="x|-x|y|-y|z|-z", help="No pose: the sensor's axis along the arm, towards the shoulder."
+            metavar="x|-x|y|-y|z|-z",
+            help="Without a pose: the sensor's axis along the arm, towards the shoulder.",
         ),
     ] = None,
     slip_at: Annotated[
@@ -96,40 +99,45 @@ def run(
     ] = None,
     no_slip_at: Annotated[
         list[str] | None,
-        typer.Option("--no-slip-at", metavar="SECONDS", help="When it did not, though it may seem so."),
+        typer.Option(
+            "--no-slip-at", metavar="SECONDS", help="When it did not slip, although it may seem so."
+        ),
     ] = None,
     diary: DiaryOption = None,
     lang: Annotated[
         Language | None, typer.Option(help="Language of the report; fr-CA: French of Québec  \\[default: en]")
     ] = None,
-    rate_hz: Annotated[float | None, typer.Option(min=1, max=10_000, help="For logs without time.")] = None,
+    rate_hz: Annotated[
+        float | None, typer.Option(min=1, max=10_000, help="Sampling rate, for files without timestamps.")
+    ] = None,
     profile: ProfileOption = None,
     sensor: SensorOption = "",
     date_order: DateOrderOption = None,
     report: Annotated[
-        str | None, typer.Option(help="What to write: html, pdf or html,pdf  \\[default: html,pdf]")
+        str | None, typer.Option(help="Report formats: html, pdf or html,pdf  \\[default: html,pdf]")
     ] = None,
     paper: Annotated[Paper | None, typer.Option(help="Paper of the PDF  \\[default: a4]")] = None,
     workers: Annotated[
         int | None,
-        typer.Option("-j", "--jobs", min=1, help="Recordings at once  \\[default: by cores, memory]"),
+        typer.Option("-j", "--jobs", min=1, help="Recordings in parallel  \\[default: by cores and memory]"),
     ] = None,
-    join: Annotated[bool, typer.Option("--join", help="The files are one shift, in one report.")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Do finished recordings again.")] = False,
+    join: Annotated[
+        bool, typer.Option("--join", help="Join the files into one shift with one report.")
+    ] = False,
+    force: Annotated[bool, typer.Option("--force", help="Analyse finished recordings again.")] = False,
     shard: Annotated[
         str | None,
-        typer.Option(metavar="K/N", help="Do the K-th of N slices; acromion collect makes the tables."),
+        typer.Option(
+            metavar="K/N", help="Analyse the K-th of N slices; acromion collect then writes the tables."
+        ),
     ] = None,
-    dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Say what would be done; write nothing.")
-    ] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Say only what went wrong, and the total.")] = False,
-    json_log: Annotated[bool, typer.Option("--json-log", help="One JSON line for each recording.")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Print the plan; write nothing.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print only problems and the total.")] = False,
+    json_log: Annotated[bool, typer.Option("--json-log", help="Print one JSON line per recording.")] = False,
 ) -> None:
     """Analyse recordings and write a report for each.
 
-    What is asked here goes before what the settings file says, and what the list of participants says of a
-    recording goes before both.
+    Options override the settings file. The list of participants overrides both.
     """
     given = {
         "side": side,
@@ -148,7 +156,7 @@ def run(
     settings |= {name: value for name, value in given.items() if value}
     language = lang or settings.get("languages", ("en",))[0]
     request = replace(ReportRequest(""), **{**settings, "languages": (language,)})
-    profile = find_profile(profile, out)
+    profile = resolve_profile(profile, out)
     request = replace(
         request,
         subject=parse_subject(subject),
@@ -173,7 +181,7 @@ def run(
             typer.echo(f"{verb}: {format_path(task.log)} -> {format_path(task.folder)}")
         raise typer.Exit
     on_outcome = print_json if json_log else print_failure if quiet else print_outcome
-    keep_profile(profile, out)
+    save_profile(profile, out)
     count = workers or 1
     if not workers and len(tasks) != 1:
         capacity = measure_capacity()
@@ -186,17 +194,17 @@ def run(
 
 
 def collect(
-    out: Annotated[Path, typer.Argument(metavar="DIR", help="Results that runs with --shard wrote.")],
+    out: Annotated[Path, typer.Argument(metavar="DIR", help="Results folder of the runs with --shard.")],
     lang: Annotated[Language, typer.Option("--lang", help="Language of messages.")] = "en",
 ) -> None:
-    """Make the tables of a run that several processes shared (--shard), once."""
+    """Write the tables of a run that was split with --shard."""
     try:
         collected = collect_outcomes(out)
     except (OSError, ValueError, KeyError, TypeError):
         print_problem(format_path(out), NO_SHARDS, {}, lang)
         raise typer.Exit(Exit.USAGE) from None
     for name, slices in (("undone", collected.undone), ("differing", collected.differing)):
-        if slices:  # to start again; and those asked for something else than the last
+        if slices:  # slices to repeat, and slices with other options than the last
             _note(name, lang, slices=", ".join(slices))
     finish(collected.outcomes, out, collected.request, goes_on=False)
 
@@ -209,7 +217,7 @@ def exposure(
     diary: DiaryOption = None,
     lang: LanguageOption = "en",
 ) -> None:
-    """Return the exposure of a ready angle series (an empty angle is missing)."""
+    """Compute the exposure of an existing angle series (an empty angle is a missing value)."""
     entries = read_diary_file(diary, lang)
     request = ReportRequest(
         path.name, parse_subject(subject), side, languages=(lang,), source="angles", diary=entries
@@ -235,7 +243,7 @@ def _plan(
     if found.others:
         _note("others", language, n=str(found.others))
     logs = found.logs
-    if join:  # one task, in a folder named after the first
+    if join:  # one task, in a folder named after the first file
         logs, request = logs[:1], replace(request, joined=tuple(str(log.resolve()) for log in logs[1:]))
     return plan_tasks(logs, out, request, found.format_place, force=force)
 

@@ -1,1 +1,1 @@
-"""Live sessions: where the frames come from, the raw file they are written to, and the session they feed."""
+"""Live sessions: the sources of frames, the raw file, and the running sessions."""

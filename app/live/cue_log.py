@@ -1,4 +1,4 @@
-"""The log of a session's cues, and their rules as people write them."""
+"""The log file of a session's cues, and cue rules as text."""
 
 import csv
 from collections.abc import Iterable
@@ -13,7 +13,7 @@ CUE_HINT = "hold:60:10, share:60:10, stays:60:30"
 
 
 def parse_rule(text: str) -> CueRule:
-    """Read ``hold:ANGLE_DEG:SECONDS``, ``share:ANGLE_DEG:PERCENT`` or ``stays:ANGLE_DEG:SECONDS``.
+    """Parse ``hold:ANGLE_DEG:SECONDS``, ``share:ANGLE_DEG:PERCENT`` or ``stays:ANGLE_DEG:SECONDS``.
 
     Raises ValueError.
     """
@@ -28,24 +28,24 @@ def parse_rule(text: str) -> CueRule:
     return CueRule(kind, angle_deg, seconds=limit)
 
 
-def find_limit(rule: CueRule) -> float:
-    """Return the limit of a rule: seconds, or percent of a share."""
+def get_limit(rule: CueRule) -> float:
+    """Return the limit of a rule, in seconds, or in percent for a share."""
     return rule.percent if rule.kind == "share" else rule.seconds
 
 
 def format_rule(rule: CueRule) -> str:
-    """Write a rule as :func:`parse_rule` reads it."""
-    return f"{rule.kind}:{rule.angle_deg:g}:{find_limit(rule):g}"
+    """Format a rule for :func:`parse_rule`."""
+    return f"{rule.kind}:{rule.angle_deg:g}:{get_limit(rule):g}"
 
 
 def write_log(raw: Path, cues: Iterable[Cue]) -> Path:
-    """Write the cues beside the raw file; times are those of its first sample."""
+    """Write the cues to a file next to the raw file; times count from its first sample."""
     path = raw.with_suffix(SUFFIX)
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(COLUMNS)
         for cue in cues:
             writer.writerow(
-                [f"{cue.time_s:.3f}", cue.rule.kind, f"{cue.rule.angle_deg:g}", f"{find_limit(cue.rule):g}"]
+                [f"{cue.time_s:.3f}", cue.rule.kind, f"{cue.rule.angle_deg:g}", f"{get_limit(cue.rule):g}"]
             )
     return path

@@ -1,8 +1,8 @@
-"""The live sessions of a server: each runs in a thread of its own and goes on while nobody looks.
+"""The live sessions of a server: each runs in its own thread and continues without viewers.
 
-A session is known by its id. Whoever watches it gets what is new as messages that are numbered; a page that
-was reloaded gets the last minute first. A watcher that is too slow loses the oldest messages, never the raw
-file a frame. A session that nobody has watched for a while ends as if it was stopped.
+A session is identified by its id. Viewers receive new data as numbered messages; a reloaded page first
+receives the last minute. A viewer that is too slow loses the oldest messages, but the raw file loses no
+frames. A session without viewers stops after a while.
 """
 
 import itertools
@@ -19,7 +19,7 @@ import numpy as np
 from sqlalchemy.exc import SQLAlchemyError
 
 from app.errors import AppError, NotHere, TooManySessions
-from app.live.cue_log import find_limit
+from app.live.cue_log import get_limit
 from app.live.ports import PushedPort, SessionFiles
 from app.live.raw_file import UNKNOWN, Wearer
 from app.live.recorder import Recorder
@@ -31,16 +31,16 @@ from fusion.recording import MICROSECONDS
 
 SHOWN_HZ = 50.0
 HISTORY_S = 60.0
-MOST_WAITING = 250
-"""Messages that wait for a slow watcher: 10 s."""
-MOST_SESSIONS = 50
+MAX_WAITING = 250
+"""Messages that wait for a slow viewer: 10 s."""
+MAX_SESSIONS = 50
 ENDED_TERM_S = 3600.0
-"""How long the end of a session is remembered."""
+"""How long an ended session can be queried."""
 STOP_LIMIT_S = 10.0
 CLOSED_TERM_S = 60.0
-"""A page that was closed, or is loaded again, may come back for so long; then its session ends."""
+"""A session continues for this time after its page was closed, because the page may only be reloading."""
 LOST_TERM_S = 600.0
-"""The same after a link that was lost, for which nobody may have decided."""
+"""The same after a lost connection, because the viewer may not have left on purpose."""
 
 State = Literal["running", "stopped", "failed"]
 Message = Mapping[str, Any]
@@ -51,7 +51,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class SessionRequest:
-    """What a person asks of a session."""
+    """The options of a session."""
 
     wearer: Wearer = UNKNOWN
     rules: tuple[CueRule, ...] = ()
@@ -60,7 +60,7 @@ class SessionRequest:
 
 @dataclass(frozen=True, slots=True)
 class Ended:
-    """The files of a session that has ended, what was asked, and its cues."""
+    """The files, options and cues of an ended session."""
 
     files: SessionFiles
     request: SessionRequest
@@ -68,17 +68,17 @@ class Ended:
 
 
 class Library(Protocol):
-    """What a session hands on."""
+    """Receives the results of sessions."""
 
     def keep(self, ended: Ended) -> str:
-        """Take the raw file in; give the id of its analysis."""
+        """Store the raw file as a recording and return the id of its analysis."""
 
     def announce(self, session_id: str, cue: Cue) -> None:
-        """Tell the webhooks that asked for cues."""
+        """Notify the webhooks that subscribed to cues."""
 
 
 class RunningSession:
-    """One session: its source, its recorder, its watchers."""
+    """One session: its source, its recorder, its viewers."""
 
     def __init__(
         self, files: SessionFiles, source: Source, recorder: Recorder, request: SessionRequest
@@ -103,7 +103,7 @@ class RunningSession:
         self._asked_pose_s: float | None = request.countdown_s if recorder.session.arm_axis is None else None
 
     def describe(self) -> dict[str, Any]:
-        """Return what a watcher is told first."""
+        """Return the first message for a viewer."""
         facts = self.source.facts
         return {
             "type": "session",
@@ -119,7 +119,7 @@ class RunningSession:
         }
 
     def watch(self, watch: Watch) -> int:
-        """Send the description, the last minute and what follows; give the key that ends it."""
+        """Send the description, the last minute and all new data; return the key for :meth:`leave`."""
         with self._lock:
             key = next(self._keys)
             self._watchers[key] = watch
@@ -131,33 +131,33 @@ class RunningSession:
         return key
 
     def leave(self, key: int, *, was_closed: bool = True) -> None:
-        """End a watch; after the last one the session ends too, unless somebody comes back in time."""
+        """Remove a viewer; after the last one the session ends, unless a viewer returns in time."""
         with self._lock:
             self._watchers.pop(key, None)
             if not self._watchers:
                 self._ends_s = time.monotonic() + (CLOSED_TERM_S if was_closed else LOST_TERM_S)
 
     def push(self, piece: bytes) -> bool:
-        """Hand on bytes from a page, to a session whose source is one; False while it takes no more."""
+        """Add bytes from a page to the session's source; return False while the source is full."""
         return self._pushed.push(piece) if isinstance(self._pushed, PushedPort) else True
 
     def ask_pose(self, countdown_s: float) -> None:
-        """Ask for the pose, once more or for the first time."""
+        """Ask for the calibration pose, for the first time or again."""
         with self._lock:
             self._asked_pose_s = countdown_s
 
     def pause_cues(self, *, paused: bool) -> None:
-        """Return no cues, or give them again."""
+        """Pause or resume cues."""
         self.recorder.are_cues_paused = paused
         with self._lock:
             self._send({"type": "cues", "paused": paused})
 
     def stop(self) -> None:
-        """Ask the session to end; it does so with the next frames, or without them."""
+        """Ask the session to end; it ends with or without further frames."""
         self._is_stopping.set()
 
     def run(self, library: Library) -> None:
-        """Take frames until the source ends or the session is stopped."""
+        """Process frames until the source ends or the session is stopped."""
         state: State = "failed"
         try:
             while not self._is_over() and (frames := self.source.read()) is not None:
@@ -165,7 +165,7 @@ class RunningSession:
                 if len(frames):
                     rows = self.recorder.take(frames)
                     self._publish(rows)
-                    self._give_cues(self.recorder.take_cues(rows), library)
+                    self._send_cues(self.recorder.take_cues(rows), library)
                     if self._early is not None and self.recorder.settle(self._early):
                         self._early = None
             state = "stopped"
@@ -176,7 +176,7 @@ class RunningSession:
             self._end(state, library)
 
     def _is_over(self) -> bool:
-        """Whether it was stopped, and has taken what came before that, or was left by everybody."""
+        """Return whether the session was stopped or abandoned, and all earlier bytes are processed."""
         with self._lock:
             if self._ends_s is not None and time.monotonic() > self._ends_s:
                 self.was_left = True
@@ -184,7 +184,7 @@ class RunningSession:
         return self._is_stopping.is_set() and (self._early is None or not self._early.is_behind)
 
     def _start_pose(self) -> None:
-        """Ask for the pose, not while what came early is made up for: nobody could hold it."""
+        """Start the pose, but not while buffered data is processed: the wearer could not react yet."""
         with self._lock:
             if self._asked_pose_s is not None and self._early is None:
                 self.recorder.session.ask_pose(self._asked_pose_s)
@@ -207,8 +207,8 @@ class RunningSession:
             self._sequence += 1
             self._send(self._describe_update(points, "update"))
 
-    def _give_cues(self, cues: list[Cue], library: Library) -> None:
-        """Tell the watchers and the webhooks; a webhook that cannot be told ends no session."""
+    def _send_cues(self, cues: list[Cue], library: Library) -> None:
+        """Notify viewers and webhooks; a failing webhook does not end the session."""
         for cue in cues:
             with self._lock:
                 self._send({"type": "cue", "time_s": round(cue.time_s, 3)} | _describe_rule(cue.rule))
@@ -236,7 +236,7 @@ class RunningSession:
             watch(message)
 
     def _end(self, state: State, library: Library) -> None:
-        """Close the raw file and hand it on; a file that cannot be taken stays for the next start."""
+        """Close the raw file and store it as a recording; if that fails, the next server start retries."""
         try:
             self.recorder.stop()
             if self._early is not None:
@@ -253,11 +253,11 @@ class RunningSession:
 
 
 def _describe_rule(rule: CueRule) -> dict[str, Any]:
-    return {"kind": rule.kind, "angle_deg": rule.angle_deg, "limit": find_limit(rule)}
+    return {"kind": rule.kind, "angle_deg": rule.angle_deg, "limit": get_limit(rule)}
 
 
 def describe_status(status: LiveStatus) -> dict[str, Any]:
-    """Return what the page shows of a session's state."""
+    """Return the session state for the page."""
     return {
         "elapsed_s": round(status.elapsed_s, 3),
         "elevation_deg": None if status.elevation_deg is None else round(status.elevation_deg, 2),
@@ -293,8 +293,8 @@ class LiveHub:
                 for ended_id, ended in list(self._sessions.items()):
                     if ended.state != "running" and time.monotonic() - ended.ended_s > ENDED_TERM_S:
                         del self._sessions[ended_id], self._threads[ended_id]
-                if sum(one.state == "running" for one in self._sessions.values()) >= MOST_SESSIONS:
-                    raise TooManySessions(max=MOST_SESSIONS)
+                if sum(one.state == "running" for one in self._sessions.values()) >= MAX_SESSIONS:
+                    raise TooManySessions(max=MAX_SESSIONS)
                 recorder = Recorder(files.raw, source.facts, request.wearer, request.rules)
                 session = RunningSession(files, source, recorder, request)
                 run = (session.run, self.library)
@@ -307,14 +307,14 @@ class LiveHub:
         return session
 
     def get(self, session_id: str) -> RunningSession:
-        """Return a session that runs, or ended less than an hour ago. Raises NotHere."""
+        """Return a session that is running or ended less than an hour ago. Raises NotHere."""
         session = self._sessions.get(session_id)
         if session is None:
             raise NotHere
         return session
 
     def close(self) -> None:
-        """Stop all sessions, as the server stops: their raw files are recordings then."""
+        """Stop all sessions when the server stops; their raw files become recordings."""
         for session in self._sessions.values():
             session.stop()
         for thread in self._threads.values():

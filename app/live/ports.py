@@ -1,4 +1,4 @@
-"""Where the lines of a board come from: a serial port, UDP or TCP; and what they bring early."""
+"""Sources of a board's lines (serial port, UDP, TCP, a page), and a buffer for their early bytes."""
 
 import json
 import os
@@ -27,30 +27,30 @@ WAIT_S = 0.05
 REOPEN_S = 0.5
 BAUD = 115_200
 SENDER_SILENCE_S = 5.0
-"""A board that starts anew may send from another port: after so long another sender is heard."""
+"""A restarted board may send from another port; after this silence another sender is accepted."""
 LINE_SILENCE_S = 10.0
-"""A board that lost its power hangs up no line: after so long it is called again."""
+"""A board that lost power does not close its connection; after this silence the client reconnects."""
 PIECE_BYTES = 65_536
-MOST_PIECES = 256
+MAX_PIECES = 256
 SERIAL_PORT = re.compile(r"^(COM\d+|/dev/(?!shm/)\S+)$", re.IGNORECASE)
 
 
 class Port(Protocol):
-    """Where bytes come from."""
+    """A source of bytes."""
 
     def read(self) -> bytes:
-        """Wait at most :data:`WAIT_S`; b"" where nothing came."""
+        """Wait at most :data:`WAIT_S` and return the bytes received; b"" if there are none."""
 
     def close(self) -> None:
-        """Let go of it."""
+        """Close the port."""
 
 
 class SerialPort:
-    """A serial port; one that goes away is opened again when it comes back."""
+    """A serial port; it is reopened if it disappears and comes back."""
 
     def __init__(self, name: str, baud: int = BAUD) -> None:
-        """Open it. Raises LiveSourceFailed."""
-        import serial  # noqa: PLC0415  of the extra "live"
+        """Open the port. Raises LiveSourceFailed."""
+        import serial  # noqa: PLC0415  in the extra "live"
 
         self._name, self._baud, self._serial = name, baud, serial
         self._failures = (serial.SerialException, OSError)
@@ -60,7 +60,7 @@ class SerialPort:
             raise LiveSourceFailed(name=name, why="port") from error
 
     def read(self) -> bytes:
-        """Wait a moment for bytes."""
+        """Wait briefly for bytes."""
         if not self._port.is_open:
             self._reopen()
             return b""
@@ -71,7 +71,7 @@ class SerialPort:
             return b""
 
     def close(self) -> None:
-        """Let go of the port."""
+        """Close the port."""
         with suppress(*self._failures):
             self._port.close()
 
@@ -86,10 +86,10 @@ class SerialPort:
 
 
 class UdpPort:
-    """Datagrams of whole lines; one sender is heard, another one only after it has fallen silent."""
+    """Datagrams of whole lines from one sender; another sender is accepted only after this one is silent."""
 
     def __init__(self, host: str, port: int, *, now_s: Callable[[], float] = time.monotonic) -> None:
-        """Listen; raises OSError."""
+        """Bind the socket. Raises OSError."""
         self._now_s, self._heard_s = now_s, now_s()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.settimeout(WAIT_S)
@@ -98,11 +98,11 @@ class UdpPort:
 
     @property
     def port(self) -> int:
-        """Where it listens."""
+        """The port number."""
         return int(self._socket.getsockname()[1])
 
     def read(self) -> bytes:
-        """Wait a moment for a datagram."""
+        """Wait briefly for a datagram."""
         try:
             piece, sender = self._socket.recvfrom(PIECE_BYTES)
         except TimeoutError:
@@ -115,21 +115,21 @@ class UdpPort:
         return piece if piece.endswith(b"\n") else piece + b"\n"
 
     def close(self) -> None:
-        """Stop listening."""
+        """Close the socket."""
         self._socket.close()
 
 
 class TcpPort:
-    """A board that serves its lines over TCP; a connection that breaks, or brings nothing, is made again."""
+    """A board that serves its lines over TCP; a broken or silent connection is reopened."""
 
     def __init__(self, host: str, port: int, *, now_s: Callable[[], float] = time.monotonic) -> None:
-        """Connect; raises OSError."""
+        """Connect. Raises OSError."""
         self._now_s, self._heard_s = now_s, now_s()
         self._address = (host, port)
         self._socket = self._connect()
 
     def read(self) -> bytes:
-        """Wait a moment for bytes."""
+        """Wait briefly for bytes."""
         try:
             piece = self._socket.recv(PIECE_BYTES)
         except TimeoutError:
@@ -144,7 +144,7 @@ class TcpPort:
         return piece
 
     def close(self) -> None:
-        """Hang up."""
+        """Close the connection."""
         self._socket.close()
 
     def _connect(self) -> socket.socket:
@@ -161,14 +161,14 @@ class TcpPort:
 
 
 class PushedPort:
-    """Bytes that a page hands on, of a board or of its own sensors."""
+    """Bytes that a page sends, from a board or from the phone's own sensors."""
 
     def __init__(self) -> None:
-        self._pieces: queue.Queue[bytes] = queue.Queue(MOST_PIECES)
+        self._pieces: queue.Queue[bytes] = queue.Queue(MAX_PIECES)
         self._is_open = True
 
     def push(self, piece: bytes) -> bool:
-        """Add bytes; False while it is full. Those of a session that has ended are dropped."""
+        """Add bytes; return False while the queue is full. Bytes for an ended session are dropped."""
         if self._is_open:
             try:
                 self._pieces.put_nowait(piece)
@@ -177,19 +177,19 @@ class PushedPort:
         return True
 
     def read(self) -> bytes:
-        """Wait a moment for bytes."""
+        """Wait briefly for bytes."""
         try:
             return self._pieces.get(timeout=WAIT_S)
         except queue.Empty:
             return b""
 
     def close(self) -> None:
-        """Take no more."""
+        """Accept no more bytes."""
         self._is_open = False
 
 
-def names_port(source: str) -> bool:
-    """Whether a source is a port, not a file."""
+def is_port(source: str) -> bool:
+    """Return whether a source is a port and not a file."""
     is_named = source.startswith(("udp://", "tcp://")) or SERIAL_PORT.match(source) is not None
     return is_named or Path(source).is_char_device()
 
@@ -211,41 +211,42 @@ def open_port(source: str, baud: int = BAUD) -> Port:
 
 
 def find_serial_ports() -> tuple[str, ...]:
-    """Find the serial ports of this computer; none where the library is not installed."""
+    """Return the serial ports of this computer; none if pyserial is not installed."""
     if find_spec("serial") is None:
         return ()
-    from serial.tools.list_ports import comports  # noqa: PLC0415  of the extra "live"
+    from serial.tools.list_ports import comports  # noqa: PLC0415  in the extra "live"
 
     return tuple(sorted(port.device for port in comports()))
 
 
-# What a port brings before the session's angles run, on the disk within a second.
+# Early bytes: the bytes that a port sends before the session can process frames. They are on disk within a
+# second.
 #
-# Until the science is loaded, the rate is known and the kernels are compiled, a session can take no frame: on
-# a fresh server that takes many seconds. Meanwhile a thread reads the port, writes the bytes as they came,
-# each piece with its moment, and holds them for the session. Once that has caught up and its raw file holds
-# everything, the file of early bytes is removed and the port is read directly.
+# A session cannot process frames until numpy is loaded, the rate is known and the kernels are compiled; on a
+# new server this takes many seconds. Meanwhile a thread reads the port, writes each piece with its timestamp
+# to a file, and queues it for the session. Once the session has caught up and its raw file contains
+# everything, the file of early bytes is deleted and the port is read directly.
 #
 # A server keeps the files of its sessions in its folder ``live``:
 #
-# live-<session>.raw      the raw file (:mod:`app.live.raw_file`), until it is a recording
-# live-<session>.early    what came before the raw file had it, for some seconds
-# replay-<session>.raw    the raw file of a session that is not kept
+#  live-<session>.raw      the raw file (:mod:`app.live.raw_file`), until it is a recording
+#  live-<session>.early    the early bytes, for some seconds
+#  replay-<session>.raw    the raw file of a session that is not kept
 
 
 KEPT, PLAYED = "live-", "replay-"
 RAW, EARLY = ".raw", ".early"
 SYNC_S = 1.0
-MOST_BYTES = 32 << 20
-"""So many early bytes are taken; a port that brings more waits until the session has caught up."""
+MAX_BYTES = 32 << 20
+"""Most early bytes; a port that sends more is not read until the session has caught up."""
 CLOSE_LIMIT_S = 5.0
 _ABOUT = struct.Struct("<I")
 _PIECE = struct.Struct("<dI")
-"""When a piece came, in seconds since 1970, and its length."""
+"""When a piece arrived, in seconds since 1970, and its length."""
 
 
 class EarlyFile:
-    """A file of bytes as they came; what is asked of the session stands first, as JSON."""
+    """A file of received bytes; it starts with the session options as JSON."""
 
     def __init__(self, path: Path, about: Mapping[str, Any]) -> None:
         """Create the file. Raises FileExistsError, OSError."""
@@ -257,24 +258,24 @@ class EarlyFile:
         self.sync()
 
     def write(self, piece: bytes, came_s: float) -> None:
-        """Hand a piece to the system."""
+        """Write a piece with its time of arrival; :meth:`sync` makes it durable."""
         self._add(_PIECE.pack(came_s, len(piece)) + piece)
         self._file.flush()
         self._is_synced = False
 
     def sync(self) -> None:
-        """Have the disk take what is new, once a second."""
+        """Flush new data to disk, at most once a second."""
         if not self._is_synced and time.monotonic() - self._synced_s >= SYNC_S:
             self._file.flush()
             os.fsync(self._file.fileno())
             self._synced_s, self._is_synced = time.monotonic(), True
 
     def close(self) -> None:
-        """Close it; it stays."""
+        """Close the file without deleting it."""
         self._file.close()
 
     def drop(self) -> None:
-        """Close and remove it."""
+        """Close and delete the file."""
         self.close()
         self._path.unlink(missing_ok=True)
 
@@ -284,7 +285,7 @@ class EarlyFile:
 
 
 class EarlyPort:
-    """A port that is read by a thread of its own, and whose bytes are kept, until :meth:`release`."""
+    """A port that a separate thread reads; its bytes are stored in a file until :meth:`release`."""
 
     def __init__(self, port: Port, file: EarlyFile) -> None:
         self.inner = port
@@ -299,11 +300,11 @@ class EarlyPort:
 
     @property
     def is_behind(self) -> bool:
-        """Whether something came that was not read yet."""
+        """Whether there are bytes that were not read yet."""
         return not self._pieces.empty()
 
     def read(self) -> bytes:
-        """Wait a moment for bytes. Raises OSError if the disk takes no more."""
+        """Wait briefly for bytes. Raises OSError if the disk is full."""
         self._came_s = None
         if not self._thread.is_alive() and self._pieces.empty():
             if self._error is not None:
@@ -316,11 +317,11 @@ class EarlyPort:
         return piece
 
     def now_s(self) -> float:
-        """Return the moment when what was read last came, by ``time.monotonic``; now for nothing."""
+        """Return when the last bytes arrived, by ``time.monotonic``; the current time if there were none."""
         return time.monotonic() if self._came_s is None else self._came_s
 
     def release(self) -> None:
-        """Keep the bytes no longer: whoever reads has them on the disk."""
+        """Delete the file of early bytes; the raw file has them."""
         self._is_open = False
         with self._guard:
             if self._file is not None:
@@ -328,7 +329,7 @@ class EarlyPort:
             self._file = None
 
     def close(self) -> None:
-        """Let go of the port; the file stays, for what was read may not be on the disk yet."""
+        """Close the port; the file stays, because its bytes may not be in the raw file yet."""
         self._is_open = False
         self._thread.join(CLOSE_LIMIT_S)
         self.inner.close()
@@ -340,13 +341,13 @@ class EarlyPort:
         try:
             while self._is_open:
                 with self._guard:
-                    has_room = self._file is None or self._file.size_bytes < MOST_BYTES
+                    has_room = self._file is None or self._file.size_bytes < MAX_BYTES
                 if has_room:
                     self._take(self.inner.read())
                 else:
                     time.sleep(WAIT_S)
                     self._take(b"")
-        except Exception as error:  # noqa: BLE001 - whoever reads is told
+        except Exception as error:  # noqa: BLE001 - read() raises it
             self._error = error
 
     def _take(self, piece: bytes) -> None:
@@ -359,8 +360,8 @@ class EarlyPort:
             self._pieces.put((piece, time.monotonic()))
 
 
-def read_about(content: bytes) -> dict[str, Any]:
-    """Read from such a file what was asked. Raises ValueError if it was cut off before that was written."""
+def read_session_options(content: bytes) -> dict[str, Any]:
+    """Read the session options from the content of a file. Raises ValueError if they are incomplete."""
     if len(content) < _ABOUT.size:
         raise ValueError
     found: dict[str, Any] = json.loads(content[_ABOUT.size : _find_end_of_about(content)])
@@ -368,7 +369,7 @@ def read_about(content: bytes) -> dict[str, Any]:
 
 
 def read_pieces(content: bytes) -> Iterator[tuple[bytes, float]]:
-    """Read each piece with the moment when it came; the last may be torn."""
+    """Yield each piece with its time of arrival; the last may be truncated."""
     place = _find_end_of_about(content) if len(content) >= _ABOUT.size else len(content)
     while place + _PIECE.size <= len(content):
         came_s, size_bytes = _PIECE.unpack_from(content, place)
@@ -383,7 +384,7 @@ def _find_end_of_about(content: bytes) -> int:
 
 @dataclass(frozen=True, slots=True)
 class SessionFiles:
-    """The id of a session, and where its files are."""
+    """The id of a session and the paths of its files."""
 
     folder: Path
     session_id: str
@@ -396,22 +397,22 @@ class SessionFiles:
 
     @property
     def early(self) -> Path:
-        """What came before."""
+        """The file of early bytes."""
         return self.folder / f"{KEPT}{self.session_id}{EARLY}"
 
     def remove(self) -> None:
-        """Remove the files."""
+        """Delete the files."""
         self.early.unlink(missing_ok=True)
         self.raw.unlink(missing_ok=True)
 
 
-def begin_files(folder: Path, *, keeps: bool) -> SessionFiles:
-    """Choose the id of a session, and create the folder."""
+def create_session_files(folder: Path, *, keeps: bool) -> SessionFiles:
+    """Create the folder, and choose the id of a session."""
     make_folder(folder)
     return SessionFiles(folder, secrets.token_urlsafe(12), keeps)
 
 
-def find_left(folder: Path) -> tuple[SessionFiles, ...]:
-    """Find the files of sessions that are to be kept and that a killed server left."""
+def find_interrupted_files(folder: Path) -> tuple[SessionFiles, ...]:
+    """Return the files of interrupted sessions that are to be kept."""
     names = {path.stem for ending in (RAW, EARLY) for path in folder.glob(f"{KEPT}*{ending}")}
     return tuple(SessionFiles(folder, name.removeprefix(KEPT), is_kept=True) for name in sorted(names))

@@ -1,10 +1,9 @@
-"""The raw file of a live session: every frame as it came, in a form that ``acromion run`` reads.
+"""The raw file of a live session: every frame as received, in a format that ``acromion run`` reads.
 
 The header lines that change (when the pose was held, when the session was stopped) have a fixed width and are
-overwritten in place. The system has the rows once :meth:`RawFile.write` has returned, the disk has them after
-:meth:`RawFile.sync`; whoever drives the session calls it each second. A session that was cut shows
-``stopped: no``: what came after the last row is lost, at most :data:`SYNC_S` and the time until its caller
-noticed.
+overwritten in place. Rows are with the operating system when :meth:`RawFile.write` returns, and on disk after
+:meth:`RawFile.sync`, which the session calls every second. An interrupted session has ``stopped: no``; it
+loses at most the data of :data:`SYNC_S` plus the time until the interruption was noticed.
 """
 
 import os
@@ -16,8 +15,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from app.live.cue_log import find_limit, format_rule, parse_rule
-from app.live.ports import EARLY, read_about, read_pieces
+from app.live.cue_log import format_rule, get_limit, parse_rule
+from app.live.ports import EARLY, read_pieces, read_session_options
 from app.live.sources import SourceFacts
 from app.request import clean_file_name
 from app.store.permissions import create_file
@@ -37,7 +36,7 @@ _NOT_STOPPED = "no"
 
 @dataclass(frozen=True, slots=True)
 class Wearer:
-    """Whose arm it is, and the sensor's axis where it was strapped along the arm."""
+    """The arm and subject, and the sensor's axis if it was strapped along the arm."""
 
     subject: str = ""
     side: Side | None = None
@@ -48,10 +47,10 @@ UNKNOWN = Wearer()
 
 
 class RawFile:
-    """Takes frames and appends them; a context manager."""
+    """Appends frames to a raw file; a context manager."""
 
     def __init__(self, path: Path, facts: SourceFacts, wearer: Wearer = UNKNOWN, cues: str = "") -> None:
-        """Create the file with its header; ``cues``: the rules that were chosen. Raises OSError."""
+        """Create the file with its header; ``cues`` are the selected rules. Raises OSError."""
         self.path = path
         self._places: dict[str, int] = {}
         self._file = create_file(path)
@@ -78,7 +77,7 @@ class RawFile:
         self.sync()
 
     def write(self, frames: Frames) -> None:
-        """Append frames; their values lose nothing."""
+        """Append frames without loss of precision."""
         rows = zip(
             map(str, frames.time_us.tolist()),
             map(str, frames.counter.tolist()),
@@ -90,21 +89,21 @@ class RawFile:
         self._file.flush()
 
     def state_pose(self, start_s: float, end_s: float) -> None:
-        """Write into the header when the pose was held, in seconds from the first frame."""
+        """Write the time window of the pose into the header, in seconds from the first frame."""
         self._overwrite("pose_window_s", f"{start_s:.3f},{end_s:.3f}")
 
     def stop(self, now: datetime) -> None:
-        """Write into the header that the session was stopped, and close."""
+        """Mark the session as stopped in the header, and close the file."""
         self._overwrite("stopped", now.isoformat(timespec="seconds"))
         self.close()
 
     def sync(self) -> None:
-        """Have the disk take what was written."""
+        """Flush the written data to disk."""
         self._file.flush()
         os.fsync(self._file.fileno())
 
     def close(self) -> None:
-        """Sync and close; the session is not stopped by it."""
+        """Sync and close without marking the session as stopped."""
         if not self._file.closed:
             self.sync()
             self._file.close()
@@ -125,46 +124,46 @@ class RawFile:
 
 
 def was_stopped(path: Path) -> bool:
-    """Whether the session that wrote this file was stopped; False for one that was cut."""
+    """Return whether the session of this file was stopped; False if it was interrupted."""
     with path.open("rb") as file:
         head = file.read(4096)
     return b"# stopped: " in head and f"# stopped: {_NOT_STOPPED} ".encode() not in head
 
 
 @dataclass(frozen=True, slots=True)
-class CutSession:
-    """A raw file whose session was never stopped, and how much of it there is."""
+class InterruptedSession:
+    """The raw file of an interrupted session, and its duration."""
 
     path: Path
     elapsed_s: float
 
 
-def find_cut(folder: Path) -> Iterator[CutSession]:
-    """Find the sessions in a folder that were cut, oldest first; those of another program that runs, too."""
+def find_interrupted_sessions(folder: Path) -> Iterator[InterruptedSession]:
+    """Find interrupted sessions in a folder, oldest first; sessions running in other programs also count."""
     for path in sorted(folder.glob(f"{PREFIX}*.csv")):
         if was_stopped(path):
             continue
         with path.open("rb") as file:
             file.seek(max(0, path.stat().st_size - 4096))
             lines = file.read().split(b"\n")[:-1]
-        # of the last whole row; the first is at about 0
+        # the last complete row; the first row is at about 0
         stamp = lines[-1].partition(b",")[0] if lines else b""
-        yield CutSession(path, int(stamp) / MICROSECONDS if stamp.isdigit() else 0.0)
+        yield InterruptedSession(path, int(stamp) / MICROSECONDS if stamp.isdigit() else 0.0)
 
 
-# A session that a kill cut off before its angles ran: its raw file, made from what came early.
+# Raw files from early bytes: for a session that was killed before its angles were computed.
 
 
 def write_early_rows(early: Path, raw: Path) -> bool:
-    """Write the raw file anew from what came early, which is removed; False where that held no row.
+    """Rewrite the raw file from the early bytes and delete those; return False if they contained no row.
 
-    Raises OSError, or ValueError if what was asked of the session is not written whole.
+    Raises OSError, or ValueError if the session options in the file are incomplete.
     """
     content = early.read_bytes()
     raw.unlink(missing_ok=True)
     reader = LineReader()
     found: list[tuple[Frames | None, float]] = []
-    with suppress(FusionError, ValueError):  # what came until then is kept
+    with suppress(FusionError, ValueError):  # keep the frames before the error
         came_s = 0.0
         for piece, came_s in read_pieces(content):
             found.append((reader.feed(piece, round(came_s * MICROSECONDS)), came_s))
@@ -172,7 +171,7 @@ def write_early_rows(early: Path, raw: Path) -> bool:
     read = [(frames, came_s) for frames, came_s in found if frames is not None]
     rows = [frames for frames, _ in read if len(frames)]
     if rows:
-        asked, facts, (first, came_s) = read_about(content), reader.facts, read[0]
+        asked, facts, (first, came_s) = read_session_options(content), reader.facts, read[0]
         assert facts is not None
         ago_s = float(first.time_us[-1] - first.time_us[0]) / MICROSECONDS
         source = SourceFacts(
@@ -183,7 +182,7 @@ def write_early_rows(early: Path, raw: Path) -> bool:
             acc_range_g=facts.acc_range_g,
             gyr_range_dps=facts.gyr_range_dps,
         )
-        cues = " ".join(format_rule(make_rule(rule)) for rule in asked["cues"])
+        cues = " ".join(format_rule(build_rule(rule)) for rule in asked["cues"])
         with RawFile(raw, source, Wearer(asked["subject"], asked["side"], asked["axis"]), cues) as opened:
             for frames in rows:
                 opened.write(frames)
@@ -191,19 +190,19 @@ def write_early_rows(early: Path, raw: Path) -> bool:
     return bool(rows)
 
 
-def take_early(folder: Path) -> None:
-    """Make raw files of what came early in sessions of a terminal that were cut; one that fails stays.
+def recover_early_files(folder: Path) -> None:
+    """Write raw files from the early bytes of interrupted terminal sessions; a file that fails stays.
 
-    They bear names of their own: another program may be writing the session of the same moment.
+    The raw files get separate names, because another program may be writing the same session.
     """
     for early in sorted(folder.glob(f"{PREFIX}*{EARLY}")):
         with suppress(OSError, ValueError):
             write_early_rows(early, early.with_name(f"{early.stem}-early.csv"))
 
 
-def describe_asked(name: str, wearer: Wearer, rules: tuple[CueRule, ...]) -> dict[str, Any]:
-    """Return what the file of early bytes says of a session, for its raw file."""
-    cues = [{"kind": rule.kind, "angle_deg": rule.angle_deg, "limit": find_limit(rule)} for rule in rules]
+def build_session_options(name: str, wearer: Wearer, rules: tuple[CueRule, ...]) -> dict[str, Any]:
+    """Return the session options that the file of early bytes stores for the raw file."""
+    cues = [{"kind": rule.kind, "angle_deg": rule.angle_deg, "limit": get_limit(rule)} for rule in rules]
     return {
         "name": name,
         "subject": wearer.subject,
@@ -213,6 +212,6 @@ def describe_asked(name: str, wearer: Wearer, rules: tuple[CueRule, ...]) -> dic
     }
 
 
-def make_rule(asked: dict[str, Any]) -> CueRule:
-    """Make a rule of cues from its kind, angle and limit. Raises ValueError."""
+def build_rule(asked: dict[str, Any]) -> CueRule:
+    """Build a cue rule from its kind, angle and limit. Raises ValueError."""
     return parse_rule(f"{asked['kind']}:{asked['angle_deg']}:{asked['limit']}")

@@ -1,4 +1,4 @@
-"""One live session as it runs, its raw file in between; and how what it showed differs from its report."""
+"""One running live session with its raw file, and the difference between displayed and reported angles."""
 
 import time
 from datetime import UTC, datetime
@@ -26,7 +26,7 @@ from fusion.pose.rules import point_along
 
 
 class Recorder:
-    """Writes each frame before it is shown, and syncs each second."""
+    """Writes each frame before it is displayed, and syncs every second."""
 
     def __init__(
         self,
@@ -37,7 +37,7 @@ class Recorder:
     ) -> None:
         """Create the raw file. Raises OSError.
 
-        An axis that a person names goes before the one that the source knows.
+        An axis set by a person overrides the axis of the source.
         """
         self.facts, self.shown = facts, ShownAngles()
         axis = point_along(wearer.arm_axis) if wearer.arm_axis else facts.arm_axis
@@ -51,11 +51,11 @@ class Recorder:
 
     @property
     def path(self) -> Path:
-        """Where the raw file is."""
+        """The path of the raw file."""
         return self._raw.path
 
     def take(self, frames: Frames) -> LiveRows:
-        """Write the frames, then give their angles."""
+        """Write the frames and return their angles."""
         self._raw.write(frames)
         rows = self.session.take(frames)
         self.shown.keep(rows)
@@ -68,12 +68,12 @@ class Recorder:
         return rows
 
     def sync(self) -> None:
-        """Have the disk take what was written."""
+        """Flush the written data to disk."""
         self._raw.sync()
         self._synced_s = time.monotonic()
 
     def settle(self, early: EarlyPort) -> bool:
-        """Keep what came early no longer once the raw file has all of it; tell whether it has."""
+        """Delete the early bytes once the raw file contains all of them; return whether it does."""
         if early.is_behind:
             return False
         self.sync()
@@ -81,7 +81,7 @@ class Recorder:
         return True
 
     def take_cues(self, rows: LiveRows) -> list[Cue]:
-        """Return the cues of these rows, and log them; while they are paused there are none."""
+        """Return and log the cues of these rows; none while cues are paused."""
         cues = self._cue_watch.take(rows)
         if self.are_cues_paused:
             return []
@@ -89,26 +89,26 @@ class Recorder:
         return cues
 
     def status(self) -> LiveStatus:
-        """Describe where the session stands."""
+        """Return the status of the session."""
         return self.session.status()
 
     def stop(self) -> Path:
-        """End the session: its raw file is now an ordinary recording."""
+        """End the session; its raw file is now an ordinary recording."""
         self._raw.stop(datetime.now(UTC))
         return self._raw.path
 
     def break_off(self) -> None:
-        """Close the file without saying that the session was stopped."""
+        """Close the file without marking the session as stopped."""
         self._raw.close()
 
 
 def measure_difference(shown: ShownAngles, elevation: Path) -> LiveDifference | None:
-    """Compare what was shown with ``elevation.parquet`` of the report."""
+    """Compare the displayed angles with the report's ``elevation.parquet``."""
     return compare_shown(shown, read_elevation(elevation))
 
 
 def describe_difference(found: LiveDifference | None, language: Language) -> str:
-    """Put it into words."""
+    """Format the difference as a sentence."""
     words = load_wording(language, "live")["difference"]
     if found is None:
         return str(words["none"])

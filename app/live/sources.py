@@ -1,4 +1,4 @@
-"""Where frames come from: the lines of a board, a recording that is played, or a simulated one."""
+"""Sources of frames: the lines of a board, a replayed recording, or a simulated recording."""
 
 import tempfile
 import time
@@ -25,18 +25,19 @@ from fusion.settings import AnalysisSettings
 from fusion.simulation import simulate_shift, write_shift
 
 LEARN_LIMIT_S = 20.0
-"""A board that is heard has to repeat its header within this time."""
+"""A board that sends data must send its header within this time."""
 CHUNK_S = 0.04
-FASTEST = 20.0
+MAX_SPEED = 20.0
 DEMO_HOURS = 0.25
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SourceFacts:
-    """What is known of a source once its first frames came.
+    """Facts about a source that are known after its first frames.
 
-    ``device`` as in :mod:`fusion.devices`, or "other"; ``name`` in words for people; ``start``: the clock of
-    the first frame; ``arm_axis``, shape (3,), if the source knows it, as a recording with its pose does.
+    ``device`` as in :mod:`fusion.devices`, or "other". ``name`` is for display. ``start`` is the clock time
+    of the first frame. ``arm_axis``, shape (3,), is set if the source knows it, as for a recording with a
+    pose.
     """
 
     device: str
@@ -49,21 +50,21 @@ class SourceFacts:
 
 
 class Source(Protocol):
-    """Frames as they come."""
+    """Frames as they arrive."""
 
     @property
     def facts(self) -> SourceFacts:
-        """What is known of it."""
+        """The facts about this source."""
 
     @property
     def early(self) -> EarlyPort | None:
-        """Its port, where what that brings is kept until the raw file has it."""
+        """The port that buffers early bytes; None if the source has none."""
 
     def read(self) -> Frames | None:
-        """Wait a moment for the next frames and give them, none if none came; None when it has ended."""
+        """Wait briefly and return the next frames, possibly none; None if the source has ended."""
 
     def close(self) -> None:
-        """Let go of the port or file."""
+        """Close the port or file."""
 
 
 class LineSource:
@@ -77,16 +78,16 @@ class LineSource:
         silence_s: float = inf,
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Listen until header and rate are known; after ``silence_s`` without a byte the source has ended.
+        """Read until header and rate are known; the source ends after ``silence_s`` without a byte.
 
-        Raises LiveSourceFailed if nothing came, or no header; FusionError if the header does not tell
+        Raises LiveSourceFailed if no data or no header arrived; FusionError if the header does not state
         columns, units or rate.
         """
         self.port, self._reader, self._now_s = port, LineReader(), now_s
         self.early = port if isinstance(port, EarlyPort) else None
         self._silence_s, self._heard_s = silence_s, now_s()
         try:
-            learned = self._learn(name)
+            learned = self._read_header(name)
         except BaseException:
             port.close()
             raise
@@ -99,46 +100,46 @@ class LineSource:
             device=found.device,
             name=name,
             rate_hz=found.rate_hz,
-            start=datetime.now().astimezone() - ago,  # by the clock here, with its offset from UTC
+            start=datetime.now().astimezone() - ago,  # by this computer's clock, with its offset from UTC
             acc_range_g=found.acc_range_g,
             gyr_range_dps=found.gyr_range_dps,
         )
 
     def read(self) -> Frames | None:
-        """Wait a moment for frames; a board does not end by itself."""
+        """Wait briefly for frames; a board never ends on its own."""
         frames, self._first = self._first, None
         if frames is not None:
             return frames
-        piece, arrived_us = self._hear()
+        piece, arrived_us = self._read_port()
         if not piece and self._now_s() - self._heard_s > self._silence_s:
             return None
         return self._reader.feed(piece, arrived_us)
 
     def close(self) -> None:
-        """Let go of the port."""
+        """Close the port."""
         self.port.close()
 
-    def _learn(self, name: str) -> Frames:
+    def _read_header(self, name: str) -> Frames:
         began_s, heard = self._now_s(), False
         while self._now_s() - began_s < LEARN_LIMIT_S:
-            piece, arrived_us = self._hear()
+            piece, arrived_us = self._read_port()
             heard = heard or bool(piece)
             frames = self._reader.feed(piece, arrived_us)
             if frames is not None:
                 return frames
         raise LiveSourceFailed(name=name, why="no header" if heard else "silent")
 
-    def _hear(self) -> tuple[bytes, int]:
+    def _read_port(self) -> tuple[bytes, int]:
         piece = self.port.read()
         self._heard_s = self._now_s() if piece else self._heard_s
         return piece, round(self._now_s() * MICROSECONDS)
 
 
 def open_lines(source: str, baud: int, early: Path, about: Mapping[str, Any]) -> LineSource:
-    """Listen to a port: ``/dev/ttyACM0``, ``COM3``, ``udp://:5005``, ``tcp://board:5005``.
+    """Open a port: ``/dev/ttyACM0``, ``COM3``, ``udp://:5005``, ``tcp://board:5005``.
 
-    What comes before a raw file can be written is in the file ``early``, with ``about``
-    (:mod:`app.live.ports`); that of a port which cannot be understood is removed.
+    Early bytes are stored in the file ``early``, with the session options ``about`` (:mod:`app.live.ports`).
+    If the lines of the port are not readable, the file is deleted.
 
     Raises LiveSourceFailed, FusionError, or OSError if the file cannot be written.
     """
@@ -154,7 +155,7 @@ def open_lines(source: str, baud: int, early: Path, about: Mapping[str, Any]) ->
         np.full((10, 3), (0, 0, 1), np.float32),
         np.zeros((10, 3), np.float32),
     )
-    LiveSession(100.0, np.array([0.0, 0.0, 1.0])).take(still)  # compiles the kernels
+    LiveSession(100.0, np.array([0.0, 0.0, 1.0])).take(still)  # compile the kernels
     try:
         return LineSource(kept, source, now_s=kept.now_s)
     except (FusionError, LiveSourceFailed):
@@ -163,12 +164,12 @@ def open_lines(source: str, baud: int, early: Path, about: Mapping[str, Any]) ->
 
 
 class ReplaySource:
-    """Plays a recording at ``speed`` times its own pace.
+    """Replays a recording at ``speed`` times real time.
 
-    Its arm's axis is that of an analysis of the file; None where the file has no pose that can be used.
+    The arm's axis is that of an analysis of the file; None if the file has no usable pose.
     """
 
-    early = None  # the recording is on the disk already
+    early = None  # the recording is already on disk
 
     def __init__(
         self,
@@ -179,7 +180,7 @@ class ReplaySource:
         now_s: Callable[[], float] = time.monotonic,
         wait: Callable[[float], None] = time.sleep,
     ) -> None:
-        self._frames = replay_frames(recording, CHUNK_S * min(max(speed, 1.0), FASTEST))
+        self._frames = replay_frames(recording, CHUNK_S * min(max(speed, 1.0), MAX_SPEED))
         self._speed, self._now_s, self._wait = speed, now_s, wait
         self._began_s: float | None = None
         self.facts = SourceFacts(
@@ -193,7 +194,7 @@ class ReplaySource:
         )
 
     def read(self) -> Frames | None:
-        """Return the next frames when their time has come."""
+        """Return the next frames when they are due."""
         frames = next(self._frames, None)
         if frames is None or len(frames) == 0:
             return frames
@@ -206,11 +207,11 @@ class ReplaySource:
         return frames
 
     def close(self) -> None:
-        """Nothing is held open."""
+        """Do nothing: no file is open."""
 
 
 def open_replay(path: Path, speed: float, name: str = "") -> ReplaySource:
-    """Read a recording and play it; ``name``: of the file, where the path bears another.
+    """Open a recording for replay; ``name`` is its original file name if the path has another one.
 
     Raises FusionError or OSError.
     """
@@ -218,7 +219,7 @@ def open_replay(path: Path, speed: float, name: str = "") -> ReplaySource:
 
 
 def find_axis(recording: Recording) -> Float64Array | None:
-    """Find the arm's axis as an analysis of the recording does."""
+    """Return the arm's axis as an analysis of the recording determines it; None without a usable pose."""
     try:
         return calibrate(recording, apply_file_settings(recording, AnalysisSettings())).calibration.arm_axis
     except UnusableRecording:
@@ -226,10 +227,10 @@ def find_axis(recording: Recording) -> Float64Array | None:
 
 
 @cache
-def make_demo() -> Recording:
-    """Simulate a quarter of an hour of work, once for each server.
+def build_demo() -> Recording:
+    """Simulate 15 minutes of work, once per server process.
 
-    It is of a GT9X Link, 100 Hz, with the pose held at the start: to try the live page without a sensor.
+    It imitates a GT9X Link at 100 Hz with the pose at the start, for trying the live page without a sensor.
     """
     with tempfile.TemporaryDirectory() as folder:
         shift = simulate_shift("gt9x", DEMO_HOURS, seed=1)

@@ -8,7 +8,7 @@ import pytest
 from pypdf import PdfReader
 from typer.testing import CliRunner
 
-from app.batch.folder import find_earlier, find_last_version, restore_earlier
+from app.batch.folder import get_earlier_path, get_last_version, restore_earlier
 from app.cli import app
 
 
@@ -58,7 +58,7 @@ def test_the_same_by_force_is_the_same_version_and_each_new_one_keeps_all_before
     before = read_report(twice.folder)
 
     run(shift_gt3x, twice.folder.parent, "--subject", "S012", "--force")
-    forced = read_report(twice.folder), find_last_version(twice.folder)
+    forced = read_report(twice.folder), get_last_version(twice.folder)
     run(shift_gt3x, twice.folder.parent, "--subject", "S013")
 
     assert forced == (before, 1)
@@ -112,9 +112,9 @@ def test_a_pdf_asked_for_later_joins_the_page_and_keeps_its_paper_until_another_
 
 def test_a_run_cut_between_two_versions_gives_the_earlier_one_back(tmp_path: Path) -> None:
     folder = tmp_path / "S012"
-    find_earlier(folder).mkdir()
+    get_earlier_path(folder).mkdir()
 
     restore_earlier(folder)
 
     assert folder.exists()
-    assert not find_earlier(folder).exists()
+    assert not get_earlier_path(folder).exists()

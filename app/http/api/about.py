@@ -1,4 +1,4 @@
-"""Reference data of the server: formats, dictionary, codes, version, and its own documentation."""
+"""Reference data of the server: formats, dictionary, codes, version, health and metrics."""
 
 import shutil
 from dataclasses import asdict
@@ -23,23 +23,23 @@ router = APIRouter(prefix="/api/v1", responses=PROBLEM_RESPONSES, tags=["about"]
 
 
 class ReaderView(BaseModel):
-    """A reader of another package."""
+    """A reader from another package."""
 
     name: str
     version: str
 
 
 class VersionView(BaseModel):
-    """Which software answers."""
+    """The software version of the server."""
 
     name: str
     version: str
     revision: str
-    readers: Annotated[list[ReaderView], Field(description="Readers that other packages add.")]
+    readers: Annotated[list[ReaderView], Field(description="Readers from other packages.")]
 
 
 class FormatView(BaseModel):
-    """A kind of file that is taken."""
+    """A supported file format."""
 
     name: str
     extensions: list[str]
@@ -47,13 +47,13 @@ class FormatView(BaseModel):
 
 
 class FormatList(BaseModel):
-    """Every kind of file that is taken."""
+    """All supported file formats."""
 
     items: list[FormatView]
 
 
 class WordView(BaseModel):
-    """What a column of a table or a field of ``results.json`` means."""
+    """The meaning of a table column or a field of ``results.json``."""
 
     file: str
     column: str
@@ -63,20 +63,20 @@ class WordView(BaseModel):
 
 
 class Dictionary(BaseModel):
-    """Every column and field."""
+    """All columns and fields."""
 
     items: list[WordView]
 
 
 @router.get("/formats")
 def list_formats() -> FormatList:
-    """Return which kinds of file are taken, those of the plug-ins that are installed last."""
+    """Return the supported file formats; those of plug-ins come last."""
     return FormatList(items=[FormatView(**asdict(kind)) for kind in (*FORMATS, *find_added_formats())])
 
 
 @router.get("/dictionary")
 def get_dictionary(language: UsedLanguage) -> Dictionary:
-    """Say what every column and field means."""
+    """Return the meaning of every column and field."""
     meaning = "french" if is_french(language) else "english"
     names = ("file", "column", "kind", "unit")
     rows = describe_dictionary()
@@ -87,7 +87,7 @@ def get_dictionary(language: UsedLanguage) -> Dictionary:
 
 @router.get("/problems/{code}")
 def get_problem(code: str, language: UsedLanguage) -> ProblemView:
-    """Explain the code of a refusal, or of a warning (status 200: it refuses nothing)."""
+    """Return the explanation of a problem code or of a warning code (status 200)."""
     if code in find_flag_codes():
         return view_flag(code, language, f"/api/v1/problems/{code}")
     if code not in {refusal.code for refusal in list_refusals()}:
@@ -97,27 +97,27 @@ def get_problem(code: str, language: UsedLanguage) -> ProblemView:
 
 @router.get("/version")
 def get_version() -> VersionView:
-    """Return which software answers."""
+    """Return the software version of the server."""
     readers = [ReaderView(name=name, version=version) for name, version in installed_readers()]
     return VersionView(
         name="acromion", version=software_version(), revision=software_revision(), readers=readers
     )
 
 
-# Health, and ``/metrics`` for Prometheus: counted when asked for, from the rows themselves.
+# Health checks, and ``/metrics`` for Prometheus, counted from the database at each request.
 
 health_router = APIRouter(include_in_schema=False)
 
 
 @health_router.get("/healthz")
 def healthz() -> dict[str, str]:
-    """Say that the process answers."""
+    """Return ok as long as the process answers."""
     return {"status": "ok"}
 
 
 @health_router.get("/readyz")
 async def readyz(services: UsedServices) -> JSONResponse:
-    """Return whether uploads are taken: 200, or 503 with the code of each check that fails."""
+    """Return 200 if the server accepts uploads, else 503 with the code of each failed check."""
     checks = await services.readiness.check()
     if set(checks.values()) != {GOOD}:
         body = {"status": "unready", "checks": checks}
@@ -130,7 +130,7 @@ async def readyz(services: UsedServices) -> JSONResponse:
 
 @health_router.get("/metrics")
 def metrics(services: UsedServices) -> Response:
-    """Return queue, failures by code, uploads under way, disk and process."""
+    """Return metrics: queue, failures by code, uploads in progress, disk and process."""
     registry = CollectorRegistry()
     states = Gauge("acromion_analyses", "Analyses by state.", ["state"], registry=registry)
     for state, number in services.store.count_states().items():
@@ -139,7 +139,7 @@ def metrics(services: UsedServices) -> Response:
     for code, number in services.store.count_problems().items():
         problems.labels(code).set(number)
     growing = len(services.uploads.find_growing())
-    Gauge("acromion_uploads_under_way", "Uploads under way.", registry=registry).set(growing)
+    Gauge("acromion_uploads_under_way", "Uploads in progress.", registry=registry).set(growing)
     free_bytes = shutil.disk_usage(services.settings.data_dir).free
     Gauge("acromion_free_disk_bytes", "Free space for recordings.", registry=registry).set(free_bytes)
     ProcessCollector(registry=registry)

@@ -1,6 +1,6 @@
-"""What the server does by itself: it delivers webhooks and deletes what has reached its term.
+"""Background work of the server: deliver webhooks and apply retention periods.
 
-Ages are counted in running time of the server, not by the clock: a clock that is put forward deletes nothing.
+Ages are counted in running time of the server, so a wrong system clock deletes nothing.
 """
 
 import asyncio
@@ -35,13 +35,13 @@ CHECK_PERIOD_S = 1.0
 SIDE_FILES_AT_ONCE = 200
 AGE_S = 60.0
 INCOMING_S = 24 * 3600.0
-"""After which the bytes of an upload without a row are removed: nobody can go on with it."""
+"""Upload bytes without a row are deleted after this time; no client can resume them."""
 
 logger = logging.getLogger(__name__)
 
 
-async def keep_house(services: Services) -> None:
-    """Look after the server until it ends; where several serve, one of them does for all."""
+async def run_housekeeping(services: Services) -> None:
+    """Run the background work until the server ends; of several servers, only the leader does it."""
     leader, sender = Leader(services.store.engine), WebhookSender(services)
     await _note(services, "server.started")
     looked_s = aged_s = time.monotonic()
@@ -51,7 +51,7 @@ async def keep_house(services: Services) -> None:
             now_s = time.monotonic()
             try:
                 if not await run_to_end(leader.is_leader):
-                    looked_s = aged_s = now_s  # another counts this time
+                    looked_s = aged_s = now_s  # the leader counts this time
                     continue
                 await run_to_end(write_side_files, services)
                 await sender.start_due(now_s - looked_s)
@@ -63,7 +63,7 @@ async def keep_house(services: Services) -> None:
             except OperationalError:
                 logger.exception("the database does not answer; trying again")
             except (AppError, OSError):
-                logger.exception("housekeeping is not done; trying again")
+                logger.exception("housekeeping failed; trying again")
     finally:
         await sender.stop()
         leader.close()
@@ -71,7 +71,7 @@ async def keep_house(services: Services) -> None:
 
 
 async def _note(services: Services, act: Act) -> None:
-    """Write a line about the server itself; trouble with that stops no server."""
+    """Write an audit log entry about the server; a failure does not stop the server."""
     try:
         await run_to_end(record_alone, services.store.engine, act)
     except SQLAlchemyError:
@@ -79,16 +79,16 @@ async def _note(services: Services, act: Act) -> None:
 
 
 def write_side_files(services: Services) -> None:
-    """Write the side files of what has changed; trouble takes back nothing: the rows are committed."""
+    """Write the side files of changed recordings; a failure is only logged: the rows are committed."""
     try:
         while services.side_files.write_lagging(SIDE_FILES_AT_ONCE) == SIDE_FILES_AT_ONCE:
             continue
     except (AppError, OSError, SQLAlchemyError):
-        logger.exception("side files are not written; trying again")
+        logger.exception("side files could not be written; trying again")
 
 
 def reconcile(services: Services) -> None:
-    """Compare the store with the rows, at a start: nothing that is not known is removed.
+    """Compare files and rows at the start; unknown files are never deleted.
 
     Raises UnknownRecordings.
     """
@@ -99,7 +99,7 @@ def reconcile(services: Services) -> None:
         try:
             purge_recording(services, recording_id)
         except (AppError, OSError):
-            logger.exception("the purge of %s is not done; the next start tries again", recording_id)
+            logger.exception("the purge of %s failed; the next start tries again", recording_id)
     finish_purges(storage, unknown)
     attempts, newer = drop_stale_attempts(store, storage)
     back, moved = restore_known(store, storage), quarantine_strange(storage, unknown)
@@ -110,10 +110,10 @@ def reconcile(services: Services) -> None:
     written = update_side_files(store, storage)
     services.quarantined = find_strange(storage)
     counts = {
-        "recordings came back from quarantine: they have rows": back,
+        "recordings restored from quarantine: they have rows": back,
         "unknown entries moved into quarantine": moved,
-        "attempts removed that do not count": attempts,
-        "results past their term removed": dropped,
+        "stale attempts removed": attempts,
+        "expired results removed": dropped,
         "old temporary files removed": swept,
         "reports are newer than the database: stop, and run acromion recover": newer,
         "side files written": written,
@@ -125,7 +125,7 @@ def reconcile(services: Services) -> None:
 
 
 def _finish_dropped(services: Services) -> int:
-    """Remove the files of results whose rows retention deleted before a crash; gives their number."""
+    """Remove the files of results whose rows retention deleted before a crash; return their number."""
     there = {analysis_id for analysis_id, _ in services.storage.find_attempts()}
     strays = there - services.store.find_analyses()
     if not strays:
@@ -138,7 +138,7 @@ def _finish_dropped(services: Services) -> int:
 
 
 def apply_retention(services: Services, elapsed_s: float) -> None:
-    """Age uploads and trash by ``elapsed_s``; delete what has reached its term."""
+    """Age uploads and trash by ``elapsed_s``; delete everything that has expired."""
     settings = services.settings
     for upload_id in services.uploads.age(elapsed_s, settings.upload_term_s):
         try:
@@ -154,7 +154,7 @@ def apply_retention(services: Services, elapsed_s: float) -> None:
         *due,
         *services.retention.find_due_recordings(),
     ):
-        with suppress(OnHold):  # put on hold since it was found
+        with suppress(OnHold):  # put on hold meanwhile
             begun.append(services.recordings.begin_purge(recording_id))
     finish_purge(services, *begun)
     dropped = [one for one in services.retention.find_due_results() if services.retention.drop_analysis(one)]
@@ -163,7 +163,7 @@ def apply_retention(services: Services, elapsed_s: float) -> None:
     if dropped:
         renew_copies(settings, services.store.engine)
     services.retention.shorten_audit_log()
-    forget_samples(services)  # a child may have written some while its recording was being purged
+    forget_samples(services)  # a child process may have written samples during the purge
     services.recordings.forget_purged()
     services.storage.drop_temporary(TEMPORARY_S)
     services.quarantined = find_strange(services.storage)

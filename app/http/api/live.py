@@ -1,6 +1,6 @@
-"""Live sessions over a WebSocket: docs/it/live.md describes the messages.
+"""Live sessions over a WebSocket; docs/live.md describes the messages.
 
-The science is loaded with the first session: a server that only takes requests stays small.
+The numerical packages are loaded with the first session, so that a server without live sessions stays small.
 """
 
 import asyncio
@@ -35,8 +35,8 @@ from app.live.ports import (
     Port,
     PushedPort,
     SessionFiles,
-    begin_files,
-    find_left,
+    create_session_files,
+    find_interrupted_files,
     find_serial_ports,
     open_port,
 )
@@ -53,81 +53,81 @@ if TYPE_CHECKING:
     from app.live.sources import Source
     from fusion.live.cues import Cue
 
-# What becomes of live sessions: the raw file of each that is kept is a recording in the end.
+# Storage of live sessions: the raw file of each kept session becomes a recording.
 
 
 LIVE_FOLDER = "live"
 HEAD_BYTES = 4096
-LONGEST_NOTE = 1000
+MAX_NOTE_LENGTH = 1000
 CUED = "cues"
-"""The tag of a recording in which cues were given: with and without can be told apart afterwards."""
+"""The tag of a recording with cues, which distinguishes it from recordings without."""
 
 logger = logging.getLogger(__name__)
 
 
 class LiveLibrary:
-    """Takes raw files in, as recordings with their analysis; announces cues."""
+    """Stores the raw files of sessions as recordings, queues their analysis, and announces cues."""
 
     def __init__(self, services: Services) -> None:
         self._services = services
 
     def keep(self, ended: "Ended") -> str:
-        """Store the file and queue its analysis; give the id of the analysis."""
+        """Store the file, queue its analysis and return the id of the analysis."""
         wearer = ended.request.wearer
-        analysis = _take_in(self._services, ended.files, wearer.subject, wearer.side)
-        if ended.request.rules:  # in the note of the recording, as many cues as it takes
-            from app.live.cue_log import format_rule  # noqa: PLC0415  the science
+        analysis = _store_session(self._services, ended.files, wearer.subject, wearer.side)
+        if ended.request.rules:  # the recording's note lists the cues, up to its length limit
+            from app.live.cue_log import format_rule  # noqa: PLC0415  loads numpy
 
             counts = Counter(format_rule(cue.rule) for cue in ended.cues)
             rules = [f"{format_rule(rule)}: {counts[format_rule(rule)]}" for rule in ended.request.rules]
             times = " ".join(f"{cue.time_s:.0f}" for cue in ended.cues)
             row = self._services.recordings.get(analysis.recording_id)
-            note = f"cues {', '.join(rules)}; s: {times}"[:LONGEST_NOTE]
+            note = f"cues {', '.join(rules)}; s: {times}"[:MAX_NOTE_LENGTH]
             self._services.recordings.describe(row, replace(row.about, note=note))
             self._services.recordings.tag([row.id], [CUED])
         return analysis.id
 
     def announce(self, session_id: str, cue: "Cue") -> None:
-        """Write the deliveries."""
+        """Queue the webhook deliveries of a cue."""
         rule = cue.rule
         facts = {"session": session_id, "time_s": f"{cue.time_s:.3f}", "kind": rule.kind}
         self._services.webhooks.announce_cue(facts | {"angle_deg": f"{rule.angle_deg:g}"})
 
 
 def import_interrupted_sessions(services: Services) -> int:
-    """At the start of a server: make recordings of the sessions that its end cut off; give how many."""
+    """Store the sessions that the last server stop interrupted as recordings; return their number."""
     folder = services.settings.data_dir / LIVE_FOLDER
     for path in folder.glob(f"{PLAYED}*{RAW}"):
-        path.unlink()  # what was played is stored already
+        path.unlink()  # a played recording is already stored
     count = 0
-    for files in find_left(folder):
+    for files in find_interrupted_files(folder):
         try:
-            count += _take_in_left(services, files)
+            count += _store_interrupted_session(services, files)
         except (AppError, OSError):
-            logger.exception("what a live session left stays in its folder: %s", files.session_id)
+            logger.exception("an interrupted live session stays in its folder: %s", files.session_id)
     return count
 
 
-def _take_in_left(services: Services, files: SessionFiles) -> bool:
-    """Take in what a killed server left of a session; False where it held no row."""
-    from app.live.raw_file import write_early_rows  # noqa: PLC0415  the science
+def _store_interrupted_session(services: Services, files: SessionFiles) -> bool:
+    """Store the interrupted session as a recording; return False if it contains no row."""
+    from app.live.raw_file import write_early_rows  # noqa: PLC0415  loads numpy
 
     is_early = files.early.exists()
     has_rows = write_early_rows(files.early, files.raw) if is_early else files.raw.stat().st_size > 0
     if has_rows:
         with files.raw.open("rb") as file:
             head = file.read(HEAD_BYTES).decode("utf-8", "replace")
-        told = dict(re.findall(r"^# (subject|side|cues): (.*)$", head, re.MULTILINE))
-        side = next((one for one in get_args(Side) if one == told.get("side")), None)
-        analysis = _take_in(services, files, told.get("subject", "")[:LONGEST_SUBJECT], side)
-        if "cues" in told:
+        header = dict(re.findall(r"^# (subject|side|cues): (.*)$", head, re.MULTILINE))
+        side = next((one for one in get_args(Side) if one == header.get("side")), None)
+        analysis = _store_session(services, files, header.get("subject", "")[:LONGEST_SUBJECT], side)
+        if "cues" in header:
             services.recordings.tag([analysis.recording_id], [CUED])
     files.remove()
     return has_rows
 
 
-def _take_in(services: Services, files: SessionFiles, subject: str, side: Side | None) -> Job:
-    """Make the raw file of a session a recording, and queue its analysis."""
+def _store_session(services: Services, files: SessionFiles, subject: str, side: Side | None) -> Job:
+    """Store the raw file of a session as a recording, and queue its analysis."""
     request = ReportRequest(f"live-{files.session_id}.csv", subject, side, paper=services.settings.paper)
     analysis = Intake(services.store, services.storage, services.settings).add(files.raw, request, "web")
     with services.store.engine.begin() as connection:
@@ -137,16 +137,16 @@ def _take_in(services: Services, files: SessionFiles, subject: str, side: Side |
 
 
 SILENCE_S = 600.0
-"""After which a session of lines whose page sends none ends by itself."""
-MOST_WAITING = 250
-"""Messages that wait for a slow page, 10 s; then the oldest are left out."""
+"""A session of lines ends if its page sends none for this time."""
+MAX_WAITING = 250
+"""Messages that wait for a slow page, about 10 s; beyond that the oldest are dropped."""
 FIRST_LIMIT_S = 30.0
-"""A page that connects says within this time what it wants."""
-MOST_STARTING = 50
-"""Sources that are waited for at once, in threads of their own: a silent board holds up no other request."""
+"""Time limit for the first message of a page."""
+MAX_STARTING = 50
+"""Most sources that start at the same time, in separate threads, so that a silent board blocks no request."""
 REFUSED, ENDED = 4400, 1000
 GOODBYES = (1000, 1001, 1005)
-"""How a program hangs up, and a page that is closed or loaded again; a link that was lost does not."""
+"""Close codes of a program that ends and of a page that is closed or reloaded; not of a lost connection."""
 
 router = APIRouter(prefix="/api/v1")
 
@@ -156,7 +156,7 @@ class _Message(BaseModel):
 
 
 class Rule(_Message):
-    """A rule of cues; ``limit``: seconds, or percent of a share."""
+    """A cue rule; ``limit`` is in seconds, or in percent for a share."""
 
     kind: Literal["hold", "share", "stays"]
     angle_deg: float = Field(default=60.0, gt=0.0, lt=180.0)
@@ -164,7 +164,7 @@ class Rule(_Message):
 
 
 class Start(_Message):
-    """Start a session: of a recording that is played, of a serial port here, or of lines that come."""
+    """Start a session: play a recording, read a serial port of the server, or receive lines."""
 
     type: Literal["start"]
     source: Literal["demo", "recording", "port", "lines"]
@@ -182,7 +182,7 @@ class Start(_Message):
 
 
 class Resume(_Message):
-    """Go on with a session after a reload or a lost link."""
+    """Resume a session after a reload or a lost connection."""
 
     type: Literal["resume"]
     session: str
@@ -190,14 +190,14 @@ class Resume(_Message):
 
 
 class Pose(_Message):
-    """Ask for the pose again."""
+    """Repeat the calibration pose."""
 
     type: Literal["pose"]
     countdown_s: float = Field(default=5.0, ge=0.0, le=60.0)
 
 
 class Cues(_Message):
-    """Pause the cues, or go on with them."""
+    """Pause or resume the cues."""
 
     type: Literal["cues"]
     paused: bool
@@ -224,7 +224,7 @@ _LATER: TypeAdapter[Pose | Cues | Stop | Ping] = TypeAdapter(
 
 @router.websocket("/live")
 async def live(socket: WebSocket) -> None:
-    """Start a session or go on with one; then it sends what is new, and takes what is asked."""
+    """Start or resume a session; then send new data and handle the page's messages."""
     await socket.accept()
     language: Language = "en"
     try:
@@ -233,24 +233,24 @@ async def live(socket: WebSocket) -> None:
         async with _receiving(socket) as inbox:
             services, port = find_services(socket), PushedPort()
             if isinstance(first, Resume):
-                session = (await run_in_threadpool(find_hub, services)).get(first.session)
+                session = (await run_in_threadpool(get_hub, services)).get(first.session)
             else:
                 inbox.push = port.push
                 session = await to_thread.run_sync(_start, services, first, port, limiter=_find_limiter())
             inbox.push = session.push
-            await _converse(socket, session, inbox)
+            await _handle_messages(socket, session, inbox)
     except WebSocketDisconnect:
         return
     except (AppError, FusionError, ValidationError, OSError, KeyError) as error:
         refusal = error if isinstance(error, AppError | FusionError) else BadParameter(name="message")
-        if isinstance(error, ValidationError):  # name the part, and what it held
+        if isinstance(error, ValidationError):  # name the field and its value
             wrong = error.errors(include_url=False, include_context=False)[0]
             name = clean_text(hide_tokens(".".join(map(str, wrong["loc"])) or "message"))[:60]
             refusal = BadParameter(name=name, value=clean_text(show_input(wrong)))
         problem = describe_problem(refusal.code, refusal.facts, language)
-        told = {"title": problem.title, "detail": problem.detail, "fix": problem.fix}
-        with suppress(RuntimeError, WebSocketDisconnect):  # it may have hung up meanwhile
-            await socket.send_text(json.dumps({"type": "problem", "code": refusal.code} | told))
+        texts = {"title": problem.title, "detail": problem.detail, "fix": problem.fix}
+        with suppress(RuntimeError, WebSocketDisconnect):  # the page may have disconnected
+            await socket.send_text(json.dumps({"type": "problem", "code": refusal.code} | texts))
             await socket.close(REFUSED)
 
 
@@ -259,27 +259,32 @@ _STARTING: RunVar[CapacityLimiter] = RunVar("live sessions that start")
 
 def _find_limiter() -> CapacityLimiter:
     if (limiter := _STARTING.get(None)) is None:
-        limiter = CapacityLimiter(MOST_STARTING)
+        limiter = CapacityLimiter(MAX_STARTING)
         _STARTING.set(limiter)
     return limiter
 
 
 def _start(services: Services, asked: Start, pushed: PushedPort) -> "RunningSession":
-    """Start a session; whatever a port brings is on the disk from here on, while the science is loaded."""
+    """Start a session. Bytes from a port are written to disk from now on, while numpy is loading."""
     try:
         subject = check_subject(asked.subject)
     except ValueError as error:
         raise BadParameter(name="subject", value=clean_text(asked.subject)[:60]) from error
     port: Port | None = pushed if asked.source == "lines" else None
     if asked.source == "port":
-        if asked.port not in find_serial_ports():  # no other file is opened for a page
+        if asked.port not in find_serial_ports():  # a page can open only serial ports
             raise LiveSourceFailed(name=clean_text(asked.port)[:60], why="port")
         port = open_port(asked.port)
-    files = begin_files(services.settings.data_dir / LIVE_FOLDER, keeps=asked.keeps)
+    files = create_session_files(services.settings.data_dir / LIVE_FOLDER, keeps=asked.keeps)
     try:
         if port is not None and files.is_kept:
-            whose = {"name": _name_source(asked), "subject": subject, "side": asked.side, "axis": asked.axis}
-            about = whose | {"cues": [rule.model_dump() for rule in asked.cues]}
+            options = {
+                "name": _name_source(asked),
+                "subject": subject,
+                "side": asked.side,
+                "axis": asked.axis,
+            }
+            about = options | {"cues": [rule.model_dump() for rule in asked.cues]}
             port = EarlyPort(port, EarlyFile(files.early, about))
         session = _start_with(services, asked, subject, port, files)
     except BaseException:
@@ -301,12 +306,12 @@ def _start_with(
     services: Services, asked: Start, subject: str, port: Port | None, files: SessionFiles
 ) -> "RunningSession":
     from app.live.hub import SessionRequest  # noqa: PLC0415
-    from app.live.raw_file import Wearer, make_rule  # noqa: PLC0415
-    from app.live.sources import LineSource, ReplaySource, make_demo, open_replay  # noqa: PLC0415
+    from app.live.raw_file import Wearer, build_rule  # noqa: PLC0415
+    from app.live.sources import LineSource, ReplaySource, build_demo, open_replay  # noqa: PLC0415
 
     request = SessionRequest(
         Wearer(subject, asked.side, asked.axis),
-        rules=tuple(make_rule(rule.model_dump()) for rule in asked.cues),
+        rules=tuple(build_rule(rule.model_dump()) for rule in asked.cues),
         countdown_s=asked.countdown_s,
     )
     source: Source
@@ -315,19 +320,19 @@ def _start_with(
         now_s = port.now_s if isinstance(port, EarlyPort) else time.monotonic
         source = LineSource(port, _name_source(asked), silence_s=silence_s, now_s=now_s)
     elif asked.source == "demo":
-        source = ReplaySource(make_demo(), "demo", asked.speed)
+        source = ReplaySource(build_demo(), "demo", asked.speed)
     else:
         row = services.recordings.get(asked.recording)
         with borrow_recording(services.storage, row.id, row.sha256) as path:
             source = open_replay(path, asked.speed, row.about.file_name)
-    return find_hub(services).start(source, request, files)
+    return get_hub(services).start(source, request, files)
 
 
 class DifferenceView(BaseModel):
-    """How the angle that was shown and that of the report differ, at the same moments.
+    """The difference between the displayed angle and the report's at the same moments.
 
-    ``rmse_deg`` and ``bias_deg``: live less report; the shares are those below 30 deg, from 30, 60, 90 deg
-    on. Nulls where no moment has both.
+    ``rmse_deg`` and ``bias_deg``: live minus report. The shares are of the time below 30 deg, and at 30, 60
+    and 90 deg or more. All are null if no moment has both angles.
     """
 
     text: str
@@ -340,10 +345,10 @@ class DifferenceView(BaseModel):
 
 @router.get("/live/{session_id}/difference", responses=PROBLEM_RESPONSES, tags=["live"])
 def get_difference(session_id: str, services: UsedServices, language: UsedLanguage) -> DifferenceView:
-    """Compare what a session showed with its report, once that is made; for an hour after its end."""
-    from app.live.recorder import describe_difference, measure_difference  # noqa: PLC0415  the science
+    """Compare a session with its report; available for an hour after the session ends."""
+    from app.live.recorder import describe_difference, measure_difference  # noqa: PLC0415  loads numpy
 
-    session = find_hub(services).get(session_id)
+    session = get_hub(services).get(session_id)
     job = services.store.get(session.analysis_id)
     with services.results.borrow(job, "elevation.parquet") as parquet:
         found = measure_difference(session.recorder.shown, parquet)
@@ -360,7 +365,7 @@ def get_difference(session_id: str, services: UsedServices, language: UsedLangua
     )
 
 
-async def _converse(socket: WebSocket, session: "RunningSession", inbox: "Inbox") -> None:
+async def _handle_messages(socket: WebSocket, session: "RunningSession", inbox: "Inbox") -> None:
     outbox = Outbox(asyncio.get_running_loop())
 
     async def send_on() -> None:
@@ -393,14 +398,14 @@ async def _converse(socket: WebSocket, session: "RunningSession", inbox: "Inbox"
 
 
 class Inbox:
-    """What comes from one page: bytes go to the source at once, texts wait for their turn."""
+    """Messages from one page: bytes go to the source at once, texts are queued."""
 
     def __init__(self) -> None:
         self.push: Callable[[bytes], bool] | None = None
         self._texts: asyncio.Queue[str | int] = asyncio.Queue()
 
     async def fill(self, socket: WebSocket) -> None:
-        """Receive until the page hangs up; while a source takes no more bytes, nothing is received."""
+        """Receive until the page disconnects; stop receiving while the source accepts no more bytes."""
         while True:
             message = await socket.receive()
             if message["type"] == "websocket.disconnect":
@@ -434,17 +439,17 @@ async def _receiving(socket: WebSocket) -> AsyncIterator[Inbox]:
 
 
 class Outbox:
-    """Messages of a session's thread on their way to one page; of too many the oldest are left out."""
+    """Messages of a session's thread to one page; the oldest are dropped if there are too many."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self._loop = loop
-        self._waiting: deque[Mapping[str, Any]] = deque(maxlen=MOST_WAITING)
+        self._waiting: deque[Mapping[str, Any]] = deque(maxlen=MAX_WAITING)
         self._has_any = asyncio.Event()
 
     def put(self, message: Mapping[str, Any]) -> None:
         """Add a message, from any thread."""
         self._waiting.append(message)
-        with suppress(RuntimeError):  # the server is ending
+        with suppress(RuntimeError):  # the server is stopping
             self._loop.call_soon_threadsafe(self._has_any.set)
 
     async def take(self) -> Mapping[str, Any]:
@@ -456,8 +461,8 @@ class Outbox:
         return self._waiting.popleft()
 
 
-def find_hub(services: Services) -> "LiveHub":
-    """Return the sessions of this server; the first call loads the science."""
+def get_hub(services: Services) -> "LiveHub":
+    """Return the sessions of this server; the first call loads numpy."""
     from app.live.hub import LiveHub  # noqa: PLC0415
 
     with services.live_turn:

@@ -1,4 +1,4 @@
-"""Reports of several finished analyses: both arms of a shift, one day beside another, days of people."""
+"""Reports of several analyses: both arms of a shift, two days compared, several days of people."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -22,22 +22,22 @@ router = APIRouter(
 R = TypeVar("R", PairRequest, ProfileRequest)
 Side = Literal["left", "right"]
 Offset = Annotated[float | None, Field(ge=-LONGEST_OFFSET_S, le=LONGEST_OFFSET_S)]
-SameSubject = Annotated[bool, Field(description="All are of one person, though a subject code is missing.")]
-MixedMethods = Annotated[
-    bool, Field(description="Two methods, or versions of one, may stand beside one another.")
-]
+SameSubject = Annotated[bool, Field(description="All are of one person, although a subject code is missing.")]
+MixedMethods = Annotated[bool, Field(description="Allow analyses by different methods or method versions.")]
 OnePersonView = Annotated[
     Literal["codes", "person", "no"],
     Field(
-        description="Whether all are of one person: the subject codes say so (or they are one recording), "
-        "the person who asks does (`same_subject`), or no."
+        description="Whether all are of one person: codes (the subject codes match, or it is one recording), "
+        "person (the request states `same_subject`), or no (unknown)."
     ),
 ]
-PaperChoice = Annotated[Paper | None, Field(description="Paper of the PDF; else that of the first analysis.")]
+PaperChoice = Annotated[
+    Paper | None, Field(description="Paper of the PDF; default: that of the first analysis.")
+]
 
 
 class FigureView(BaseModel):
-    """A figure before and after. ``detectable``: the least change that days do not make by themselves."""
+    """A figure before and after. ``detectable``: the smallest change that exceeds day-to-day variation."""
 
     name: str
     before: float
@@ -52,7 +52,7 @@ class _Exact(BaseModel):
 
 
 class SourceView(_Exact):
-    """One of the analyses. ``start``: by the device's clock, null where it was never set."""
+    """One of the analyses. ``start``: by the device's clock; null if the clock was never set."""
 
     report_id: str
     sha256: str
@@ -65,28 +65,28 @@ class SourceView(_Exact):
 
 
 class ClockView(_Exact):
-    """When a recording began, seconds after the left arm's, and whether the devices' clocks say so."""
+    """When a recording started, in seconds after the left arm's; stated by the clocks or by a person."""
 
     offset_s: float
     stated_by: Annotated[Literal["clocks", "person"], Field(alias="from")]
 
 
 class ArmView(_Exact):
-    """One arm over the time that both share; keys are percentiles, and angles in degrees."""
+    """One arm over the time that both share; keys are percentiles, or angles in degrees."""
 
     percentiles_deg: dict[str, float]
     time_above_percent: dict[str, float]
 
 
 class RatioView(_Exact):
-    """Right arm to left; null where the left is 0."""
+    """Right arm divided by left; null if the left is 0."""
 
     time_above_60: float | None
     elevation_p50: float | None
 
 
 class TrunkView(_Exact):
-    """An arm's elevation less the trunk's inclination; ``limit`` says what it cannot show."""
+    """An arm's elevation minus the trunk's inclination; ``limit`` states the limits of this difference."""
 
     limit: str
     shared_s: float
@@ -111,7 +111,7 @@ class PairView(_Exact):
 
 
 class ChangeView(_Exact):
-    """The figures of one day beside those of an earlier one."""
+    """The figures of one day compared with an earlier one."""
 
     layout: Annotated[Literal["acromion.comparison/1"], Field(alias="schema")]
     before: SourceView
@@ -122,14 +122,14 @@ class ChangeView(_Exact):
     source: str
 
 
-MOST_DAYS = 300
-"""Analyses of one profile, on each side of a change."""
+MAX_DAYS = 300
+"""Most analyses in one profile, on each side of a change."""
 Stage = Literal["all", "before", "after"]
 Ends = tuple[float, float]
 
 
 class RangeView(_Exact):
-    """The range of a figure on one day, and the one that also holds the N-pose's error."""
+    """The range of a figure on one day, without and with the N-pose error."""
 
     low: float
     high: float
@@ -138,7 +138,7 @@ class RangeView(_Exact):
 
 
 class DayView(SourceView):
-    """One day. ``left_out``: why it does not count in means and spread; null where it does."""
+    """One day. ``left_out``: why it is excluded from mean and spread; null if it is included."""
 
     device: str
     method: str | None
@@ -149,9 +149,9 @@ class DayView(SourceView):
 
 
 class MeanView(_Exact):
-    """A figure over the days of one arm; ranges are 95 % ranges, null of one day.
+    """The mean of a figure over the days of one arm; ranges are 95 % ranges, null for a single day.
 
-    ``low_pose`` and ``high_pose``: means of those of the days; null unless each has them.
+    ``low_pose`` and ``high_pose`` are means of the days' values; null unless every day has them.
     """
 
     days: int
@@ -164,7 +164,7 @@ class MeanView(_Exact):
 
 
 class TellingView(_Exact):
-    """The days that tell a change of half the time above 60 deg, and by whose deviation."""
+    """Days needed to detect a change of half the time above 60 deg, and the source of the deviation used."""
 
     sd: float
     sd_from: Literal["person", "published"]
@@ -189,7 +189,7 @@ class TrendView(_Exact):
 
 
 class BandView(_Exact):
-    """A quarter hour of the clock over the days; null where too few days are analysed in it."""
+    """A quarter hour of the clock over the days; null if too few days have data in it."""
 
     clock: str
     days: int
@@ -235,7 +235,7 @@ class GroupView(_Exact):
 
 
 class PeopleChangeView(_Exact):
-    """After less before, of the people with days on both sides; ``detectable``: of one person alone."""
+    """After minus before, for people with days on both sides; ``detectable`` applies to a single person."""
 
     people: int
     before: float
@@ -266,10 +266,10 @@ class ProfileView(_Exact):
     source: str
 
 
-def find_jobs(
+def get_asked_jobs(
     services: Services, ids: Iterable[str], request: R, paper: Paper | None = None
 ) -> ReportJobs[R]:
-    """Find the analyses of a request; its report is on the paper of the first unless one is named.
+    """Return the analyses of a request; the paper defaults to that of the first analysis.
 
     Raises NotHere.
     """
@@ -287,22 +287,24 @@ class ChangeQuery(_Exact):
     paper: PaperChoice = None
 
     def find(self, services: Services) -> ReportJobs[PairRequest]:
-        """Find the analyses. Raises NotHere."""
+        """Return the analyses. Raises NotHere."""
         request = PairRequest("compare", same_subject=self.same_subject, mixed_methods=self.mixed_methods)
-        return find_jobs(services, self.analysis, request, self.paper)
+        return get_asked_jobs(services, self.analysis, request, self.paper)
 
 
 class PairQuery(_Exact):
-    """The analyses of both arms and, where it was measured, of the trunk."""
+    """The analyses of both arms and, if measured, of the trunk."""
 
     left: Annotated[str, Field(description="Analysis of the left arm.")]
     right: Annotated[str, Field(description="Analysis of the right arm.")]
     trunk: Annotated[str, Field(description="Analysis of a recording of the trunk.")] = ""
     offset_s: Annotated[
         Offset,
-        Field(description="When the right recording began, seconds after the left; else by the clocks."),
+        Field(
+            description="When the right recording started, in seconds after the left; default: by the clocks."
+        ),
     ] = None
-    trunk_offset_s: Annotated[Offset, Field(description="Likewise the trunk's, after the left.")] = None
+    trunk_offset_s: Annotated[Offset, Field(description="The same for the trunk's recording.")] = None
     same_subject: SameSubject = False
     mixed_methods: MixedMethods = False
     paper: PaperChoice = None
@@ -315,7 +317,7 @@ class PairQuery(_Exact):
         return self
 
     def find(self, services: Services) -> ReportJobs[PairRequest]:
-        """Find the analyses. Raises NotHere."""
+        """Return the analyses. Raises NotHere."""
         request = PairRequest(
             "pair",
             self.offset_s,
@@ -324,32 +326,28 @@ class PairQuery(_Exact):
             mixed_methods=self.mixed_methods,
         )
         ids = (self.left, self.right, *filter(None, [self.trunk]))
-        return find_jobs(services, ids, request, self.paper)
+        return get_asked_jobs(services, ids, request, self.paper)
 
 
 class ProfileQuery(_Exact):
     """The analyses of the days; with ``after``, those before a change and those after it."""
 
-    analysis: Annotated[
-        list[str], Field(min_length=1, max_length=MOST_DAYS, description="Once for each day.")
-    ]
-    after: Annotated[
-        list[str], Field(max_length=MOST_DAYS, description="Once for each day after a change.")
-    ] = []
+    analysis: Annotated[list[str], Field(min_length=1, max_length=MAX_DAYS, description="Once per day.")]
+    after: Annotated[list[str], Field(max_length=MAX_DAYS, description="Once per day after a change.")] = []
     same_subject: SameSubject = False
     mixed_methods: MixedMethods = False
     paper: PaperChoice = None
     lang: Language | None = None
 
     def find(self, services: Services) -> ReportJobs[ProfileRequest]:
-        """Find the analyses. Raises NotHere."""
+        """Return the analyses. Raises NotHere."""
         request = ProfileRequest(
             len(self.analysis) if self.after else None,
             same_subject=self.same_subject,
             mixed_methods=self.mixed_methods,
             has_drawings=True,
         )
-        return find_jobs(services, (*self.analysis, *self.after), request, self.paper)
+        return get_asked_jobs(services, (*self.analysis, *self.after), request, self.paper)
 
 
 PairChoice = Annotated[PairQuery, Query()]
@@ -363,7 +361,7 @@ REPORT_RESPONSE: dict[int | str, dict[str, Any]] = {
 
 @router.get("/compare/comparison.json", responses={200: {"model": ChangeView}})
 def get_change(request: Request, services: UsedServices, asked: ChangeChoice) -> Response:
-    """Every figure of the change, byte for byte as ``acromion compare`` writes it."""
+    """Return every figure of the change, byte for byte as ``acromion compare`` writes it."""
     return _serve_figures(request, services, asked.find(services))
 
 
@@ -371,13 +369,13 @@ def get_change(request: Request, services: UsedServices, asked: ChangeChoice) ->
 def get_change_report(
     name: ReportName, request: Request, services: UsedServices, language: UsedLanguage, asked: ChangeChoice
 ) -> Response:
-    """The report on the change from one day to a later one, or its answer in five lines."""
+    """Return the report on the change between two days, or its answer in five lines."""
     return _serve_report(request, services, asked.find(services), name, language)
 
 
 @router.get("/pair/pair.json", responses={200: {"model": PairView}})
 def get_pair(request: Request, services: UsedServices, asked: PairChoice) -> Response:
-    """Every figure of both arms of one shift, byte for byte as ``acromion pair`` writes it."""
+    """Return every figure of both arms of one shift, byte for byte as ``acromion pair`` writes it."""
     return _serve_figures(request, services, asked.find(services))
 
 
@@ -385,13 +383,13 @@ def get_pair(request: Request, services: UsedServices, asked: PairChoice) -> Res
 def get_pair_report(
     name: ReportName, request: Request, services: UsedServices, language: UsedLanguage, asked: PairChoice
 ) -> Response:
-    """The report of both arms of one shift, or its answer in five lines."""
+    """Return the report of both arms of one shift, or its answer in five lines."""
     return _serve_report(request, services, asked.find(services), name, language)
 
 
 @router.get("/profile/profile.json", responses={200: {"model": ProfileView}})
 def get_profile(request: Request, services: UsedServices, asked: ProfileChoice) -> Response:
-    """Every figure of several days, byte for byte as ``acromion profile`` writes it."""
+    """Return every figure of several days, byte for byte as ``acromion profile`` writes it."""
     return _serve_figures(request, services, asked.find(services))
 
 
@@ -399,7 +397,7 @@ def get_profile(request: Request, services: UsedServices, asked: ProfileChoice) 
 def get_profile_table(
     name: Literal["profile", "overlay"], request: Request, services: UsedServices, asked: ProfileChoice
 ) -> Response:
-    """A row for each day, or for each quarter hour of the clock."""
+    """Return a row per day, or per quarter hour of the clock."""
     found = asked.find(services)
     body = services.pairs.make(found).read(f"{name}.csv")
     return serve_bytes(request, body, build_pair_download_name(found, f"{name}.csv"))
@@ -409,12 +407,12 @@ def get_profile_table(
 def get_profile_report(
     name: ReportName, request: Request, services: UsedServices, language: UsedLanguage, asked: ProfileChoice
 ) -> Response:
-    """The report of several days of a person or of a group, or its answer in a few lines."""
+    """Return the report of several days of a person or of a group, or its answer in a few lines."""
     return _serve_report(request, services, asked.find(services), name, language)
 
 
 def build_pair_download_name(asked: AnyReportJobs, ending: str) -> str:
-    """Name a download by its subject: ``S012_pair.en.pdf``; several are a group."""
+    """Build the name of a download from its subject: ``S012_pair.en.pdf``; "group" for several subjects."""
     codes = {job.request.subject for job in asked.jobs} - {""}
     code = "group" if len(codes) > 1 else "".join(codes)
     subject = "".join(c for c in code if c.isalnum() or c in "-_") or "report"

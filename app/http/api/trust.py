@@ -1,4 +1,4 @@
-"""Releases, holds, terms, group figures, the audit log and tokens, for scripts; names of those who act."""
+"""Releases, holds, retention periods, group figures, the audit log and tokens, for scripts."""
 
 import json
 from collections.abc import Iterable, Iterator, Mapping
@@ -15,7 +15,7 @@ from app.accounts.subjects import Granted, Permission, Subject
 from app.errors import NotPermitted
 from app.http.api.library.files import MEDIA_TYPES, respond_with_file
 from app.http.middleware.access import UsedSubject
-from app.http.middleware.guard import find_logins
+from app.http.middleware.guard import get_logins
 from app.http.middleware.problems import PROBLEM_RESPONSES
 from app.library.audit_log import (
     AT_MACHINE,
@@ -33,13 +33,13 @@ from app.report.export.tables import INTERNATIONAL, encode_table
 from app.report.words.wording import Language, load_wording
 from app.services import Services, UsedServices
 
-MOST_LINES = 500
+MAX_LINES = 500
 
 router = APIRouter(prefix="/api/v1", responses=PROBLEM_RESPONSES)
 
 
 class ReleaseView(BaseModel):
-    """The release of a report; nulls where it is not released."""
+    """The release of a report; nulls if it is not released."""
 
     analysis_id: str
     released_by: str | None
@@ -49,7 +49,7 @@ class ReleaseView(BaseModel):
 
 
 def view_release(analysis_id: str, found: Release | None) -> ReleaseView:
-    """Show a release."""
+    """Build the view of a release."""
     return ReleaseView(
         analysis_id=analysis_id,
         released_by=found.who if found else None,
@@ -61,27 +61,27 @@ def view_release(analysis_id: str, found: Release | None) -> ReleaseView:
 
 @router.get("/analyses/{analysis_id}/release", tags=["analyses"])
 def get_release(analysis_id: str, services: UsedServices) -> ReleaseView:
-    """Say who released a report, and when."""
+    """Return who released a report and when."""
     job = services.store.get(analysis_id)
     return view_release(job.id, services.releases.find(job.id))
 
 
 @router.post("/analyses/{analysis_id}/release", tags=["analyses"])
 def release_report(analysis_id: str, services: UsedServices, subject: UsedSubject) -> ReleaseView:
-    """Release a report under one's name. Its bytes stay; a later version is not released by it."""
+    """Release a report in your name. The release does not change the files or apply to later versions."""
     job = services.store.get(analysis_id)
     return view_release(job.id, services.releases.release(job, subject.id))
 
 
 @router.delete("/analyses/{analysis_id}/release", tags=["analyses"])
 def take_release_back(analysis_id: str, services: UsedServices, subject: UsedSubject) -> ReleaseView:
-    """Take a release back, by a further row."""
+    """Withdraw a release; the history keeps it."""
     job = services.store.get(analysis_id)
     return view_release(job.id, services.releases.withdraw(job, subject.id))
 
 
 class HoldRequest(BaseModel):
-    """Why a recording is kept whatever happens."""
+    """Why a recording is on hold."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -89,7 +89,7 @@ class HoldRequest(BaseModel):
 
 
 class HoldView(BaseModel):
-    """The hold of a recording; nulls where there is none."""
+    """The hold of a recording; nulls if there is none."""
 
     recording_id: str
     reason: str | None
@@ -105,7 +105,7 @@ def get_hold(recording_id: str, services: UsedServices) -> HoldView:
 
 @router.put("/recordings/{recording_id}/hold", tags=["recordings"])
 def put_hold(recording_id: str, asked: HoldRequest, services: UsedServices, subject: UsedSubject) -> HoldView:
-    """Put a recording on hold: neither a person nor a term deletes it for good."""
+    """Put a recording on hold: neither people nor retention can delete it permanently."""
     services.recordings.hold(recording_id, asked.reason, subject.id)
     return get_hold(recording_id, services)
 
@@ -118,7 +118,7 @@ def end_hold(recording_id: str, services: UsedServices) -> HoldView:
 
 
 class TermView(BaseModel):
-    """How many days of the server's running time a kind is kept; null: for good."""
+    """How many days of server running time a kind is kept; null: permanently."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -127,13 +127,13 @@ class TermView(BaseModel):
 
 @router.get("/retention", tags=["recordings"])
 def get_terms(services: UsedServices) -> dict[str, int | None]:
-    """Return the term of each kind."""
+    """Return the retention period of each kind."""
     return {str(kind): days for kind, days in services.retention.find_all().items()}
 
 
 @router.put("/retention/{kind}", tags=["recordings"])
 def put_term(kind: str, asked: TermView, services: UsedServices) -> dict[str, int | None]:
-    """Change the term of a kind: recordings, results, trash or trail."""
+    """Change the retention period of a kind: recordings, results, trash or trail."""
     services.retention.put(kind, asked.days)
     return get_terms(services)
 
@@ -149,7 +149,7 @@ class BlockView(BaseModel):
 
 
 class AggregateView(BaseModel):
-    """The published group figures of a study, the oldest first; none where fewer than five people count."""
+    """The published group figures of a study, oldest first; empty if fewer than five people count."""
 
     study_id: str
     blocks: list[BlockView]
@@ -157,7 +157,7 @@ class AggregateView(BaseModel):
 
 @router.get("/studies/{study_id}/aggregate.json", tags=["studies"])
 def get_aggregate(study_id: str, services: UsedServices) -> AggregateView:
-    """Give group figures of a study: never of fewer than five people."""
+    """Return group figures of a study, never of fewer than five people."""
     group = services.aggregates.publish(study_id)
     blocks = [
         BlockView(**{name: value for name, value in asdict(one).items() if name != "id"})
@@ -170,7 +170,7 @@ Moment = Annotated[str, AfterValidator(parse_moment)]
 
 
 class AuditQuery(BaseModel):
-    """Which lines are asked for. ``subject`` stands for its recordings of now; an erased one by its id."""
+    """Filters of the audit log. ``subject`` selects its current recordings; find erased ones by their id."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -178,14 +178,14 @@ class AuditQuery(BaseModel):
     recording: str = ""
     who: str = ""
     act: str = ""
-    begin: Annotated[Moment, Field(alias="from", description="ISO 8601; without a zone UTC.")] = ""
+    begin: Annotated[Moment, Field(alias="from", description="ISO 8601; UTC if it has no time zone.")] = ""
     end: Annotated[Moment, Field(alias="to")] = ""
     before: Annotated[int, Field(ge=0, lt=1 << 63)] = 0
     lang: str | None = None
 
 
 def build_question(services: Services, asked: AuditQuery) -> AuditFilter:
-    """Turn what is asked into what the lines hold: a subject code into ids of recordings."""
+    """Convert a query to a filter; a subject code becomes the ids of its recordings."""
     ids: frozenset[str] | None = None
     if asked.recording:
         ids = frozenset({asked.recording})
@@ -195,7 +195,7 @@ def build_question(services: Services, asked: AuditQuery) -> AuditFilter:
 
 
 class AuditView(BaseModel):
-    """Lines of the audit log, the newest first; ``next_before`` asks for the next page, null ends."""
+    """Audit log entries, newest first; ``next_before`` requests the next page and is null on the last one."""
 
     items: list[dict[str, str | int]]
     next_before: int | None
@@ -203,16 +203,16 @@ class AuditView(BaseModel):
 
 @router.get("/trail", tags=["trail"])
 def get_trail(services: UsedServices, asked: Annotated[AuditQuery, Query()]) -> AuditView:
-    """Answer who touched a subject, or what somebody did, between two moments."""
+    """Return audit log entries of a subject, a recording or a person between two moments."""
     question = build_question(services, asked)
-    found = list(find_lines(services.store.reader, question, before=asked.before, most=MOST_LINES))
-    following = found[-1].seq if len(found) == MOST_LINES else None
+    found = list(find_lines(services.store.reader, question, before=asked.before, most=MAX_LINES))
+    following = found[-1].seq if len(found) == MAX_LINES else None
     return AuditView(items=[asdict(line) for line in found], next_before=following)
 
 
 @router.get("/trail/trail.csv", tags=["trail"])
 def export_csv(services: UsedServices, asked: Annotated[AuditQuery, Query()]) -> Response:
-    """Return the lines as a table."""
+    """Return the entries as a table."""
     rows: list[Any] = [asdict(line) for line in find_export(services, asked)]
     body = encode_table(AUDIT_COLUMNS, rows, INTERNATIONAL)
     return respond_with_file(body, MEDIA_TYPES["csv"], "audit_log.csv")
@@ -220,7 +220,7 @@ def export_csv(services: UsedServices, asked: Annotated[AuditQuery, Query()]) ->
 
 @router.get("/trail/trail.jsonl", tags=["trail"])
 def export_lines(services: UsedServices, asked: Annotated[AuditQuery, Query()]) -> Response:
-    """Return the lines as JSON, one each."""
+    """Return the entries as JSON, one per line."""
 
     def write() -> Iterator[bytes]:
         for line in find_export(services, asked):
@@ -231,38 +231,38 @@ def export_lines(services: UsedServices, asked: Annotated[AuditQuery, Query()]) 
 
 
 def find_export(services: Services, asked: AuditQuery) -> Iterator[AuditLine]:
-    """Return every line that is asked for."""
+    """Return every matching entry."""
     return find_lines(services.store.reader, build_question(services, asked), before=asked.before)
 
 
-# Tokens, by which scripts ask in the name of a person.
+# Tokens, with which scripts act for a person.
 
 token_router = APIRouter(prefix="/api/v1/tokens", responses=PROBLEM_RESPONSES, tags=["tokens"])
-LONGEST_NAME = 100
+MAX_NAME_LENGTH = 100
 
 
-def find_person(subject: UsedSubject) -> Subject:
-    """Return the person who asks; a token is none, so that none prolongs itself. Raises NotPermitted."""
+def get_person_subject(subject: UsedSubject) -> Subject:
+    """Return the person who asks. Raises NotPermitted for a token, so that no token can extend itself."""
     if subject.kind != "person":
         raise NotPermitted(permission="own")
     return subject
 
 
-UsedPerson = Annotated[Subject, Depends(find_person)]
+UsedPerson = Annotated[Subject, Depends(get_person_subject)]
 
 
 class TokenWish(BaseModel):
-    """A token: what it is for, what it may, and for how long."""
+    """A new token: its name, permissions and lifetime."""
 
     model_config = ConfigDict(extra="forbid")
 
-    name: Annotated[str, Field(min_length=1, max_length=LONGEST_NAME)]
+    name: Annotated[str, Field(min_length=1, max_length=MAX_NAME_LENGTH)]
     permissions: Annotated[list[Granted], Field(min_length=1)]
     days: Annotated[int, Field(ge=1, le=MOST_DAYS)] = DAYS
 
 
 class TokenView(BaseModel):
-    """A token. ``token`` itself is shown once, when it is made."""
+    """A token. The secret ``token`` is shown only once, when it is created."""
 
     id: str
     name: str
@@ -281,8 +281,8 @@ class TokenList(BaseModel):
 
 @token_router.post("", status_code=201)
 def create_token(body: TokenWish, connection: HTTPConnection, person: UsedPerson) -> TokenView:
-    """Make a token with at most the permissions of whoever asks."""
-    accounts = find_logins(connection).accounts
+    """Create a token with at most your own permissions."""
+    accounts = get_logins(connection).accounts
     token, bearer = make_token(accounts, person, body.name, body.permissions, body.days)
     view = _view(token)
     view.token = bearer
@@ -291,16 +291,14 @@ def create_token(body: TokenWish, connection: HTTPConnection, person: UsedPerson
 
 @token_router.get("", response_model_exclude_none=True)
 def list_tokens(connection: HTTPConnection, person: UsedPerson) -> TokenList:
-    """Return the tokens that hold."""
-    return TokenList(
-        items=[_view(token) for token in find_logins(connection).accounts.find_tokens(person.id)]
-    )
+    """Return the valid tokens."""
+    return TokenList(items=[_view(token) for token in get_logins(connection).accounts.find_tokens(person.id)])
 
 
 @token_router.delete("/{token_id}", status_code=204)
 def delete_token(token_id: str, connection: HTTPConnection, person: UsedPerson) -> Response:
-    """Revoke a token: from the next request on it is nobody's."""
-    find_logins(connection).accounts.end_token(person.id, token_id)
+    """Revoke a token; it stops working at once."""
+    get_logins(connection).accounts.end_token(person.id, token_id)
     return Response(status_code=204)
 
 
@@ -315,18 +313,18 @@ def _view(token: Token) -> TokenView:
     )
 
 
-# Names of those who act.
+# Names of people in the audit log.
 
 
-def find_names(connection: HTTPConnection, ids: Iterable[str], language: Language) -> Mapping[str, str]:
-    """Return a name for each id; an account that is gone keeps its id."""
-    accounts = find_logins(connection).accounts
+def get_names(connection: HTTPConnection, ids: Iterable[str], language: Language) -> Mapping[str, str]:
+    """Return a name for each id; a deleted account keeps its id."""
+    accounts = get_logins(connection).accounts
     words = load_wording(language, "trail")["who"]
     known = {AT_MACHINE: words["machine"], SYSTEM: words["system"], NOBODY: words["nobody"], "": ""}
     return {one: known[one] if one in known else accounts.find_name(one) or one for one in set(ids)}
 
 
-def find_person_name(connection: HTTPConnection, who: str) -> str:
-    """Return the name of the person who acts, by a token too; "" at the machine."""
-    accounts = find_logins(connection).accounts
+def get_person_name(connection: HTTPConnection, who: str) -> str:
+    """Return the name of the person who acts, also through a token; "" for the command line."""
+    accounts = get_logins(connection).accounts
     return "" if who == AT_MACHINE else accounts.find_person_name(who)

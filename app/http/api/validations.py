@@ -1,4 +1,4 @@
-"""Comparisons with a reference: two files in one form, then a job like every other."""
+"""Comparisons with a reference: two files in one form become a job like any other."""
 
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
@@ -41,7 +41,7 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "pose_held": ("", *get_args(PoseHeld)),
     "paper": ("", "a4", "letter"),
 }
-MOST_TASK_BYTES = 1 << 20
+MAX_TASK_BYTES = 1 << 20
 FIELDS = (
     "recording",
     "reference",
@@ -59,7 +59,7 @@ router = APIRouter(prefix="/api/v1", responses=PROBLEM_RESPONSES)
 
 
 class ValidationView(BaseModel):
-    """A comparison: where it is, why it failed if it did, and where its files are."""
+    """A comparison: its state, the reason if it failed, and the links of its files."""
 
     id: str
     state: Literal["queued", "running", "succeeded", "failed", "cancelled"]
@@ -93,7 +93,7 @@ FORM = {
 
 @router.post("/validations", status_code=202, response_model=ValidationView, openapi_extra=FORM)
 async def add_validation(request: Request, services: UsedServices, language: UsedLanguage) -> Response:
-    """Compare two files, sent as one form: ``recording`` and ``reference``; ``tasks`` where there are any."""
+    """Compare two files sent as one form: ``recording`` and ``reference``; ``tasks`` is optional."""
     async with open_form(request, services) as form:
         job = await queue_validation(form, services)
     body = view_validation(job, language).model_dump()
@@ -104,7 +104,7 @@ async def add_validation(request: Request, services: UsedServices, language: Use
 @router.get("/validations/{validation_id}")
 def get_validation(validation_id: str, services: UsedServices, language: UsedLanguage) -> ValidationView:
     """Return one comparison."""
-    return view_validation(find_validation(services, validation_id), language)
+    return view_validation(get_validation_job(services, validation_id), language)
 
 
 @router.get("/validations/{validation_id}/{name}", response_class=FileResponse)
@@ -115,18 +115,18 @@ def get_validation_file(
     services: UsedServices,
     lang: Annotated[
         Language | None,
-        Query(description="en, fr or fr-CA, or the nearest made; else the one asked for first"),
+        Query(description="en, fr or fr-CA, or the nearest available; default: the language of the request"),
     ] = None,
 ) -> Response:
-    """Every figure (JSON, CSV) or the sheet (HTML, PDF) of a comparison."""
-    job = find_validation(services, validation_id)
+    """Return every figure (JSON, CSV) or the sheet (HTML, PDF) of a comparison."""
+    job = get_validation_job(services, validation_id)
     stem, _, kind = name.partition(".")
     language = find_nearest(lang or choose_language(request), job.request.languages)
     stored = f"{stem}.{language}.{kind}" if kind in {"html", "pdf"} else name
     return serve_file(request, services, job, stored, name)
 
 
-def find_validation(services: Services, validation_id: str) -> Job:
+def get_validation_job(services: Services, validation_id: str) -> Job:
     """Return a job that is a comparison. Raises NotHere."""
     job = services.store.get(validation_id)
     if job.request.reference is None:
@@ -135,7 +135,7 @@ def find_validation(services: Services, validation_id: str) -> Job:
 
 
 def view_validation(job: Job, language: Language) -> ValidationView:
-    """Show a comparison."""
+    """Build the view of a comparison."""
     own = f"/api/v1/validations/{job.id}"
     links = {"self": own, "page": f"/validations/{job.id}"}
     if job.state is JobState.SUCCEEDED:
@@ -157,7 +157,7 @@ def view_validation(job: Job, language: Language) -> ValidationView:
 
 @asynccontextmanager
 async def open_form(request: Request, services: Services) -> AsyncIterator[FormData]:
-    """Take the form, its files on the disk; what can be refused before the first byte is.
+    """Read the form with its files on disk; refuse it before reading if possible.
 
     Raises FileTooLarge, DiskFull or BadParameter.
     """
@@ -173,7 +173,7 @@ async def open_form(request: Request, services: Services) -> AsyncIterator[FormD
 
 
 async def queue_validation(form: FormData, services: Services) -> Job:
-    """Queue the comparison that a form asks for.
+    """Queue the comparison that a form describes.
 
     Raises FileTooLarge, DiskFull, EmptyFile, BadParameter or UnusableTasks.
     """
@@ -199,7 +199,7 @@ async def queue_validation(form: FormData, services: Services) -> Job:
     file = form.get("tasks")
     tasks: tuple[TaskWindow, ...] = ()
     if isinstance(file, UploadFile) and file.filename:
-        tasks = read_tasks(await file.read(MOST_TASK_BYTES))
+        tasks = read_tasks(await file.read(MAX_TASK_BYTES))
     given = Reference(
         "",
         clean_file_name(reference.filename or ""),
@@ -256,7 +256,7 @@ def _store(
     given: Reference,
     study: str,
 ) -> Job:
-    """Keep both files, then the rows: the reference's first, so that the job always finds it."""
+    """Store both files, then their rows; the reference's row is first, so that the job always finds it."""
     recording, reference = files
     limit_bytes = services.settings.max_upload_bytes
     other, own = store_file(services.storage, reference, limit_bytes), None
@@ -267,6 +267,8 @@ def _store(
         return services.store.add(own, compared, study=study)
     except BaseException:
         for kept in filter(None, (other, own)):
-            if not services.store.may_have_row(kept.id):  # the answer to a commit can be lost on its way
+            if not services.store.may_have_row(
+                kept.id
+            ):  # the row may be committed although the reply was lost
                 services.storage.drop_recording(kept.id)
         raise

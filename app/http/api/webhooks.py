@@ -1,4 +1,4 @@
-"""Webhooks: addresses that are notified when an analysis or a batch ends."""
+"""Webhooks: addresses that are notified of finished analyses, finished batches and cues."""
 
 import asyncio
 import base64
@@ -29,15 +29,15 @@ from app.library.webhooks import EVENTS, SECRET_OF_WEBHOOK, USUAL_EVENTS, Delive
 from app.services import Services, UsedServices
 from app.store.server_secret import SECRET_FILE, ServerSecret
 
-# Delivery: one signed POST (Standard Webhooks 1.0), no redirect, to permitted addresses.
+# Delivery: one signed POST (Standard Webhooks 1.0) to a permitted address, without redirects.
 
 
 LIMIT_S = 30.0
-"""For the whole of one delivery, from the look-up of the name to the header of the response."""
+"""For one whole delivery, from the name lookup to the response header."""
 READ_BYTES = 1 << 12
 MAX_HEAD_BYTES = 1 << 16
 TARGET_SIGNS = "/?%:@!$&'()*+,;=~"
-"""What is sent as it stands; everything else in a path or query is percent-encoded."""
+"""Characters that are sent unchanged; all others in a path or query are percent-encoded."""
 
 REFUSED_NETWORKS = tuple(
     ipaddress.ip_network(network)
@@ -61,7 +61,7 @@ REFUSED_NETWORKS = tuple(
         "::ffff:0:0/96",  # IPv4-mapped, RFC 4291
         "::ffff:0:0:0/96",  # IPv4-translated, RFC 2765
         "64:ff9b::/96",  # IPv4 behind NAT64, RFC 6052
-        "64:ff9b:1::/48",  # the same in a network of its own, RFC 8215
+        "64:ff9b:1::/48",  # local-use NAT64, RFC 8215
         "100::/64",  # discarded, RFC 6666
         "100:0:0:1::/64",  # dummy prefix, RFC 9780
         "2001::/23",  # protocol assignments, RFC 2928: Teredo (RFC 4380), benchmarks, ORCHID
@@ -75,19 +75,19 @@ REFUSED_NETWORKS = tuple(
         "ff00::/8",  # multicast, RFC 4291
     )
 )
-"""Where no webhook leads unless the settings allow private networks.
+"""Networks that webhooks may not reach unless the settings allow private networks.
 
-A table of our own: what Python calls global changed between its versions, and forms of IPv6 that carry an
-IPv4 address are global to it whatever they carry.
+Python's ``is_global`` is not used: it changed between versions, and it treats IPv6 forms that contain an IPv4
+address as global.
 """
 
 logger = logging.getLogger(__name__)
 
 
 async def send_message(message: Delivery, *, allow_private: bool, limit_s: float = LIMIT_S) -> bool:
-    """Send a message, its secret in clear, once; True where the receiver accepted it (2xx) in time.
+    """Send a message once; return True if the receiver accepted it (2xx) in time.
 
-    It keeps its id however often it is sent.
+    The secret in ``message`` must be decrypted. The message keeps its id over all attempts.
     """
     try:
         async with asyncio.timeout(limit_s):
@@ -112,9 +112,9 @@ def sign_message(message: Delivery, unix_s: int) -> dict[str, str]:
 
 
 def check_address(url: str, *, allow_private: bool) -> tuple[str, int]:
-    """Return the address that a webhook's name stands for.
+    """Resolve a webhook's host name to an address and port.
 
-    Raises ForeignWebhook if it is no http or https address, or leads where no webhook may lead.
+    Raises ForeignWebhook if the URL is not http or https, or if it resolves to a refused network.
     """
     try:
         parts = urlsplit(url)
@@ -131,13 +131,13 @@ def check_address(url: str, *, allow_private: bool) -> tuple[str, int]:
 
 
 def is_public(address: str) -> bool:
-    """Whether an address, without a name, lies outside of every refused network."""
+    """Return whether an address is outside of every refused network."""
     found = ipaddress.ip_address(address.partition("%")[0])
     return not any(found in network for network in REFUSED_NETWORKS)
 
 
 async def _send(message: Delivery, *, allow_private: bool) -> bool:
-    """Connect to the very address that was checked: the name is not asked for a second time."""
+    """Connect to the address that was checked; resolving the name again could return another one."""
     address, port = await _find_address(message.url, allow_private=allow_private)
     parts = urlsplit(message.url)
     tls, name = (ssl.create_default_context(), parts.hostname) if parts.scheme == "https" else (None, None)
@@ -147,7 +147,7 @@ async def _send(message: Delivery, *, allow_private: bool) -> bool:
     try:
         connection = h11.Connection(h11.CLIENT, max_incomplete_event_size=MAX_HEAD_BYTES)
         writer.write(_write_request(connection, message, parts))
-        while not isinstance(event := connection.next_event(), h11.Response):  # informational ones (1xx) pass
+        while not isinstance(event := connection.next_event(), h11.Response):  # skip 1xx responses
             if event is h11.NEED_DATA:
                 connection.receive_data(await reader.read(READ_BYTES))
         return 200 <= event.status_code < 300
@@ -156,7 +156,7 @@ async def _send(message: Delivery, *, allow_private: bool) -> bool:
 
 
 async def _find_address(url: str, *, allow_private: bool) -> tuple[str, int]:
-    """Look the name up in a thread that nobody waits for: a slow look-up cannot be stopped."""
+    """Resolve the name in a daemon thread, because a slow lookup cannot be cancelled."""
     found: concurrent.futures.Future[tuple[str, int]] = concurrent.futures.Future()
 
     def look_up() -> None:
@@ -190,7 +190,7 @@ EventName = Literal["analysis.finished", "batch.finished", "live.cue"]
 
 
 class WebhookWish(BaseModel):
-    """An address, and of what it wants to be told."""
+    """A new webhook: its address and its events."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -199,7 +199,7 @@ class WebhookWish(BaseModel):
 
 
 class WebhookView(BaseModel):
-    """A webhook. ``secret`` is shown once, when it is made."""
+    """A webhook. ``secret`` is shown only once, when it is created."""
 
     id: str
     url: str
@@ -216,7 +216,7 @@ class WebhookList(BaseModel):
 
 @router.post("", status_code=201)
 def create_webhook(body: WebhookWish, services: UsedServices) -> WebhookView:
-    """Tell an address when something ends: ids only, signed by the secret (Standard Webhooks)."""
+    """Notify an address of events: ids only, signed with the secret (Standard Webhooks)."""
     check_address(body.url, allow_private=services.settings.webhooks_may_be_private)
     secret = ServerSecret(services.settings.data_dir)
     hook = services.webhooks.add(body.url, tuple(dict.fromkeys(body.events)), secret)
@@ -234,7 +234,7 @@ def list_webhooks(services: UsedServices) -> WebhookList:
 
 @router.delete("/{webhook_id}", status_code=204)
 def delete_webhook(webhook_id: str, services: UsedServices) -> Response:
-    """Tell an address nothing more."""
+    """Delete a webhook."""
     services.webhooks.drop(webhook_id)
     return Response(status_code=204)
 
@@ -243,17 +243,17 @@ def _view(hook: Webhook) -> WebhookView:
     return WebhookView(id=hook.id, url=hook.url, events=list(hook.events), created_at=hook.created_at)
 
 
-# Delivery, in the background.
+# Background delivery.
 
-MOST_AT_ONCE = 16
-"""Addresses that are served at the same time; each gets one message after the other."""
+MAX_PARALLEL_DELIVERIES = 16
+"""Addresses served at the same time; each gets one message at a time."""
 
 
 @dataclass(slots=True)
 class WebhookSender:
-    """Delivers to several addresses at once, in background tasks.
+    """Deliver to several addresses at once, in background tasks.
 
-    ``limit_s``: for each delivery.
+    ``limit_s`` applies to each delivery.
     """
 
     services: Services
@@ -263,9 +263,10 @@ class WebhookSender:
     _started: int = 0
 
     async def start_due(self, elapsed_s: float) -> None:
-        """Start the deliveries that are due, to addresses with none under way.
+        """Start the due deliveries to addresses that have none in progress.
 
-        The address served longest ago goes first, so that slow ones with a long queue keep nobody waiting.
+        The address served longest ago goes first, so that slow addresses with long queues do not block the
+        others.
         """
         due: dict[str, list[Delivery]] = {}
         for delivery in await run_to_end(self.services.webhooks.find_due, elapsed_s):
@@ -273,23 +274,23 @@ class WebhookSender:
         self._under_way = {url: task for url, task in self._under_way.items() if not task.done()}
         self._starts = {url: start for url, start in self._starts.items() if url in due}
         free = sorted(due.keys() - self._under_way.keys(), key=lambda url: (self._starts.get(url, 0), url))
-        for url in free[: MOST_AT_ONCE - len(self._under_way)]:
+        for url in free[: MAX_PARALLEL_DELIVERIES - len(self._under_way)]:
             self._started += 1
             self._starts[url] = self._started
             self._under_way[url] = asyncio.create_task(self._deliver(due[url]))
 
     async def finish(self) -> None:
-        """Wait until nothing is under way."""
+        """Wait until no delivery is in progress."""
         await asyncio.gather(*self._under_way.values())
 
     async def stop(self) -> None:
-        """Break off what is under way; it is delivered again when its pause has passed."""
+        """Cancel deliveries in progress; they are retried after their pause."""
         for task in self._under_way.values():
             task.cancel()
         await asyncio.gather(*self._under_way.values(), return_exceptions=True)
 
     async def _deliver(self, deliveries: Iterable[Delivery]) -> None:
-        """Deliver what is due to one address, one message after the other, until one fails."""
+        """Deliver the due messages to one address in order, until one fails."""
         webhooks, settings = self.services.webhooks, self.services.settings
         try:
             for delivery in deliveries:
@@ -302,6 +303,6 @@ class WebhookSender:
                     return
                 await run_to_end(webhooks.drop_delivery, delivery)
         except OperationalError:
-            logger.exception("the database does not answer; a webhook is told again later")
+            logger.exception("the database does not answer; the webhook is retried later")
         except SecretUnreadable:
-            logger.error("%s did not encrypt the secret of a webhook: add it again", SECRET_FILE)
+            logger.error("%s did not encrypt the secret of a webhook: add the webhook again", SECRET_FILE)

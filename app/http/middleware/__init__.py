@@ -1,1 +1,1 @@
-"""What every request passes before its route, and what its refusals become."""
+"""Middleware that runs before every route, and the responses for refused requests."""

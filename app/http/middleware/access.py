@@ -1,8 +1,7 @@
-"""Who asks, found before any route runs, and what the route asks of them.
+"""Authentication and permissions of each request, and its audit log entry.
 
-The middleware finds the subject. The permission is checked once the
-route is known, by a dependency that every route has (:data:`CHECKED`). What lasts (events, a live session)
-ends with the login.
+The middleware finds the subject of the request. Every route has a dependency (:data:`CHECKED`) that checks
+the permission once the route is known. Long-running requests (events, live sessions) end with the session.
 """
 
 import re
@@ -28,8 +27,8 @@ from app.accounts.routes import ROUTE_TABLE, Route
 from app.accounts.sign_in import find_network
 from app.accounts.subjects import Permission, Subject
 from app.errors import AppError, NotConfirmed, NotPermitted, NotSignedIn, TokenInAddress
-from app.http.middleware.guard import SESSION_COOKIE, find_address, name_cookie
-from app.http.middleware.problems import holds_token
+from app.http.middleware.guard import SESSION_COOKIE, get_client_address, name_cookie
+from app.http.middleware.problems import contains_token
 from app.library.audit_log import (
     NOBODY,
     Act,
@@ -42,64 +41,64 @@ from app.library.audit_log import (
 from app.services import SUBJECT, find_services
 
 ONE_READING_S = 15 * 60.0
-MOST_KNOWN = 10_000
+MAX_RECENT_READS = 10_000
 WINDOW_S = 15 * 60.0
-MOST_LINES, MOST_OF_STRANGERS = 50, 300
-"""In a window: of one subject or address, and of all who are not logged in together."""
-MOST_COUNTED = 10_000
-"""So many askers are counted at once; whoever asked longest ago is forgotten first."""
+MAX_LINES, MAX_UNAUTHENTICATED_LINES = 50, 300
+"""Most refusal entries per window: of one subject or address, and of all unauthenticated requests."""
+MAX_COUNTED_CLIENTS = 10_000
+"""Most clients counted at a time; the one seen longest ago is dropped first."""
 STRANGERS = ""
 
 Share = Literal["line", "more", "none"]
-"""What a refusal leaves: its line, the one line that says that more were refused, or nothing."""
+"""How a refusal is logged: with its own entry, with the entry that says more were refused, or not at all."""
 REFUSALS = (401, 403, 404)
 NOT_MODIFIED, PART_OF_FILE = 304, 206
 EXPORTS = frozenset({"file.exported", "trail.exported"})
-"""A whole file that leaves is never folded."""
+"""A download of a whole file always has its own entry."""
 FOLDED = frozenset({"report.read", "recording.read"})
-"""Readings of one thing by several routes are one line."""
-MOST_NAMED = 20
-"""So many ids of one refused request have a line."""
+"""Reads of one object through several routes share one entry."""
+MAX_LOGGED_IDS = 20
+"""Most ids of one refused request that are logged."""
 _ANY_ID = re.compile(r"\b(?:rec|an|ba|up|wh|per|tok|view|live)_[0-9a-f]{16,28}\b", re.ASCII)
 _FILE_NAME = re.compile(r"[\w.]{1,60}", re.ASCII)
 
 
 @dataclass(slots=True)
-class KnownReadings:
-    """What has its line since 15 minutes or less, by who and what; each server process has its own."""
+class RecentReads:
+    """Reads of the last 15 minutes that have an entry, by subject and object; per server process."""
 
     _at_s: dict[tuple[str, ...], float] = field(default_factory=dict)
     _turn: Lock = field(default_factory=Lock)
 
     def is_new(self, key: tuple[str, ...]) -> bool:
-        """Return whether a reading begins, without counting it."""
+        """Return whether a read needs a new entry. The read is not counted."""
         with self._turn:
             return time.monotonic() - self._at_s.get(key, -ONE_READING_S) >= ONE_READING_S
 
     def begin(self, key: tuple[str, ...]) -> None:
-        """Count a reading whose line is written; the oldest is forgotten where there are too many."""
+        """Count a logged read; drop the oldest one if there are too many."""
         with self._turn:
             self._at_s.pop(key, None)
-            if len(self._at_s) >= MOST_KNOWN:
+            if len(self._at_s) >= MAX_RECENT_READS:
                 del self._at_s[next(iter(self._at_s))]
             self._at_s[key] = time.monotonic()
 
 
 @dataclass(slots=True)
 class RefusedLines:
-    """Counts the lines of each asker in a fixed window; each server process counts for itself."""
+    """Count the refusals of each client in a fixed window; each server process counts its own."""
 
     clock: Callable[[], float] = time.monotonic
     _counts: dict[str, tuple[float, int]] = field(default_factory=dict)
     _turn: Lock = field(default_factory=Lock)
 
     def take(self, asker: str, *, is_stranger: bool) -> Share:
-        """Count a refusal of a subject, or of an address that is nobody's."""
+        """Count a refusal of a subject, or of the address of an unauthenticated client."""
         with self._turn:
-            share = self._count(asker, MOST_LINES)
+            share = self._count(asker, MAX_LINES)
             if share == "none" or not is_stranger:
                 return share
-            of_all = self._count(STRANGERS, MOST_OF_STRANGERS)
+            of_all = self._count(STRANGERS, MAX_UNAUTHENTICATED_LINES)
             return share if of_all == "line" else of_all
 
     def _count(self, asker: str, most: int) -> Share:
@@ -107,7 +106,7 @@ class RefusedLines:
         began_s, number = self._counts.pop(asker, (now_s, 0))
         if now_s - began_s >= WINDOW_S:
             began_s, number = now_s, 0
-        elif not number and len(self._counts) >= MOST_COUNTED:
+        elif not number and len(self._counts) >= MAX_COUNTED_CLIENTS:
             del self._counts[next(iter(self._counts))]
         self._counts[asker] = (began_s, number + 1)
         if number < most:
@@ -115,10 +114,10 @@ class RefusedLines:
         return "more" if number == most else "none"
 
 
-class Recorder:
-    """Sends the messages of one response, the first once the line of the request is written."""
+class AuditRecorder:
+    """Send the messages of one response; write its audit log entry before the first message."""
 
-    def __init__(self, scope: Scope, send: Send, known: KnownReadings, refused: RefusedLines) -> None:
+    def __init__(self, scope: Scope, send: Send, known: RecentReads, refused: RefusedLines) -> None:
         self._scope, self._send, self._known, self._refused = scope, send, known, refused
         self._touched = begin_collecting_reads()
         self.refusal: Exception | None = None
@@ -127,10 +126,8 @@ class Recorder:
     async def send(self, message: Message) -> None:
         """Send a message.
 
-        Raises
-        ------
-        Exception
-            The line could not be written: the response must not go out.
+        Raises ------ Exception
+            If the entry could not be written. The response must not be sent in that case.
         """
         if message["type"] == "websocket.accept":
             self._is_open = True
@@ -149,7 +146,8 @@ class Recorder:
             return
         method = self._scope.get("method", "WS")
         route = ROUTE_TABLE.get((method, path), Route("public", None, asks_again=False))
-        # a browser is refused by leading it to the login; any other redirect reads nothing
+        # A browser without a session is redirected to the sign-in page, which counts as 401. Other redirects
+        # return no data.
         is_led = 300 <= status < 400 and status != NOT_MODIFIED and method in ("GET", "HEAD")
         if is_led and route.needed != "public" and SUBJECT not in self._scope:
             status = 401
@@ -169,76 +167,76 @@ class Recorder:
         if act == "file.exported":
             last = str(self._scope["path"]).rpartition("/")[2]
             other["name"] = last if _FILE_NAME.fullmatch(last) else path.rpartition("/")[2]
-        who = self._find_who()
+        who = self._get_subject_id()
         key = (who, act, *map(str, other.values()), *(one for pair in read for one in pair))
         if (is_whole and act in EXPORTS) or self._known.is_new(key):
-            await run_sync(record_readings, self._find_engine(), act, read, other)
+            await run_sync(record_readings, self._get_engine(), act, read, other)
             self._known.begin(key)
 
-    async def _write_refusal(self, told: Mapping[str, str | int]) -> None:
-        who, connection = self._find_who(), HTTPConnection(self._scope)
+    async def _write_refusal(self, facts: Mapping[str, str | int]) -> None:
+        who, connection = self._get_subject_id(), HTTPConnection(self._scope)
         is_stranger = who == NOBODY
-        asker = find_network(find_address(connection)) if is_stranger else who
-        # the ids of the address, whether or not they are anybody's; "" if it has none
+        asker = find_network(get_client_address(connection)) if is_stranger else who
+        # Log the ids in the address, even unknown ones; "" if there are none.
         address = f"{self._scope['path']}?{self._scope.get('query_string', b'').decode('latin-1')}"
-        for one in list(dict.fromkeys(_ANY_ID.findall(address)))[:MOST_NAMED] or [""]:
-            key = (who, "refused", *map(str, told.values()), one)
+        for one in list(dict.fromkeys(_ANY_ID.findall(address)))[:MAX_LOGGED_IDS] or [""]:
+            key = (who, "refused", *map(str, facts.values()), one)
             if not self._known.is_new(key):
                 continue
-            share, engine = self._refused.take(asker, is_stranger=is_stranger), self._find_engine()
+            share, engine = self._refused.take(asker, is_stranger=is_stranger), self._get_engine()
             if share == "line":
-                await run_sync(record_refusal, engine, one, told)
+                await run_sync(record_refusal, engine, one, facts)
                 self._known.begin(key)
             elif share == "more":
-                most = {"most": MOST_LINES, "most_of_strangers": MOST_OF_STRANGERS}
+                most = {"most": MAX_LINES, "most_of_strangers": MAX_UNAUTHENTICATED_LINES}
                 await run_sync(record_alone, engine, "refused.more", most | {"minutes": int(WINDOW_S / 60)})
 
-    def _find_engine(self) -> Engine:
+    def _get_engine(self) -> Engine:
         return find_services(HTTPConnection(self._scope)).store.engine
 
-    def _find_who(self) -> str:
+    def _get_subject_id(self) -> str:
         subject: Subject | None = self._scope.get(SUBJECT)
         return subject.id if subject else NOBODY
 
 
 def _is_whole(status: int, headers: Headers, method: str) -> bool:
-    """Return whether a file begins to leave: not the later ranges of one that is fetched in pieces."""
+    """Return whether a response starts a download; later ranges of the same file do not."""
     if method == "HEAD" or status == NOT_MODIFIED:
         return False
     return status != PART_OF_FILE or headers.get("content-range", "").startswith("bytes 0-")
 
 
 def _find_status(message: Message, *, is_open: bool) -> int | None:
-    """Return the status of a message that begins a response; that of a socket that was not accepted."""
+    """Return the status of a message that starts a response, or 403 if a WebSocket is rejected."""
     if message["type"] in ("http.response.start", "websocket.http.response.start"):
         return int(message["status"])
     return 403 if message["type"] == "websocket.close" and not is_open else None
 
 
 CHECK_PERIOD_S = 2.0
-"""How often it is looked up whether the login of a lasting request still holds."""
+"""Interval at which the session of a long-running request is checked."""
 
 HEALTH = frozenset({"/healthz", "/readyz"})
-"""What tells that the database is away: nobody is looked up there."""
+"""Health checks also answer if the database is down, so they look up no subject."""
 
 Respond = Callable[[Request, Exception], Response]
 
 
 class Access:
-    """Middleware that tells who asks."""
+    """Middleware that identifies the subject of each request."""
 
     def __init__(self, app: ASGIApp, gate: Gate, respond: Respond) -> None:
         self._app, self._gate, self._respond = app, gate, respond
-        self._known, self._refused = KnownReadings(), RefusedLines()
+        self._known, self._refused = RecentReads(), RefusedLines()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Find the subject, then hand the request on; an address that holds a token is refused at once."""
+        """Find the subject and pass the request on; refuse an address that contains a token."""
         path = str(scope.get("path", ""))
         if scope["type"] == "lifespan" or path.removeprefix(scope.get("root_path", "")) in HEALTH:
             await self._app(scope, receive, send)
             return
         try:
-            if holds_token(f"{path}?{scope['query_string'].decode('latin-1')}"):
+            if contains_token(f"{path}?{scope['query_string'].decode('latin-1')}"):
                 raise TokenInAddress
             subject = await run_sync(self._gate.find_subject, _read_credentials(HTTPConnection(scope)))
             if subject is not None:
@@ -247,7 +245,7 @@ class Access:
             await self._refuse(scope, receive, send, refusal)
             return
         set_actor(subject.id if subject else NOBODY)
-        recorder = Recorder(scope, send, self._known, self._refused)
+        recorder = AuditRecorder(scope, send, self._known, self._refused)
         try:
             await self._run(subject, scope, receive, recorder.send)
         except Exception:
@@ -256,11 +254,11 @@ class Access:
             await self._refuse(scope, receive, send, recorder.refusal)
 
     async def _run(self, subject: Subject | None, scope: Scope, receive: Receive, send: Send) -> None:
-        if subject is None or not _lasts(scope):
+        if subject is None or not _is_long_running(scope):
             await self._app(scope, receive, send)
             return
         async with anyio.create_task_group() as tasks:
-            tasks.start_soon(self._end_with_login, subject, tasks.cancel_scope)
+            tasks.start_soon(self._end_with_session, subject, tasks.cancel_scope)
             await self._app(scope, receive, send)
             tasks.cancel_scope.cancel()
 
@@ -270,34 +268,34 @@ class Access:
             return
         await self._respond(Request(scope), refusal)(scope, receive, send)
 
-    async def _end_with_login(self, subject: Subject, lasting: anyio.CancelScope) -> None:
+    async def _end_with_session(self, subject: Subject, lasting: anyio.CancelScope) -> None:
         while await run_sync(self._gate.is_alive, subject):
             await anyio.sleep(CHECK_PERIOD_S)
         lasting.cancel()
 
 
-def _lasts(scope: Scope) -> bool:
+def _is_long_running(scope: Scope) -> bool:
     return scope["type"] == "websocket" or str(scope["path"]).endswith("/events")
 
 
 def _read_credentials(connection: HTTPConnection) -> Credentials:
-    """Read what a request brings; a secret in the address is not looked at."""
+    """Read the credentials in cookie and headers; a secret in the address is ignored."""
     cookie = connection.cookies.get(name_cookie(connection, SESSION_COOKIE), "")
     scheme, _, value = connection.headers.get("authorization", "").partition(" ")
     bearer = value.strip() if scheme.lower() == "bearer" else ""
-    is_attended = "x-unattended" not in connection.headers and not _lasts(connection.scope)
+    is_attended = "x-unattended" not in connection.headers and not _is_long_running(connection.scope)
     return Credentials(bearer, cookie, is_attended)
 
 
 async def check_permission(connection: HTTPConnection) -> None:
-    """Check that the subject may use the route that was found; a WebSocket is closed before it is accepted.
+    """Check that the subject may use the route; a WebSocket is closed before it is accepted.
 
     Raises NotSignedIn, NotPermitted, NotConfirmed.
     """
     method, path = connection.scope.get("method", "WS"), connection.scope["route"].path
     route = ROUTE_TABLE.get((method, path))
     try:
-        if route is None or (route.needed != "public" and not find_subject(connection).may(route.needed)):
+        if route is None or (route.needed != "public" and not get_subject(connection).may(route.needed)):
             raise NotPermitted(permission=str(route and route.needed))
     except AppError as refusal:
         if method != "WS":
@@ -308,37 +306,37 @@ async def check_permission(connection: HTTPConnection) -> None:
 
 
 def check_confirmed(connection: HTTPConnection) -> None:
-    """Check that a person gave the password a short time ago. Raises NotConfirmed."""
-    if not find_gate(connection).is_confirmed(find_subject(connection)):
+    """Check that the person entered the password a short time ago. Raises NotConfirmed."""
+    if not get_gate(connection).is_confirmed(get_subject(connection)):
         raise NotConfirmed
 
 
-def find_gate(connection: HTTPConnection) -> Gate:
-    """Return the gate of the application that answers."""
+def get_gate(connection: HTTPConnection) -> Gate:
+    """Return the gate of the application."""
     return cast("Gate", connection.app.state.gate)
 
 
 CHECKED = [Depends(check_permission)]
 
 
-def find_subject(connection: HTTPConnection) -> Subject:
-    """Return who asks. Raises NotSignedIn."""
+def get_subject(connection: HTTPConnection) -> Subject:
+    """Return the subject of the request. Raises NotSignedIn."""
     subject: Subject | None = connection.scope.get(SUBJECT)
     if subject is None:
         raise NotSignedIn
     return subject
 
 
-UsedSubject = Annotated[Subject, Depends(find_subject)]
+UsedSubject = Annotated[Subject, Depends(get_subject)]
 
 
 def may(connection: HTTPConnection, permission: Permission) -> bool:
-    """Return whether whoever asks has a permission; nobody known has none."""
+    """Return whether the subject has a permission; without a subject, False."""
     subject: Subject | None = connection.scope.get(SUBJECT)
     return subject is not None and subject.may(permission)
 
 
 def check_may(subject: Subject, permission: Permission) -> None:
-    """Check a permission that depends on what the request says. Raises NotPermitted."""
+    """Check a permission that depends on the content of the request. Raises NotPermitted."""
     if not subject.may(permission):
         raise NotPermitted(permission=permission)

@@ -1,4 +1,4 @@
-"""Middleware before every route: who may call, how slowly and with which text, what browsers may do."""
+"""Middleware that checks the caller, upload speed and text of each request, and sets security headers."""
 
 import asyncio
 import json
@@ -27,52 +27,52 @@ SESSION_COOKIE = "acromion_session"
 BROWSER_COOKIE = "acromion_browser"
 STATE_COOKIE = "acromion_state"
 _HOST_PREFIX = "__Host-"
-"""Browsers keep a cookie of such a name only if this very host has set it, by HTTPS and for every path."""
-LONGEST_COOKIE = 200
+"""Browsers keep a cookie with this prefix only if this host set it over HTTPS for every path."""
+MAX_COOKIE_LENGTH = 200
 
 
-def find_settings(connection: HTTPConnection) -> Settings:
+def get_settings(connection: HTTPConnection) -> Settings:
     """Return the settings of the server."""
     return cast("Settings", connection.app.state.services.settings)
 
 
-def find_logins(connection: HTTPConnection) -> SignIn:
-    """Return what logs people in."""
+def get_logins(connection: HTTPConnection) -> SignIn:
+    """Return the sign-in service."""
     return cast("SignIn", connection.app.state.sign_in)
 
 
-def find_address(connection: HTTPConnection) -> str:
-    """Return the address that asks: of the peer, or what the proxy of the settings says last."""
-    peer, proxy = connection.client.host if connection.client else "unix", find_settings(connection).proxy
-    told = connection.headers.get("x-forwarded-for", "").rpartition(",")[2].strip()
-    return told if told and proxy and (peer or "unix") == proxy else peer or "unix"
+def get_client_address(connection: HTTPConnection) -> str:
+    """Return the address of the peer or, behind the configured proxy, its last ``X-Forwarded-For`` entry."""
+    peer, proxy = connection.client.host if connection.client else "unix", get_settings(connection).proxy
+    forwarded = connection.headers.get("x-forwarded-for", "").rpartition(",")[2].strip()
+    return forwarded if forwarded and proxy and (peer or "unix") == proxy else peer or "unix"
 
 
-def find_caller(connection: HTTPConnection) -> Caller:
-    """Return from where somebody tries to log in."""
+def get_caller(connection: HTTPConnection) -> Caller:
+    """Return the address and browser of a sign-in attempt."""
     browser = connection.cookies.get(name_cookie(connection, BROWSER_COOKIE), "")
-    return Caller(find_address(connection), browser[:LONGEST_COOKIE])
+    return Caller(get_client_address(connection), browser[:MAX_COOKIE_LENGTH])
 
 
 def is_secure(connection: HTTPConnection) -> bool:
-    """Return whether the browser speaks HTTPS, with us or with the proxy before us."""
-    return connection.url.scheme in ("https", "wss") or bool(find_settings(connection).proxy)
+    """Return whether the browser uses HTTPS, with this server or with the proxy before it."""
+    return connection.url.scheme in ("https", "wss") or bool(get_settings(connection).proxy)
 
 
-def find_origin(connection: HTTPConnection) -> str:
-    """Return scheme and host by which the browser asks."""
+def get_host_url(connection: HTTPConnection) -> str:
+    """Return the scheme and host that the browser used."""
     scheme = "https" if is_secure(connection) else "http"
     return f"{scheme}://{connection.headers.get('host', '')}"
 
 
 def name_cookie(connection: HTTPConnection, name: str) -> str:
-    """Return the name under which a browser keeps a cookie."""
-    is_bound = is_secure(connection) and find_path(connection) == "/"
+    """Return the name of a cookie in the browser, with the ``__Host-`` prefix if it can have one."""
+    is_bound = is_secure(connection) and get_cookie_path(connection) == "/"
     return f"{_HOST_PREFIX}{name}" if is_bound else name
 
 
 def set_cookie(connection: HTTPConnection, response: Response, name: str, value: str, age_s: int) -> None:
-    """Return the browser a cookie that no script reads."""
+    """Set a cookie that scripts cannot read."""
     response.set_cookie(
         name_cookie(connection, name),
         value,
@@ -80,25 +80,25 @@ def set_cookie(connection: HTTPConnection, response: Response, name: str, value:
         httponly=True,
         secure=is_secure(connection),
         samesite="lax",
-        path=find_path(connection),
+        path=get_cookie_path(connection),
     )
 
 
 def drop_cookie(connection: HTTPConnection, response: Response, name: str) -> None:
-    """Take a cookie from the browser."""
+    """Delete a cookie in the browser."""
     set_cookie(connection, response, name, "", 0)
 
 
-def find_path(connection: HTTPConnection) -> str:
-    """Return the path for which the browser keeps our cookies."""
+def get_cookie_path(connection: HTTPConnection) -> str:
+    """Return the path of the server's cookies."""
     return str(connection.scope.get("root_path", "")).rstrip("/") or "/"
 
 
-# A time limit for the header of each request; uvicorn itself waits for ever.
+# A time limit for the header of each request; uvicorn has none.
 
 
 class HeaderTimeoutProtocol(H11Protocol):
-    """HTTP/1.1 as uvicorn speaks it; closes a connection whose header does not come in time."""
+    """uvicorn's HTTP/1.1 protocol; closes a connection if its request header does not arrive in time."""
 
     header_timeout_s: ClassVar[float] = 10.0
     _timer: asyncio.TimerHandle | None = None
@@ -109,7 +109,7 @@ class HeaderTimeoutProtocol(H11Protocol):
         self._watch()
 
     def data_received(self, data: bytes) -> None:
-        """Stop the timer once the header is whole; further bytes do not prolong it."""
+        """Stop the timer once the header is complete; more bytes do not extend the limit."""
         super().data_received(data)
         self._watch()
 
@@ -135,8 +135,8 @@ class HeaderTimeoutProtocol(H11Protocol):
             self.transport.close()
 
 
-def make_timeout_protocol(header_timeout_s: float) -> type[H11Protocol]:
-    """Make the protocol with a limit of its own."""
+def build_timeout_protocol(header_timeout_s: float) -> type[H11Protocol]:
+    """Build a protocol class with the given time limit."""
     return type("HeaderTimeoutProtocol", (HeaderTimeoutProtocol,), {"header_timeout_s": header_timeout_s})
 
 
@@ -152,9 +152,9 @@ FILE_PATHS = (
     "/validations",
 )
 DRAINED_BYTES, DRAIN_LIMIT_S = 64 << 20, 5.0
-"""Most that is read of a refused body, one piece of the page's uploads, before the response goes out."""
-MOST_TEXT_BYTES = 8 << 20
-"""Largest body of a request that brings no file."""
+"""Most bytes read of a refused body (one part of an upload from the page) before the response is sent."""
+MAX_TEXT_BODY_BYTES = 8 << 20
+"""Largest body of a request that contains no file."""
 
 PAGE_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
@@ -168,20 +168,20 @@ REPORT_POLICY = (
 SECURITY_HEADERS: dict[str, str] = {
     "Content-Security-Policy": PAGE_POLICY,
     "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "same-origin",  # without it browsers send forms from "null", and we refuse those
+    "Referrer-Policy": "same-origin",  # browsers send "Origin: null" without it, and that is refused
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cross-Origin-Resource-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
 
 TRANSPORT_SECURITY = "max-age=31536000; includeSubDomains"
-"""Asked of browsers: for a year no request without TLS to this name and those below it."""
+"""Browsers use only TLS for this host and its subdomains for a year."""
 
 Respond = Callable[[Request, AppError], Response]
 
 
 class Guard:
-    """Refuses strangers and slow senders, and sets the security headers of every response."""
+    """Refuse foreign hosts, foreign origins and slow uploads; add the security headers to every response."""
 
     def __init__(
         self,
@@ -192,17 +192,17 @@ class Guard:
         host_names: frozenset[str] = frozenset(),
     ) -> None:
         self._app, self._respond, self._host_names = app, respond, LOOPBACK_NAMES | host_names
-        # a server that others reach has a name, and TLS; this computer's own names are not ours to bind
+        # Strict transport security is only set if the server has a host name; never for localhost.
         bound = {"Strict-Transport-Security": TRANSPORT_SECURITY} if host_names else {}
         self._headers = SECURITY_HEADERS | bound
         self._min_rate_bytes_per_s, self._body_timeout_s = min_rate_bytes_per_s, body_timeout_s
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Check the request, then hand it on."""
+        """Check the request, then pass it on."""
         if scope["type"] == "lifespan":
             await self._app(scope, receive, send)
             return
-        if scope["type"] == "websocket":  # browsers bind these to no origin
+        if scope["type"] == "websocket":  # browsers apply no same-origin policy to WebSockets
             try:
                 check_caller("POST", HTTPConnection(scope), self._host_names)
             except AppError:
@@ -216,16 +216,16 @@ class Guard:
         except AppError as refusal:
             await self._respond(request, refusal)(scope, receive, sealed)
             return
-        most_bytes = math.inf if takes_file(scope) else MOST_TEXT_BYTES
+        most_bytes = math.inf if accepts_file(scope) else MAX_TEXT_BODY_BYTES
         watch = _BodyWatch(receive, self._min_rate_bytes_per_s, self._body_timeout_s, most_bytes)
         sealed = _drain_refused(sealed, watch, request)
-        if scope["method"] == "HEAD":  # every GET can be asked for its head alone (RFC 9110, 9.3.2)
-            scope = {**scope, "method": "GET"}  # the server itself leaves the body out
+        if scope["method"] == "HEAD":  # HEAD works for every GET route (RFC 9110, 9.3.2)
+            scope = {**scope, "method": "GET"}  # uvicorn leaves out the body
         await self._app(scope, watch.receive, sealed)
 
 
-def takes_file(scope: Scope) -> bool:
-    """Whether an address, below the path at which a proxy serves us, takes files of any size."""
+def accepts_file(scope: Scope) -> bool:
+    """Return whether a path, without the proxy's prefix, accepts files of any size."""
     path: str = scope["path"]
     return path.removeprefix(scope.get("root_path", "")).startswith(FILE_PATHS)
 
@@ -233,9 +233,9 @@ def takes_file(scope: Scope) -> bool:
 def check_caller(
     method: str, connection: HTTPConnection, host_names: frozenset[str] = LOOPBACK_NAMES
 ) -> None:
-    """Refuse a name that is not ours (DNS rebinding), and changes asked for by another site.
+    """Refuse unknown host names (DNS rebinding) and state changes requested by another site.
 
-    Our own pages ask by the same scheme, name and port; behind a proxy the scheme is the proxy's.
+    The origin of a page must have the same scheme, name and port; behind a proxy the scheme is the proxy's.
 
     Raises ForeignHostName, ForeignOrigin.
     """
@@ -246,14 +246,14 @@ def check_caller(
     if method in SAFE_METHODS:
         return
     origin = headers.get("origin")
-    if origin is not None and _read_origin(origin) != _read_origin(find_origin(connection)):
+    if origin is not None and _read_origin(origin) != _read_origin(get_host_url(connection)):
         raise ForeignOrigin
     if headers.get("sec-fetch-site", "none") not in ("none", "same-origin"):
         raise ForeignOrigin
 
 
 def _read_origin(origin: str) -> tuple[str, str, int | None] | None:
-    """Read scheme, name and port; None for what is no origin ("null")."""
+    """Parse scheme, name and port; return None if it is not an origin ("null")."""
     try:
         parts = urlsplit(origin)
         port = parts.port or _PORTS.get(parts.scheme)
@@ -270,7 +270,7 @@ def _read_host_name(host: str) -> str:
 
 
 def _add_headers(send: Send, added: Mapping[str, str]) -> Send:
-    """Add the headers that the route has not set itself."""
+    """Add the headers that the route has not set."""
 
     async def sealed(message: Message) -> None:
         if message["type"] == "http.response.start":
@@ -283,7 +283,7 @@ def _add_headers(send: Send, added: Mapping[str, str]) -> Send:
 
 
 def _drain_refused(send: Send, watch: "_BodyWatch", request: Request) -> Send:
-    """Drain a body before it is refused: closing on unread bytes would break the response off."""
+    """Read a refused body before the response: closing with unread bytes would cut the response off."""
     announced = request.headers.get("content-length", "")
     is_drained = announced.isdecimal() and int(announced) <= DRAINED_BYTES
 
@@ -297,7 +297,7 @@ def _drain_refused(send: Send, watch: "_BodyWatch", request: Request) -> Send:
 
 
 class _BodyWatch:
-    """Adds up how long the server waited for the body; its own time does not count."""
+    """Measure how long the server waited for the body; the server's processing time does not count."""
 
     def __init__(
         self,
@@ -325,7 +325,7 @@ class _BodyWatch:
         self._more = message.get("more_body", False)
         if self._all_bytes > self._most_bytes:
             raise too_large(self._all_bytes, int(self._most_bytes))
-        # judged by windows as long as the limit, so that a good start does not excuse a standstill
+        # The rate is checked per window, so a fast start does not excuse a later standstill.
         if self._waited_s >= self._body_timeout_s:
             if self._more and self._got_bytes < self._min_rate_bytes_per_s * self._waited_s:
                 raise SlowUpload
@@ -333,33 +333,33 @@ class _BodyWatch:
         return message
 
     async def finish(self) -> None:
-        """Read what is left, and ignore it."""
-        with suppress(AppError):  # it is being refused already
+        """Read and discard the rest of the body."""
+        with suppress(AppError):  # the request is already being refused
             while self._more and (await self.receive())["type"] == "http.request":
                 pass
 
 
-# Text that no database, log or response can hold: a lone surrogate, a NUL.
+# Text that databases, logs and responses cannot represent: lone surrogates and NUL.
 
 _UNFIT = re.compile(r"[\0\ud800-\udfff]")
 _MAY_BE_UNFIT = re.compile(rb"\\u(?:0000|[dD][89a-fA-F])|\xed[\xa0-\xbf]|\0")
-"""How such text is written in JSON: as an escape, or as bytes that are not UTF-8 (Python reads them)."""
+"""Such text in raw JSON: as an escape, or as invalid UTF-8 that Python decodes."""
 _NUL_IN_ADDRESS = re.compile(rb"%00|\0")
 
 
 class PlainText:
-    """Refuses text which no database, log or response can hold, in every address and every body of JSON."""
+    """Refuse lone surrogates and NUL in the address and in JSON bodies."""
 
     def __init__(self, app: ASGIApp, respond: Respond) -> None:
         self._app, self._respond = app, respond
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Refuse unfit text; hand everything else on as it came."""
+        """Refuse invalid text; pass everything else on unchanged."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
         try:
-            # bytes of an address that are not UTF-8 are replaced where they are read
+            # invalid UTF-8 in an address is replaced during decoding
             if any(map(_NUL_IN_ADDRESS.search, (scope.get("raw_path") or b"", scope["query_string"]))):
                 raise BadParameter(name="URL", value="%00", allowed="UTF-8")
             messages = await _read_json(scope, receive)
@@ -376,7 +376,7 @@ class PlainText:
 
 
 def check_json(body: bytes) -> None:
-    """Refuse JSON with a lone surrogate or a NUL in any of its texts; what is no JSON is for the route.
+    """Refuse JSON that contains a lone surrogate or a NUL; a body that is not JSON is left to the route.
 
     Raises BadParameter.
     """
@@ -387,7 +387,7 @@ def check_json(body: bytes) -> None:
     except (ValueError, RecursionError):
         return
     waiting = [values]
-    while waiting:  # every name and every text, however deep
+    while waiting:  # names and texts at every depth
         value = waiting.pop()
         if isinstance(value, dict):
             waiting += [*value, *value.values()]
@@ -398,9 +398,9 @@ def check_json(body: bytes) -> None:
 
 
 async def _read_json(scope: Scope, receive: Receive) -> list[Message]:
-    """Return the messages of a body that may be JSON, which the guard keeps short; none of any other."""
+    """Return the messages of a body that may be JSON; none of any other body."""
     kind = dict(scope["headers"]).get(b"content-type", b"").lower()
-    is_file = takes_file(scope) and b"json" not in kind
+    is_file = accepts_file(scope) and b"json" not in kind
     if scope["method"] in SAFE_METHODS or is_file or kind.startswith(b"multipart/"):
         return []
     messages = [await receive()]

@@ -1,4 +1,4 @@
-"""Refusals as ``application/problem+json`` (RFC 9457), in the language asked for."""
+"""Refused requests as ``application/problem+json`` (RFC 9457) in the requested language."""
 
 import json
 import logging
@@ -33,7 +33,7 @@ from app.services import choose_language
 from fusion.errors import Fact, FusionError
 from fusion.recording import QualityFlag
 
-# Validation hints: what a refused value may be, read from the published schema.
+# Validation hints: the values that a field accepts, read from the published schema.
 
 
 Schema = Mapping[str, Any]
@@ -50,13 +50,13 @@ _SIGNS = {
 
 
 def format_model_hint(model: type[BaseModel], place: Place) -> str:
-    """Write the hint of a place in a model (``("items", 0, "side")``); "" for a place it does not have."""
+    """Format the hint of a field in a model (``("items", 0, "side")``); "" for an unknown field."""
     schema = model.model_json_schema()
     return _format_hint(_walk(schema, place, schema), schema)
 
 
 def format_route_hint(request: Request, place: Place) -> str:
-    """Write the hint of a place in a request (``("query", "rate_hz")``) by its OpenAPI operation."""
+    """Format the hint of a request field (``("query", "rate_hz")``) from its OpenAPI operation."""
     document = cast("FastAPI", request.app).openapi()
     path = getattr(request.scope.get("route"), "path_format", "")
     operation = document["paths"].get(path, {}).get(request.method.lower(), {})
@@ -70,7 +70,7 @@ def format_route_hint(request: Request, place: Place) -> str:
 
 
 def _walk(schema: Schema, place: Place, document: Schema) -> Schema:
-    """Find the schema of a place; that of its parent where the place has a name that is not known."""
+    """Return the schema of a field; for an unknown name, the schema of its parent."""
     for part in place:
         schema = _resolve(schema, document)
         inner = schema.get("items") if isinstance(part, int) else schema.get("properties", {}).get(part)
@@ -81,7 +81,7 @@ def _walk(schema: Schema, place: Place, document: Schema) -> Schema:
 
 
 def _resolve(schema: Schema, document: Schema) -> Schema:
-    """Follow references; of several types take the first that is not null."""
+    """Resolve references; of several types, return the first that is not null."""
     if "anyOf" in schema:
         schema = next(kind for kind in schema["anyOf"] if kind.get("type") != "null")
         return _resolve(schema, document)
@@ -94,7 +94,7 @@ def _resolve(schema: Schema, document: Schema) -> Schema:
 
 
 def _format_hint(schema: Schema, document: Schema) -> str:
-    """Write it in symbols, which need no language."""
+    """Format the hint in symbols, which need no translation."""
     if "enum" in schema or "const" in schema:
         return ", ".join(map(str, schema.get("enum", [schema.get("const")])))
     if schema.get("properties"):
@@ -115,7 +115,7 @@ logger = logging.getLogger(__name__)
 
 
 class ProblemView(BaseModel):
-    """Why something was refused: ``code`` never changes, the sentences follow the language."""
+    """Why a request was refused. ``code`` never changes; the texts are in the requested language."""
 
     type: str
     title: str
@@ -130,14 +130,14 @@ class ProblemView(BaseModel):
 
 PROBLEM_RESPONSES: dict[int | str, dict[str, Any]] = {
     "4XX": {
-        "description": "Refused; the problem says why and what to do.",
+        "description": "Refused; the response states the reason and what to do.",
         "content": {"application/problem+json": {"schema": {"$ref": "#/components/schemas/ProblemView"}}},
     }
 }
 
 
 def view_problem(code: str, facts: Mapping[str, Fact], language: Language, instance: str) -> ProblemView:
-    """Put a refusal into words."""
+    """Build the view of a refusal."""
     words, outcome = describe_problem(code, facts, language), find_outcome_of_code(code)
     place = {name: facts[name] for name in ("line", "byte", "clock") if name in facts}
     return ProblemView(
@@ -154,7 +154,7 @@ def view_problem(code: str, facts: Mapping[str, Fact], language: Language, insta
 
 
 def view_flag(code: str, language: Language, instance: str) -> ProblemView:
-    """Put a warning into words. It refuses nothing: its status is 200, and there is nothing to mend."""
+    """Build the view of a warning. Its status is 200 because a warning refuses nothing, and it has no fix."""
     caveat, place = describe_flag(QualityFlag(code), language), f"/api/v1/problems/{code}"
     about = {"title": caveat.title, "detail": caveat.detail, "code": code, "fix": ""}
     return ProblemView(type=place, status=200, where=None, retryable=False, instance=instance, **about)
@@ -165,12 +165,12 @@ Refusal = FusionError | AppError | RecordedProblem
 
 
 def respond_to_refusal(request: Request, error: Refusal) -> JSONResponse:
-    """Answer with the problem and its status."""
+    """Return the problem response with its status."""
     language = choose_language(request)
     view = view_problem(error.code, error.facts, language, request.url.path)
     headers = {"Content-Language": language, "Vary": "Accept-Language"}
     if request.method not in ("GET", "HEAD"):
-        headers["Connection"] = "close"  # there may be a body that nobody will read
+        headers["Connection"] = "close"  # the body may be unread
     if isinstance(error, NoSuchRange):
         headers["Content-Range"] = f"bytes */{error.facts['size']}"
     if view.retryable and view.status in (409, 423, 429, 503, 507):
@@ -183,14 +183,14 @@ def respond_to_refusal(request: Request, error: Refusal) -> JSONResponse:
 
 
 def translate_error(request: Request, error: Exception) -> Refusal:
-    """Translate errors of the framework, and bugs, into one of our codes."""
+    """Convert an error of the framework, or a bug, into one of the project's errors."""
     if isinstance(error, Refusal):
         return error
     if isinstance(error, RequestValidationError):
         return _build_bad_parameter(error.errors()[0], partial(format_route_hint, request))
     if isinstance(error, HTTPException) and error.status_code == 405:
         return WrongVerb()
-    if isinstance(error, HTTPException) and error.status_code == 400:  # while a body was being read
+    if isinstance(error, HTTPException) and error.status_code == 400:  # raised while reading a body
         cause = error.__cause__
         return cause if isinstance(cause, Refusal) else BadParameter(name="body", value="", allowed="JSON")
     if isinstance(error, HTTPException) and error.status_code == 404:
@@ -201,7 +201,7 @@ def translate_error(request: Request, error: Exception) -> Refusal:
 
 
 def validate_model(model: type[Model], values: object) -> Model:
-    """Check values against a model outside of a route's signature. Raises BadParameter."""
+    """Validate values against a model outside of a route's signature. Raises BadParameter."""
     try:
         return model.model_validate(values)
     except ValidationError as error:
@@ -209,7 +209,7 @@ def validate_model(model: type[Model], values: object) -> Model:
 
 
 def parse_json(body: bytes) -> Any:
-    """Read a JSON body. Raises BadParameter."""
+    """Parse a JSON body. Raises BadParameter."""
     check_json(body)
     try:
         return json.loads(body)
@@ -224,7 +224,7 @@ def _build_bad_parameter(error: Mapping[str, Any], find_hint: Callable[[Place], 
 
 
 def _format_context_hint(error: Mapping[str, Any]) -> str:
-    """Write the hint that pydantic's error itself contains, in symbols."""
+    """Format the hint that pydantic's error contains, in symbols."""
     if error["type"] == "json_invalid":
         return "JSON"
     limits = error.get("ctx") or {}
@@ -234,53 +234,53 @@ def _format_context_hint(error: Mapping[str, Any]) -> str:
     return ", ".join(f"{sign} {limits[name]}" for name, sign in lengths.items() if name in limits)
 
 
-# What of a request may stand in an answer: never a password, a token, a code or another secret.
+# Secrets: a response never repeats a password, a token, a code or another secret of the request.
 
-LONGEST = 60
+MAX_SHOWN_LENGTH = 60
 HIDDEN = "…"
 _SECRET = re.compile(r"passw|pwd|secret|token|(code|key|proof|ticket)s?(?![a-z])")
 _TOKEN = re.compile(rf"{TOKEN_PREFIX}[\w-]{{43}}")
 
 
-def holds_token(text: str) -> bool:
-    """Return whether a token stands in a part of an address, however it is quoted."""
+def contains_token(text: str) -> bool:
+    """Return whether a part of an address contains a token, also percent-encoded."""
     return _TOKEN.search(unquote(text)) is not None
 
 
 def is_secret(name: object) -> bool:
-    """Return whether a field of this name may hold what opens something."""
+    """Return whether a field of this name may contain a secret."""
     return isinstance(name, str) and _SECRET.search(name.lower()) is not None
 
 
 def show_input(error: Mapping[str, Any]) -> str:
-    """Return what a refused field held, as an answer may repeat it; ``error`` is pydantic's.
+    """Return the value of a refused field as a response may repeat it; ``error`` is pydantic's.
 
-    A whole body, and what has fields of its own, may hold a secret beside what is wrong: it is not repeated.
+    A whole body or an object is hidden, because another of its fields may be a secret.
     """
     place, given = error["loc"], error.get("input")
     is_whole = error["type"] == "missing" or place in ((), ("body",))
     if is_whole or any(map(is_secret, place)) or isinstance(given, dict | list | tuple | bytes):
         return HIDDEN
-    return hide_tokens(str(given))[:LONGEST]
+    return hide_tokens(str(given))[:MAX_SHOWN_LENGTH]
 
 
 def hide_tokens(text: str) -> str:
-    """Return a text without the tokens in it."""
+    """Return a text with its tokens replaced by "…"."""
     return _TOKEN.sub(HIDDEN, text)
 
 
 def drop_secrets(query: str) -> str:
-    """Return a query without the fields that may hold a secret."""
+    """Return a query without the fields that may contain a secret."""
     pairs = parse_qsl(query, keep_blank_values=True)
-    kept = [pair for pair in pairs if not is_secret(pair[0]) and not any(map(holds_token, pair))]
+    kept = [pair for pair in pairs if not is_secret(pair[0]) and not any(map(contains_token, pair))]
     return query if len(kept) == len(pairs) else urlencode(kept)
 
 
 def hide_address(request: Request) -> Request:
-    """Return a request whose address holds no token; the same one where it holds none."""
+    """Return a request without tokens in its address; the same request if there are none."""
     scope = request.scope
     path, query = str(scope["path"]), scope["query_string"].decode("latin-1")
-    if not holds_token(f"{path}?{query}"):
+    if not contains_token(f"{path}?{query}"):
         return request
     hidden = hide_tokens(unquote(path))
     return Request({**scope, "path": hidden, "query_string": drop_secrets(query).encode("latin-1")})

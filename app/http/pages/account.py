@@ -1,6 +1,6 @@
-"""Pages of accounts: one's own (password, second factor, sessions, tokens), and those of everybody.
+"""Account pages: your own account (password, second factor, sessions, tokens), and the list of people.
 
-The page of who manages people lets them in, gives roles and ends accounts; it shows no health data.
+Managers of people use the list to invite people, set roles and close accounts; it shows no health data.
 """
 
 from collections.abc import Mapping
@@ -22,10 +22,10 @@ from app.errors import (
     TooManyTries,
     WeakPassword,
 )
-from app.http.api.trust import UsedPerson, find_names
-from app.http.middleware.guard import SESSION_COOKIE, find_caller, find_origin, find_settings, set_cookie
-from app.http.pages.login import check_next, render_enrolment, render_with_problem
-from app.http.pages.rendering import Form, Page, UsedForm, UsedPage, first, take_secret
+from app.http.api.trust import UsedPerson, get_names
+from app.http.middleware.guard import SESSION_COOKIE, get_caller, get_host_url, get_settings, set_cookie
+from app.http.pages.login import render_enrolment, render_with_problem, sanitize_next
+from app.http.pages.rendering import Form, Page, UsedForm, UsedPage, first, get_secret
 from app.report.words.wording import Language, load_wording
 
 router = APIRouter(include_in_schema=False)
@@ -34,7 +34,7 @@ TERMS_DAYS = (30, DAYS, 180, MOST_DAYS)
 
 @dataclass(frozen=True, slots=True)
 class LinkView:
-    """The link by which a password was set: its facts, and whether its person knows (``is_told``)."""
+    """The link that set a password; ``is_told``: the account owner has confirmed the notice."""
 
     facts: Mapping[str, str]
     is_told: bool
@@ -42,23 +42,23 @@ class LinkView:
 
 @router.get("/account")
 def show_account(page: UsedPage, person: UsedPerson, next: str = "/account") -> Response:  # noqa: A002
-    """Show one's own account; ``next``: where to go on to once something was read."""
-    return _render_account(page, person, wanted=check_next(next))
+    """Show your own account; ``next`` is the page to go to after a notice is confirmed."""
+    return _render_account(page, person, wanted=sanitize_next(next))
 
 
 @router.post("/account/told")
 def mark_link_use_shown(page: UsedPage, form: UsedForm, person: UsedPerson) -> Response:
-    """Note that a person knows by which link the password was set, and lead on."""
+    """Record that the notice about the password link was read, and redirect."""
     page.sign_in.credentials.mark_link_use_shown(person.id)
-    return page.go(check_next(first(form, "next")))
+    return page.go(sanitize_next(first(form, "next")))
 
 
 @router.post("/account/password")
 def change_password(page: UsedPage, form: UsedForm, person: UsedPerson) -> Response:
-    """Set another password; every other session ends."""
-    proof, password = take_secret(form, "proof"), take_secret(form, "password")
+    """Change the password; every other session ends."""
+    proof, password = get_secret(form, "proof"), get_secret(form, "password")
     try:
-        cookie = page.sign_in.change_password(person, proof, password, find_caller(page.request))
+        cookie = page.sign_in.change_password(person, proof, password, get_caller(page.request))
     except (LoginRefused, SecondFactorLost, TooManyTries, WeakPassword) as refusal:
         return _render_account(page, person, refusal)
     response = _render_account(page, replace(person, session=hash_secret(cookie)), done="password")
@@ -68,14 +68,14 @@ def change_password(page: UsedPage, form: UsedForm, person: UsedPerson) -> Respo
 
 @router.post("/account/second-factor")
 def set_up_second_factor(page: UsedPage, person: UsedPerson) -> Response:
-    """Begin to set up an authenticator; the one before holds until a code of the new one was given."""
+    """Start to set up an authenticator; the old one stays valid until a code of the new one is entered."""
     return render_enrolment(page, page.sign_in.begin_enrolment(person.id), "/account")
 
 
 @router.post("/account/second-factor/drop")
 def drop_second_factor(page: UsedPage, person: UsedPerson) -> Response:
-    """Turn the second factor off, where it is not required."""
-    if find_settings(page.request).second_factor == "required":
+    """Turn the second factor off, unless it is required."""
+    if get_settings(page.request).second_factor == "required":
         raise NotPermitted(permission="own")
     page.sign_in.drop_second_factor(person.id)
     return page.go("/account")
@@ -83,7 +83,7 @@ def drop_second_factor(page: UsedPage, person: UsedPerson) -> Response:
 
 @router.post("/account/sessions/end")
 def end_sessions(page: UsedPage, form: UsedForm, person: UsedPerson) -> Response:
-    """End one session, or every one but this."""
+    """End one session, or every session except this one."""
     accounts, session = page.sign_in.accounts, first(form, "session")
     if session:
         accounts.end_session_of(person.id, session)
@@ -94,7 +94,7 @@ def end_sessions(page: UsedPage, form: UsedForm, person: UsedPerson) -> Response
 
 @router.post("/account/tokens")
 def add_token(page: UsedPage, form: UsedForm, person: UsedPerson) -> Response:
-    """Make a token, and show it once."""
+    """Create a token and show it once."""
     chosen = cast("list[Permission]", form.get("permission", []))
     name, days = first(form, "name"), first(form, "days")
     try:
@@ -122,12 +122,15 @@ def _render_account(
     bearer: str = "",
     wanted: str = "/account",
 ) -> Response:
-    """``done``: what was changed; ``bearer``: a token to be shown once; ``wanted``: where to go on to."""
+    """Render the account page.
+
+    ``done``: what was changed; ``bearer``: a token to show once; ``wanted``: the page to go to next.
+    """
     accounts, credentials = page.sign_in.accounts, page.sign_in.credentials
     person, use = accounts.get_person(subject.id), credentials.find_link_use(subject.id)
     set_by = None
     if use is not None:
-        name = find_names(page.request, [use.made_by], page.language)[use.made_by]
+        name = get_names(page.request, [use.made_by], page.language)[use.made_by]
         facts = {"name": name, "when": f"{use.used_at[:16].replace('T', ' ')} UTC", "address": use.address}
         set_by = LinkView(facts, use.is_told)
     return render_with_problem(
@@ -138,7 +141,7 @@ def _render_account(
         roles=_list_roles(person.roles, page.language),
         set_by=set_by,
         codes_left=credentials.count_recovery_codes(person.id),
-        is_required=find_settings(page.request).second_factor == "required",
+        is_required=get_settings(page.request).second_factor == "required",
         sessions=[
             (_format_moment(held.began_s), _format_moment(held.used_s), held.id, held.id == subject.session)
             for held in accounts.find_sessions(person.id)
@@ -170,7 +173,7 @@ def show_people(page: UsedPage, subject: UsedPerson) -> Response:
 
 @router.post("/people")
 def invite(page: UsedPage, form: UsedForm, subject: UsedPerson) -> Response:
-    """Add a person, and show the address that works once by which a password is chosen."""
+    """Invite a person, and show the one-time link for setting a password."""
     try:
         roles = _read_roles(form)
         person = page.sign_in.accounts.add_person(first(form, "login"), first(form, "name"), roles)
@@ -181,17 +184,17 @@ def invite(page: UsedPage, form: UsedForm, subject: UsedPerson) -> Response:
 
 @router.post("/people/{person_id}/roles")
 def set_roles(person_id: str, page: UsedPage, form: UsedForm, subject: UsedPerson) -> Response:
-    """Return a person other roles; nobody changes his own."""
+    """Set the roles of a person; you cannot change your own."""
     person = _get_other(page, subject, person_id)
     if person.issuer is not None:
-        raise NotPermitted(permission="provided")  # the provider says them at each login
+        raise NotPermitted(permission="provided")  # the provider sets the roles at each sign-in
     page.sign_in.accounts.set_roles(person.id, _read_roles(form))
     return page.go("/people")
 
 
 @router.post("/people/{person_id}/link")
 def make_link(person_id: str, page: UsedPage, subject: UsedPerson) -> Response:
-    """Show an address that works once for a person who forgot the password."""
+    """Show a one-time link for a person who forgot the password."""
     person = _get_other(page, subject, person_id)
     if person.issuer is not None or person.ended_at is not None:
         raise NotPermitted(permission="provided")
@@ -200,20 +203,20 @@ def make_link(person_id: str, page: UsedPage, subject: UsedPerson) -> Response:
 
 @router.post("/people/{person_id}/end")
 def end(person_id: str, page: UsedPage, subject: UsedPerson) -> Response:
-    """Let a person log in no more; what is open ends, too."""
+    """Close an account and end its sessions and tokens."""
     page.sign_in.accounts.end_person(_get_other(page, subject, person_id).id)
     return page.go("/people")
 
 
 @router.post("/people/{person_id}/resume")
 def resume(person_id: str, page: UsedPage, subject: UsedPerson) -> Response:
-    """Let a person log in again."""
+    """Reopen an account."""
     page.sign_in.accounts.resume_person(_get_other(page, subject, person_id).id)
     return page.go("/people")
 
 
 def _get_other(page: Page, subject: Subject, person_id: str) -> Person:
-    """Return a person who is not the one who asks."""
+    """Return a person other than the subject. Raises NotPermitted."""
     person = page.sign_in.accounts.get_person(person_id)
     if person.id == subject.id:
         raise NotPermitted(permission="themselves")
@@ -229,12 +232,15 @@ def _read_roles(form: Form) -> frozenset[Role]:
 
 def _render_link(page: Page, subject: Subject, person: Person, term_s: float) -> Response:
     ticket = page.sign_in.make_link(person.id, term_s)
-    link = f"{find_origin(page.request)}{page.base}/login/link/{ticket}"
+    link = f"{get_host_url(page.request)}{page.base}/login/link/{ticket}"
     return _render_people(page, subject, link=link, link_of=person.name, link_hours=str(int(term_s // 3600)))
 
 
 def _render_people(page: Page, subject: Subject, refusal: AppError | None = None, **link: str) -> Response:
-    """``link``: to be handed on, whose it is (``link_of``), and how long it works (``link_hours``)."""
+    """Render the list of people.
+
+    ``link``: the one-time link to pass on, with its person (``link_of``) and lifetime (``link_hours``).
+    """
     people = page.sign_in.accounts.find_people()
     rows = [(person, _list_roles(person.roles, page.language), person.id == subject.id) for person in people]
     shown = {"link": "", "link_of": "", "link_hours": ""} | link

@@ -1,7 +1,7 @@
-"""Help: poses, exports, codes of refusals and warnings, an example, a sample shift, the API's document.
+"""Help: poses, exports, problem and warning codes, an example, a sample shift, the API documentation.
 
-The example is the report of a whole simulated shift. ``python -m benchmarks.example``
-makes its results, which are shipped; a test holds them against the engine.
+The example is the report of a simulated full shift. ``python -m benchmarks.example`` writes its results,
+which are part of the package; a test compares them with the engine.
 """
 
 import os
@@ -24,7 +24,7 @@ from markupsafe import Markup, escape
 from app.errors import NotHere, find_outcome_of_code, list_refusals
 from app.http.api.library.files import respond_with_file
 from app.http.pages.recording.page_one import PageOne
-from app.http.pages.rendering import UsedPage, lay_way_of_query
+from app.http.pages.rendering import UsedPage, add_navigation_of_query
 from app.http.pages.views import build_answer
 from app.intake import Intake
 from app.report.charts.day import Day, DayLabels, Mark, MinuteBand, build_day_labels, draw_day
@@ -61,14 +61,14 @@ HAPPENED: Mapping[str, str] = {
     ),
     "two": "PAIR COMPARE DAYS COMPARISON OVERLAP ALIGN REFERENCE STUDY",
 }
-"""What a person sees happen, and the codes behind it without their "E-"; the others are for operators."""
+"""Events that a person notices, and the codes for it without "E-"; the remaining codes are for operators."""
 
 router = APIRouter(include_in_schema=False)
 
 
 @router.get("/help")
 def show_help(page: UsedPage) -> Response:
-    """List what help there is."""
+    """List the help topics."""
     titles = {code: describe_problem(code, {}, page.language).title for code in _find_codes()}
     happened = [
         (key, [(code, titles.pop(code)) for code in map("E-{}".format, names.split())])
@@ -81,19 +81,19 @@ def show_help(page: UsedPage) -> Response:
 
 @router.get("/help/poses")
 def show_poses(page: UsedPage) -> Response:
-    """Explain the calibration poses, on one page to print."""
+    """Show the calibration poses on one page for printing."""
     return page.render("help/poses.html", poses=POSES)
 
 
 @router.get("/help/reading")
 def show_reading(page: UsedPage) -> Response:
-    """Explain page 1 of a report by its own drawings, with method, limits and glossary."""
+    """Explain page 1 of a report with its own drawings, method, limits and glossary."""
     return page.render("help/reading.html", pictures=draw_example(page.language))
 
 
 @router.get("/help/export")
 def show_export(page: UsedPage) -> Response:
-    """Return which file to take from the device's own software."""
+    """Show which file to export from the software of each device."""
     return page.render(
         "help/export.html", known=[one.name for one in KNOWN_DEVICES if one.form in ("table", "zip")]
     )
@@ -101,7 +101,7 @@ def show_export(page: UsedPage) -> Response:
 
 @router.get("/problems/{code}")
 def show_problem_page(code: str, page: UsedPage) -> Response:
-    """Explain the code of a refusal or of a warning."""
+    """Show the explanation of a problem code or warning code."""
     if code in find_flag_codes():
         caveat = describe_flag(QualityFlag(code), page.language)
         return page.render("help/problem.html", code=code, problem=caveat, fix="")
@@ -112,20 +112,20 @@ def show_problem_page(code: str, page: UsedPage) -> Response:
 
 
 def _find_codes() -> list[str]:
-    """Return every code once; a class without one of its own shares its parent's."""
+    """Return every code once; a class without its own code shares its parent's."""
     return sorted({refusal.code for refusal in list_refusals()})
 
 
 @router.post("/sample")
-def take_sample(page: UsedPage) -> Response:
-    """Simulate an hour of work as a GT9X Link records it, and analyse it like any other recording."""
+def analyse_sample(page: UsedPage) -> Response:
+    """Simulate an hour recorded by a GT9X Link, and analyse it like any other recording."""
     services = page.services
     with tempfile.TemporaryDirectory() as folder:
         arguments = ["simulate", folder, "--device", "gt9x", "--hours", SAMPLE_HOURS, "--seed", "1"]
         command = [sys.executable, "-P", "-m", "app", *arguments]
         path = os.pathsep.join(filter(None, [_CODE, os.environ.get("PYTHONPATH")]))
         environment = os.environ | {"PYTHONPATH": path}
-        subprocess.run(command, check=True, capture_output=True, env=environment)  # noqa: S603 - our own
+        subprocess.run(command, check=True, capture_output=True, env=environment)  # noqa: S603 - our own command
         (log,) = Path(folder).glob("*.gt3x")
         asked = ReportRequest(
             log.name,
@@ -140,7 +140,7 @@ def take_sample(page: UsedPage) -> Response:
 
 
 def find_example() -> Path:
-    """Find the results of the example."""
+    """Return the path of the example's results."""
     return find_template_folder().parent / "example" / "results.json"
 
 
@@ -152,7 +152,7 @@ def _build_example(language: Language) -> Report:
 
 @router.get("/example")
 def show_example(page: UsedPage) -> Response:
-    """Show page 1 of the example as a recording's page shows it."""
+    """Show page 1 of the example like the page of a recording."""
     report, results = _build_example(page.language), load_results(find_example().read_bytes())
     answer = build_answer(results, format_brief(report).decode(), page.language)
     return page.render("help/example.html", page_one=PageOne(report), answer=answer)
@@ -160,63 +160,63 @@ def show_example(page: UsedPage) -> Response:
 
 @router.get("/example/report.html")
 def show_example_report(page: UsedPage) -> Response:
-    """Return the report of the example."""
-    return lay_way_of_query(page, render_html(_build_example(page.language)).decode(), "/example")
+    """Show the report of the example."""
+    return add_navigation_of_query(page, render_html(_build_example(page.language)).decode(), "/example")
 
 
 @router.get("/example/report.pdf")
 def get_example_pdf(page: UsedPage) -> Response:
-    """Return the report of the example as a PDF, on the paper of this installation."""
-    from app.report.render.pdf import render_pdf  # noqa: PLC0415  heavy, and only this needs it
+    """Return the PDF report of the example, on the paper of this installation."""
+    from app.report.render.pdf import render_pdf  # noqa: PLC0415  slow import
 
     attached = {"results.json": find_example().read_bytes()}
     body = render_pdf(_build_example(page.language), attached, page.services.settings.paper)
     return respond_with_file(body, "application/pdf", "acromion-example.pdf")
 
 
-# The pictures of "How to read this": the drawings of page 1, of an invented day.
+# The drawings of "How to read this": those of page 1, for an invented day.
 
 SHARE, SHARE_RANGE, SHARE_POSE, PUBLISHED = 12.0, (9.0, 16.0), (16.0, 22.0), 10.0
 END = 40.0
 SHARE_DAYS = (8.0, 16.0)
-"""The value ± 1.96 × 2.0 points (docs/profile.md), to the percent."""
+"""The value ± 1.96 × 2.0 points (docs/profile.md), rounded to 1 percent."""
 MINUTES, BREAK, HOLE, WORST = 240, (110, 130), (185, 195), (150, 165)
 LONGEST_S = 24.0
 
 
 def draw_example(language: Language) -> Mapping[str, str]:
-    """Draw a tile's scale, the day (wide and narrow) and the doubts; the values are invented."""
-    words, told = load_wording(language), load_wording(language, "help")["reading"]["picture"]
+    """Draw a tile's scale, the day (wide and narrow) and the uncertainty; the values are invented."""
+    words, picture = load_wording(language), load_wording(language, "help")["reading"]["picture"]
     scale = TileScale(
         key="example",
-        words=(told["tile_title"], told["tile"]),
+        words=(picture["tile_title"], picture["tile"]),
         end=END,
-        end_label=_tell((END,), language),
+        end_label=_format_percents((END,), language),
         measured=SHARE,
         interval=SHARE_RANGE,
         pose=SHARE_POSE,
         published=(PUBLISHED,),
-        published_label=_tell((PUBLISHED,), language),
+        published_label=_format_percents((PUBLISHED,), language),
     )
     entry = words["profile"]["sure"]
-    most = fill(entry["up_to"], {"high": _tell(SHARE_POSE[1:], language)})
+    most = fill(entry["up_to"], {"high": _format_percents(SHARE_POSE[1:], language)})
     sureness = UncertaintyChart(
-        words=(told["sure_title"], told["sure"]),
+        words=(picture["sure_title"], picture["sure"]),
         measured=SHARE,
         end=END,
-        end_label=_tell((END,), language),
+        end_label=_format_percents((END,), language),
         doubts=(
-            UncertaintyBar(entry["sensor"], _tell(SHARE_RANGE, language), SHARE_RANGE),
+            UncertaintyBar(entry["sensor"], _format_percents(SHARE_RANGE, language), SHARE_RANGE),
             UncertaintyBar(entry["pose"], most, (SHARE, SHARE_POSE[1]), is_pose=True),
-            UncertaintyBar(entry["days"], _tell(SHARE_DAYS, language), SHARE_DAYS),
+            UncertaintyBar(entry["days"], _format_percents(SHARE_DAYS, language), SHARE_DAYS),
         ),
     )
-    day = _build_day(words, told, language)
+    day = _build_day(words, picture, language)
     drawn = {"day": draw_day(*day, WIDE), "day_narrow": draw_day(*day, NARROW)}
     return {"tile": draw_tile(scale), **drawn, "sure": draw_uncertainty(sureness)}
 
 
-def _build_day(words: Words, told: Words, language: Language) -> tuple[Day, DayLabels]:
+def _build_day(words: Words, picture: Words, language: Language) -> tuple[Day, DayLabels]:
     def band(minute: int) -> MinuteBand:
         middle = 24 + 9 * sin(minute / 9) + 5 * sin(minute / 2.3)
         above = 62.0 if WORST[0] <= minute < WORST[1] else 18 + 14 * sin(minute / 5) ** 2
@@ -229,31 +229,31 @@ def _build_day(words: Words, told: Words, language: Language) -> tuple[Day, DayL
         clock=Clock(datetime.fromisoformat("2026-03-02T08:00:00"), language),
         runs=runs,
         marks=(
-            Mark(60.0 * BREAK[0], 60.0 * BREAK[1], "left out", told["break"]),
+            Mark(60.0 * BREAK[0], 60.0 * BREAK[1], "left out", picture["break"]),
             Mark(60.0 * HOLE[0], 60.0 * HOLE[1], "missing", words["day"]["missing"]),
         ),
         worst=(60.0 * WORST[0], 60.0 * WORST[1]),
         longest_start_s=60.0 * 157,
     )
-    labels = build_day_labels(told["day_title"], told["day"], words)
+    labels = build_day_labels(picture["day_title"], picture["day"], words)
     worst = fill(words["day"]["worst"], {"percent": format_percent(2 * SHARE, language)})
     longest = fill(words["day"]["longest"], {"duration": format_duration(LONGEST_S, language)})
     return day, replace(labels, worst=worst, longest=longest)
 
 
-def _tell(shares: Sequence[float], language: Language) -> str:
-    """Write whole percents, one or a range of two."""
+def _format_percents(shares: Sequence[float], language: Language) -> str:
+    """Format one percentage, or a range of two, as whole numbers."""
     return "–".join(format_number(share, 0, language) for share in shares) + percent_sign(language)
 
 
-# The OpenAPI document as a page of our own: nothing is loaded from elsewhere.
+# The OpenAPI document as a page that loads nothing from other hosts.
 
 _QUOTED = re.compile(r"``(.+?)``")
 
 
 @dataclass(frozen=True, slots=True)
 class Operation:
-    """One operation: its name, its description in paragraphs, its parameters, request and responses."""
+    """One operation: its name, description in paragraphs, parameters, request and responses."""
 
     id: str
     title: str
@@ -264,7 +264,7 @@ class Operation:
 
 
 @router.get("/api/v1/openapi.json")
-def give_openapi(request: Request) -> JSONResponse:
+def get_openapi_document(request: Request) -> JSONResponse:
     """Return the OpenAPI document."""
     return JSONResponse(cast("FastAPI", request.app).openapi())
 
@@ -275,23 +275,23 @@ def show_docs(page: UsedPage) -> Response:
     document: dict[str, Any] = cast("FastAPI", page.request.app).openapi()
     operations = [
         Operation(
-            told["operationId"],
+            operation["operationId"],
             f"{method.upper()} {path}",
-            tuple(_mark_code(part) for part in told.get("description", "").split("\n\n")),
+            tuple(_mark_code(part) for part in operation.get("description", "").split("\n\n")),
             tuple(
                 (p["name"], p["in"], _mark_code(p.get("description", "")))
-                for p in told.get("parameters", ())
+                for p in operation.get("parameters", ())
                 if p["in"] != "path"
             ),
-            ", ".join(told.get("requestBody", {}).get("content", {})),
-            ", ".join(told["responses"]),
+            ", ".join(operation.get("requestBody", {}).get("content", {})),
+            ", ".join(operation["responses"]),
         )
         for path, methods in document["paths"].items()
-        for method, told in methods.items()
+        for method, operation in methods.items()
     ]
     return page.render("help/api_docs.html", operations=operations)
 
 
 def _mark_code(text: str) -> Markup:
-    """Set what stands between double backticks as code."""
+    """Convert text between double backticks to code elements."""
     return Markup(_QUOTED.sub(r"<code>\1</code>", str(escape(text))))  # noqa: S704 - escaped before

@@ -1,4 +1,4 @@
-"""The library: tables for download, acts on many recordings, the trash, and the studies."""
+"""The library: downloads, bulk actions, saved views, the trash, and studies."""
 
 import io
 from collections.abc import Generator, Mapping, Sequence
@@ -20,9 +20,9 @@ from app.http.api.library.analyses import check_queue, run_to_end
 from app.http.api.library.batches import retry_failed
 from app.http.api.library.files import MEDIA_TYPES, build_download_name, respond_with_file
 from app.http.api.library.recordings import check_may_erase, has_trash, purge_recording
-from app.http.api.trust import find_names
+from app.http.api.trust import get_names
 from app.http.pages.recording.analysis import find_results
-from app.http.pages.recording.day import say_whose
+from app.http.pages.recording.day import update_description
 from app.http.pages.rendering import Form, Page, UsedForm, UsedPage, first, read_body
 from app.http.pages.validations import list_compared
 from app.http.pages.views import (
@@ -58,15 +58,15 @@ from app.request import SUBJECT_HINT, check_subject
 from app.services import Services, UsedServices
 from app.store.folder import COPY_BYTES, borrow_recording
 
-MOST_ROWS = 10_000
-MOST_BATCHES = 200
-MOST_SQUARES = 2_000
-MOST_CHOSEN = 500
+MAX_ROWS = 10_000
+MAX_BATCHES = 200
+MAX_SQUARES = 2_000
+MAX_SELECTED = 500
 SHOWN = 500
-MOST_VIEWS = 50
-LONGEST_VIEW = 60
-LONGEST_TAG = 40
-MOST_TAGS = 10
+MAX_VIEWS = 50
+MAX_VIEW_NAME_LENGTH = 60
+MAX_TAG_LENGTH = 40
+MAX_TAGS = 10
 DAY_S = 86400
 ZIP64_FROM_BYTES = 1 << 30
 CSV = MEDIA_TYPES["csv"]
@@ -75,12 +75,12 @@ PROBLEM_COLUMNS = ("file", "subject", "code", "title", "detail", "fix")
 router = APIRouter(include_in_schema=False)
 
 
-# Tables, reports and original files of all that the list shows, or of what was chosen in it.
+# Downloads of tables, reports and original files, for all listed or all selected recordings.
 
 
 @router.get("/library/{name}.csv")
-def take_table(name: Literal["summary", "summary_fr", "problems"], page: UsedPage) -> Response:
-    """Return the main figures, or the problems, of every recording that the list shows."""
+def download_table(name: Literal["summary", "summary_fr", "problems"], page: UsedPage) -> Response:
+    """Return the main figures, or the problems, of every listed recording."""
     entries = _find_shown(page)
     if name != "problems":
         return _send_table(page.services, entries, name)
@@ -95,27 +95,27 @@ def take_table(name: Literal["summary", "summary_fr", "problems"], page: UsedPag
 
 
 @router.post("/library/acts/{name}.csv")
-def take_chosen_table(
+def download_selected_table(
     name: Literal["summary", "summary_fr"], services: UsedServices, form: UsedForm
 ) -> Response:
-    """Return one table of the chosen recordings."""
-    return _send_table(services, _find_chosen(services, form), name)
+    """Return one table of the selected recordings."""
+    return _send_table(services, _find_selected(services, form), name)
 
 
 def _find_shown(page: Page) -> Sequence[Entry]:
-    return Library(page.services.store.reader).find_page(read_filter(page.request), MOST_ROWS)
+    return Library(page.services.store.reader).find_page(read_filter(page.request), MAX_ROWS)
 
 
-def _find_chosen(services: Services, form: Form) -> Sequence[Entry]:
-    """Find the recordings that are chosen: by name, or all that a filter lets through."""
+def _find_selected(services: Services, form: Form) -> Sequence[Entry]:
+    """Return the selected recordings: by id, or all that match a filter."""
     library, wanted = Library(services.store.reader), parse_filter(dict(parse_qsl(first(form, "query"))))
     if first(form, "every"):
-        return library.find_page(wanted, MOST_ROWS)
-    return library.find_chosen(form.get("recording", [])[:MOST_CHOSEN], wanted.batch)
+        return library.find_page(wanted, MAX_ROWS)
+    return library.find_chosen(form.get("recording", [])[:MAX_SELECTED], wanted.batch)
 
 
 def _send_table(services: Services, entries: Sequence[Entry], name: str) -> Response:
-    """Return a row for each report; what has none is left out."""
+    """Return a table with a row per report; recordings without a report are left out."""
     rows: list[Row] = []
     for job in (entry.job for entry in entries):
         try:
@@ -129,15 +129,15 @@ def _send_table(services: Services, entries: Sequence[Entry], name: str) -> Resp
 
 
 @router.get("/library/reports.zip")
-def take_reports(page: UsedPage) -> Response:
-    """Return the PDF of every report that the list shows; ``without-report.txt`` names what has none."""
+def download_reports(page: UsedPage) -> Response:
+    """Return the PDF of every listed report; ``without-report.txt`` names recordings without one."""
     return _send_reports(page, _find_shown(page))
 
 
 @router.post("/library/acts/reports.zip")
-def take_chosen_reports(page: UsedPage, form: UsedForm) -> Response:
-    """Return the PDFs of the chosen recordings."""
-    return _send_reports(page, _find_chosen(page.services, form))
+def download_selected_reports(page: UsedPage, form: UsedForm) -> Response:
+    """Return the PDFs of the selected recordings."""
+    return _send_reports(page, _find_selected(page.services, form))
 
 
 def _send_reports(page: Page, entries: Sequence[Entry]) -> Response:
@@ -146,16 +146,16 @@ def _send_reports(page: Page, entries: Sequence[Entry]) -> Response:
 
 
 @router.get("/library/recordings.zip")
-def take_recordings(page: UsedPage) -> Response:
-    """Download the original files of a study, or of any list; ``without-recording.txt`` names lost ones."""
+def download_recordings(page: UsedPage) -> Response:
+    """Download the original files of a list or study; ``without-recording.txt`` names lost files."""
     jobs = list({entry.job.recording_id: entry.job for entry in _find_shown(page)}.values())
     for job in jobs:
         touch(job.recording_id, job.id)
     return PackedResponse(pack_recordings(page.services, jobs, page.language), "recordings.zip")
 
 
-class _Outlet(io.RawIOBase):
-    """Holds what a ZIP writes until it is sent, so that no more than one report, or piece, is in memory."""
+class _ZipBuffer(io.RawIOBase):
+    """Buffer for the output of a ZIP until it is sent, so that only one report or block is in memory."""
 
     def __init__(self) -> None:
         self.held = bytearray()
@@ -173,7 +173,7 @@ class _Outlet(io.RawIOBase):
 
 
 class PackedResponse(StreamingResponse):
-    """Sends a ZIP as it is written, and closes it: no borrowed file outlives a download that breaks off."""
+    """Sends a ZIP while it is written; closes it if the download breaks off, to return borrowed files."""
 
     def __init__(self, packed: Generator[bytes, None, None], name: str) -> None:
         headers = {"Content-Disposition": f'attachment; filename="{name}"'}
@@ -189,8 +189,8 @@ class PackedResponse(StreamingResponse):
 
 
 def pack_reports(services: Services, jobs: list[Job], language: Language) -> Generator[bytes, None, None]:
-    """Write a ZIP piece by piece; a PDF is packed already, so it is stored as it is."""
-    outlet, without, names = _Outlet(), [], set[str]()
+    """Yield a ZIP of reports in parts; PDFs are stored uncompressed because they are already compressed."""
+    outlet, without, names = _ZipBuffer(), [], set[str]()
     with ZipFile(outlet, "w", ZIP_STORED) as packed:
         for job in jobs:
             made = f"report.{find_nearest(language, job.request.languages)}.pdf"
@@ -201,7 +201,7 @@ def pack_reports(services: Services, jobs: list[Job], language: Language) -> Gen
                 without.append(f"{job.file_name}: {why}")
                 continue
             name = build_download_name(services, job, made)
-            packed.writestr(_name_once(name, job.id, names), body)
+            packed.writestr(_make_unique_name(name, job.id, names), body)
             yield outlet.take()
         if without:
             packed.writestr("without-report.txt", "\n".join(without) + "\n")
@@ -209,12 +209,12 @@ def pack_reports(services: Services, jobs: list[Job], language: Language) -> Gen
 
 
 def pack_recordings(services: Services, jobs: list[Job], language: Language) -> Generator[bytes, None, None]:
-    """Write a ZIP of original files, a piece at a time; it breaks off if a file changes meanwhile.
+    """Yield a ZIP of original files in parts; it is aborted if a file changes meanwhile.
 
-    Nothing is compressed: most originals are packed already, and a study has gigabytes.
+    Nothing is compressed: most originals already are, and a study has gigabytes.
     """
     missing = "without-recording.txt"
-    outlet, without, names = _Outlet(), [], {missing}
+    outlet, without, names = _ZipBuffer(), [], {missing}
     with ZipFile(outlet, "w", ZIP_STORED) as packed:
         for job in jobs:
             with ExitStack() as lent:
@@ -226,7 +226,7 @@ def pack_recordings(services: Services, jobs: list[Job], language: Language) -> 
                     why = describe_problem(refusal.code, refusal.facts, language).title
                     without.append(f"{job.file_name} ({job.recording_id}): {why}")
                     continue
-                name = _name_once(make_safe_name(job.file_name), job.recording_id, names)
+                name = _make_unique_name(make_safe_name(job.file_name), job.recording_id, names)
                 is_large = job.size_bytes >= ZIP64_FROM_BYTES
                 with path.open("rb") as file, packed.open(name, "w", force_zip64=is_large) as entry:
                     while piece := file.read(COPY_BYTES):
@@ -237,8 +237,8 @@ def pack_recordings(services: Services, jobs: list[Job], language: Language) -> 
     yield outlet.take()
 
 
-def _name_once(name: str, identity: str, names: set[str]) -> str:
-    """Return a name that differs from all before, in upper and lower case too: a second one has its id."""
+def _make_unique_name(name: str, identity: str, names: set[str]) -> str:
+    """Return a unique name, ignoring case; a name that exists gets the id appended."""
     if name.casefold() in names:
         stem, _, ending = name.partition(".")
         name = f"{stem}_{identity}.{ending}" if ending else f"{stem}_{identity}"
@@ -246,7 +246,7 @@ def _name_once(name: str, identity: str, names: set[str]) -> str:
     return name
 
 
-# Saved views, and acts on many recordings.
+# Saved views, and bulk actions.
 
 
 @router.post("/library/views")
@@ -254,16 +254,18 @@ def save_view(page: UsedPage, form: UsedForm) -> Response:
     """Save the filter and order of the list under a name. Raises BadParameter."""
     name, query = first(form, "name"), write_filter(parse_filter(dict(parse_qsl(first(form, "query")))))
     known = {view.name for view in page.services.views.find_all()}
-    is_full = name not in known and len(known) >= MOST_VIEWS
-    if not name or len(name) > LONGEST_VIEW or not name.isprintable() or is_full:
-        raise BadParameter(name="name", value=name[:LONGEST_VIEW], allowed=f"<= {LONGEST_VIEW}")
+    is_full = name not in known and len(known) >= MAX_VIEWS
+    if not name or len(name) > MAX_VIEW_NAME_LENGTH or not name.isprintable() or is_full:
+        raise BadParameter(
+            name="name", value=name[:MAX_VIEW_NAME_LENGTH], allowed=f"<= {MAX_VIEW_NAME_LENGTH}"
+        )
     page.services.views.add(name, query)
     return page.go(f"/?{query}")
 
 
 @router.post("/library/views/{view_id}/drop")
 def drop_view(view_id: str, page: UsedPage) -> Response:
-    """Forget a saved view."""
+    """Delete a saved view."""
     page.services.views.drop(view_id)
     return page.go("/")
 
@@ -272,8 +274,8 @@ Act = Literal["side", "subject", "held", "tag", "untag", "study", "again", "dele
 
 
 @dataclass(frozen=True, slots=True)
-class Done:
-    """What an act has done: to how many recordings, with facts for its sentence, and what undoes it."""
+class ActionResult:
+    """The result of a bulk action: the number of recordings, facts for the message, and the ids for undo."""
 
     number: int
     facts: Mapping[str, str] = field(default_factory=dict)
@@ -281,51 +283,51 @@ class Done:
 
 
 @router.post("/library/acts/{act}")
-async def do(act: Act, page: UsedPage, form: UsedForm) -> Response:
-    """Do one thing to the chosen recordings, and say what was done."""
-    done = await run_to_end(_act, act, page, form)
+async def run_bulk_action(act: Act, page: UsedPage, form: UsedForm) -> Response:
+    """Apply one action to the selected recordings, and show the result."""
+    done = await run_to_end(_run_action, act, page, form)
     words = page.words()["acted"]
-    told = fill(words[act], {"n": str(done.number), **done.facts}) if done.number else words["none"]
-    return page.render("library/acted.html", told=told, undo=done.undo, query=first(form, "query"))
+    message = fill(words[act], {"n": str(done.number), **done.facts}) if done.number else words["none"]
+    return page.render("library/acted.html", told=message, undo=done.undo, query=first(form, "query"))
 
 
-def _act(act: Act, page: Page, form: Form) -> Done:
+def _run_action(act: Act, page: Page, form: Form) -> ActionResult:
     recordings, store = page.services.recordings, page.services.store
     if act == "restore":
         ids = form.get("recording", [])
         for recording_id in ids:
             recordings.restore(recording_id)
-        return Done(len(ids))
+        return ActionResult(len(ids))
     if act == "delete" and not has_trash(page.services):
         check_may_erase(page.request)
-    entries = _find_chosen(page.services, form)
+    entries = _find_selected(page.services, form)
     ids = [entry.job.recording_id for entry in entries]
     if act == "delete":
         for recording_id in ids:
             recordings.trash(recording_id)
-        return Done(len(ids), undo=ids)
+        return ActionResult(len(ids), undo=ids)
     if act == "untag":
         tag = first(form, "tag")
-        return Done(recordings.tag(ids, taken=tag), {"tag": tag})
+        return ActionResult(recordings.tag(ids, taken=tag), {"tag": tag})
     if act == "tag":
         tags = _read_tags(first(form, "tag"))
-        return Done(recordings.tag(ids, tags), {"tag": ", ".join(tags)})
+        return ActionResult(recordings.tag(ids, tags), {"tag": ", ".join(tags)})
     if act == "study":
         study = _read_code("study", first(form, "study"))
         if not study:
             raise BadParameter(name="study", value="", allowed=SUBJECT_HINT)
         for entry in entries:
             store.join_study(study, (entry.attempt or entry.job).id)
-        return Done(len(entries), {"study": study})
-    return Done(_analyse_again(page.services, entries, _read_change(act, form)))
+        return ActionResult(len(entries), {"study": study})
+    return ActionResult(_analyse_again(page.services, entries, _read_change(act, form)))
 
 
 def _read_tags(text: str) -> tuple[str, ...]:
-    """Read tags with commas between. Raises BadParameter."""
+    """Parse tags separated by commas. Raises BadParameter."""
     tags = tuple(dict.fromkeys(tag.strip() for tag in text.split(",") if tag.strip()))
-    are_fit = all(len(tag) <= LONGEST_TAG and tag.isprintable() for tag in tags)
-    if not 0 < len(tags) <= MOST_TAGS or not are_fit:
-        raise BadParameter(name="tag", value=text[:LONGEST_TAG], allowed=f"<= {LONGEST_TAG}")
+    are_fit = all(len(tag) <= MAX_TAG_LENGTH and tag.isprintable() for tag in tags)
+    if not 0 < len(tags) <= MAX_TAGS or not are_fit:
+        raise BadParameter(name="tag", value=text[:MAX_TAG_LENGTH], allowed=f"<= {MAX_TAG_LENGTH}")
     return tags
 
 
@@ -337,7 +339,7 @@ def _read_code(name: str, text: str) -> str:
 
 
 def _read_change(act: Act, form: Form) -> dict[str, Any]:
-    """Read what is to be said of the recordings from now on; nothing if they are analysed as before.
+    """Parse the new description of the recordings; empty if they are analysed again unchanged.
 
     Raises BadParameter.
     """
@@ -354,9 +356,9 @@ def _read_change(act: Act, form: Form) -> dict[str, Any]:
 
 
 def _analyse_again(services: Services, entries: Sequence[Entry], change: Mapping[str, Any]) -> int:
-    """State something else of recordings, and analyse again where that is not what the report says.
+    """Change the description of recordings, and analyse again if the report does not match it.
 
-    What is under way, given by hand, or a comparison stays as it is. Raises Busy.
+    An analysis in progress, a calibration set by hand, or a comparison does not change. Raises Busy.
     """
     asked = []
     for entry in entries:
@@ -369,15 +371,15 @@ def _analyse_again(services: Services, entries: Sequence[Entry], change: Mapping
             asked.append((newest, replace(before, **change, reason="")))
     check_queue(services, len(asked))
     for job, request in asked if change.keys() & {"side", "subject"} else ():
-        say_whose(services, job, request, tuple(change))
+        update_description(services, job, request, tuple(change))
     return services.store.repeat_all(asked)
 
 
-# The trash: put in, take back, delete for good.
+# The trash: delete, restore, delete permanently.
 
 
 def _describe_trash(page: Page) -> dict[str, Any]:
-    """Return how long the trash keeps what is in it, and the title of the page of terms."""
+    """Return how long the trash keeps recordings, and the title of the retention page."""
     days = page.services.retention.find_trash_term_s(page.services.settings.trash_term_s) / DAY_S
     term = fill(page.words()["trash"]["term"], {"days": f"{days:.0f}"})
     return {"term": term, "terms": page.words("trail")["terms"]["title"]}
@@ -385,19 +387,19 @@ def _describe_trash(page: Page) -> dict[str, Any]:
 
 @router.get("/recordings/{recording_id}/delete")
 def ask_to_delete(recording_id: str, page: UsedPage) -> Response:
-    """Say what goes before anything goes; without a trash, that it goes for good."""
+    """Ask before a recording is deleted; if the trash is disabled, warn that this is permanent."""
     if not has_trash(page.services):
         return page.go(f"/recordings/{recording_id}/purge")
-    return _ask(page, recording_id, for_good=False)
+    return _render_delete_page(page, recording_id, for_good=False)
 
 
 @router.get("/recordings/{recording_id}/purge")
 def ask_to_purge(recording_id: str, page: UsedPage) -> Response:
-    """Ask once more before a recording is deleted for good."""
-    return _ask(page, recording_id, for_good=True)
+    """Ask again before a recording is permanently deleted."""
+    return _render_delete_page(page, recording_id, for_good=True)
 
 
-def _ask(page: Page, recording_id: str, *, for_good: bool) -> Response:
+def _render_delete_page(page: Page, recording_id: str, *, for_good: bool) -> Response:
     row = page.services.recordings.get(recording_id, trashed=True)
     is_for_good = for_good or row.state == "trashed"
     backups = ""
@@ -413,16 +415,16 @@ def _ask(page: Page, recording_id: str, *, for_good: bool) -> Response:
         analyses=len(page.services.store.find_page(JobFilter(recording_id=row.id), SHOWN)),
         for_good=is_for_good,
         hold_reasons=HOLD_REASONS,
-        held_by=find_names(page.request, [row.hold_by], page.language)[row.hold_by],
+        held_by=get_names(page.request, [row.hold_by], page.language)[row.hold_by],
         backups=backups,
     )
 
 
 @router.post("/recordings/{recording_id}/delete")
-def throw_away(recording_id: str, page: UsedPage) -> Response:
-    """Put a recording and all that was made of it into the trash; one that is there stays as it is.
+def trash_recording(recording_id: str, page: UsedPage) -> Response:
+    """Move a recording and its analyses to the trash; nothing changes if it is already there.
 
-    A trash that keeps nothing is emptied at the next look, so that erasing is what is asked for.
+    If the trash is disabled, housekeeping soon empties it, so this needs the permission to erase.
     """
     if not has_trash(page.services):
         check_may_erase(page.request)
@@ -431,8 +433,8 @@ def throw_away(recording_id: str, page: UsedPage) -> Response:
 
 
 @router.post("/recordings/{recording_id}/purge")
-def delete_for_good(recording_id: str, page: UsedPage) -> Response:
-    """Delete a recording, its analyses and every file of them."""
+def delete_permanently(recording_id: str, page: UsedPage) -> Response:
+    """Permanently delete a recording, its analyses and their files."""
     page.services.recordings.check_hold(recording_id)
     page.services.recordings.trash(recording_id)
     purge_recording(page.services, recording_id)
@@ -440,27 +442,27 @@ def delete_for_good(recording_id: str, page: UsedPage) -> Response:
 
 
 @router.post("/recordings/{recording_id}/restore")
-def withdraw(recording_id: str, page: UsedPage) -> Response:
-    """Take a recording out of the trash."""
+def restore_from_trash(recording_id: str, page: UsedPage) -> Response:
+    """Restore a recording from the trash."""
     page.services.recordings.restore(recording_id)
     return page.go("/")
 
 
 @router.get("/trash")
 def show_trash(page: UsedPage) -> Response:
-    """List what is in the trash."""
+    """List the recordings in the trash."""
     found = page.services.recordings.find_page(RecordingFilter(trashed=True), SHOWN)
     shown = [(row, format_size(row.size_bytes, page.language)) for row in found]
     return page.render("library/trash.html", **_describe_trash(page), rows=shown)
 
 
-# Studies: all of them, and each with its recordings. A script's batch is one, too.
+# Studies: the list, and each study with its recordings. A batch of a script is also a study.
 
 
 @router.get("/batches")
 def show_batches(page: UsedPage) -> Response:
-    """List the batches, the newest first."""
-    rows = [_describe_batch(page, batch) for batch in page.services.batches.find_newest(MOST_BATCHES)]
+    """List the batches, newest first."""
+    rows = [_describe_batch(page, batch) for batch in page.services.batches.find_newest(MAX_BATCHES)]
     return page.render("library/batches.html", rows=rows)
 
 
@@ -483,18 +485,19 @@ def show_batch(batch_id: str, page: UsedPage) -> Response:
 
 @router.post("/batches/{batch_id}/retry")
 def retry_batch(batch_id: str, page: UsedPage) -> Response:
-    """Analyse again what failed (a plain form, so that it needs no script)."""
+    """Repeat the failed analyses of a batch (a plain form, so that it works without scripts)."""
     retry_failed(batch_id, page.services)
     return page.go(f"/batches/{batch_id}")
 
 
 @router.post("/batches/{batch_id}/participants")
-def take_participants(
+def import_participants(
     batch_id: str, services: UsedServices, content: Annotated[bytes, Depends(read_body)]
 ) -> dict[str, Any]:
-    """Read a list of participants, and analyse again every recording of which it says something else.
+    """Read a list of participants, and analyse again every recording whose subject or side it changes.
 
-    Gives how many are analysed again (``changed``) and the files of the list that the study does not have.
+    Return how many are analysed again (``changed``), and the listed files that the study does not contain
+    (``unknown``).
     """
     every = services.batches.find_jobs(services.batches.get(batch_id).id)
     jobs = [job for job in every if job.request.reference is None]
@@ -505,13 +508,13 @@ def take_participants(
     ]
     check_queue(services, len(changed))
     for job, asked in changed:
-        say_whose(services, job, asked, ("subject", "side"))
+        update_description(services, job, asked, ("subject", "side"))
     return {"changed": services.store.repeat_all(changed), "unknown": [row.file for row in unknown]}
 
 
 @dataclass(frozen=True, slots=True)
 class Square:
-    """A recording at a glance: its state, or the verdict on its data, and that in words."""
+    """A recording at a glance: its state, or the verdict on its data, and a title that states it in words."""
 
     id: str
     state: str
@@ -521,20 +524,19 @@ class Square:
 def _draw_squares(page: Page, batch_id: str, jobs: Sequence[Job]) -> list[Square]:
     words, verdicts = page.words(), page.services.batches.find_verdicts(batch_id)
     squares = []
-    for job in jobs[:MOST_SQUARES]:
+    for job in jobs[:MAX_SQUARES]:
         name = format_compared(job, words) or job.request.subject or job.file_name
-        state, told = job.state.value, words["state"][job.state.value]
+        state, text = job.state.value, words["state"][job.state.value]
         if job.state is JobState.SUCCEEDED and (verdict := verdicts.get(job.id, "")):
-            state, told = verdict, words["verdict_short"][verdict]
-        title = fill(words["row"]["announce"], {"name": name, "state": told})
-        squares.append(Square(job.id, state, title))
+            state, text = verdict, words["verdict_short"][verdict]
+        squares.append(Square(job.id, state, f"{name}: {text}"))
     return squares
 
 
 def _describe_batch(page: Page, batch: Batch) -> dict[str, str]:
-    """Return the id of a study, its name, when it was made, and how many analyses are in each state."""
+    """Return the id, name, creation time and counts by state of a study."""
     words = page.words()["batches"]
     counts = {state.value: str(number) for state, number in batch.counts.items() if number}
-    told = fill(words["counts"], {"all": str(sum(batch.counts.values()))} | counts)
+    text = fill(words["counts"], {"all": str(sum(batch.counts.values()))} | counts)
     name, when = batch.name or words["unnamed"], format_moment(batch.created_at)
-    return {"id": batch.id, "name": name, "when": when, "counts": told}
+    return {"id": batch.id, "name": name, "when": when, "counts": text}

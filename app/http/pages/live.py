@@ -1,4 +1,4 @@
-"""The page of live sessions; docs/it/live.md says what it shows and what it does not."""
+"""The page of live sessions; docs/live.md describes it."""
 
 from importlib.util import find_spec
 
@@ -12,7 +12,7 @@ router = APIRouter(include_in_schema=False)
 
 @router.get("/live")
 def show_live(page: UsedPage) -> Response:
-    """Show the page; it says so where the server lacks the library for WebSockets."""
+    """Show the page, with a notice if the server has no WebSocket library."""
     words = page.words("live")
     texts = words["script"] | {"refused": words["refused"], "cue": words["cue"]}
     can_connect = find_spec("websockets") is not None

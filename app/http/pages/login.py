@@ -1,4 +1,4 @@
-"""The way in for a browser, and out: password and second factor, a provider, or the secret of the start."""
+"""Sign-in and sign-out: by password and second factor, by a provider, or by the secret of the start."""
 
 from typing import Any
 from urllib.parse import urlencode, urlsplit
@@ -21,21 +21,21 @@ from app.errors import (
     WeakPassword,
     find_outcome_of_code,
 )
-from app.http.middleware.access import UsedSubject, find_gate
+from app.http.middleware.access import UsedSubject, get_gate
 from app.http.middleware.guard import (
     BROWSER_COOKIE,
     SESSION_COOKIE,
     STATE_COOKIE,
     drop_cookie,
-    find_address,
-    find_caller,
-    find_origin,
-    find_settings,
+    get_caller,
+    get_client_address,
+    get_host_url,
+    get_settings,
     name_cookie,
     set_cookie,
 )
 from app.http.middleware.problems import drop_secrets
-from app.http.pages.rendering import YEAR_S, Form, Page, UsedForm, UsedPage, find_base, first, take_secret
+from app.http.pages.rendering import YEAR_S, Form, Page, UsedForm, UsedPage, first, get_base, get_secret
 from app.report.words.messages import describe_problem
 from app.services import SUBJECT
 from app.store.folder import load_extra
@@ -48,62 +48,62 @@ PLACES: tuple[tuple[Permission, str], ...] = (
     ("aggregate", "/aggregate"),
     ("own", "/account"),
 )
-"""Where somebody is led who may not read recordings: the first that he may use."""
+"""The start page of a person without the permission to read recordings: the first permitted one."""
 
 
-# In, by a password and a second factor.
+# Sign-in by password and second factor.
 
 
 @router.get("/login")
-def ask_login(page: UsedPage, next: str = "/") -> Response:  # noqa: A002
-    """Ask who comes."""
+def show_login(page: UsedPage, next: str = "/") -> Response:  # noqa: A002
+    """Show the sign-in form."""
     return _render_login(page, next)
 
 
 @router.get("/login/code")
 @router.get("/login/enrol")
-def begin_again(page: UsedPage) -> Response:
-    """Begin the login again where somebody turns the language of its second step."""
+def restart_sign_in(page: UsedPage) -> Response:
+    """Restart the sign-in if the language is changed during its second step."""
     query = page.request.url.query
     return page.go(f"/login?{query}" if query else "/login")
 
 
 @router.post("/login")
-def log_in(page: UsedPage, form: UsedForm) -> Response:
-    """Let in whoever has the secret; of people, ask for the second factor."""
-    gate, wanted = find_gate(page.request), first(form, "next")
+def sign_in(page: UsedPage, form: UsedForm) -> Response:
+    """Sign in with the secret of the start, or check a password and continue with the second factor."""
+    gate, wanted = get_gate(page.request), first(form, "next")
     if not gate.needs_accounts:
         if gate.secret is not None and gate.secret.matches(first(form, "secret"), ""):
-            return _lead_with(page, gate.secret.cookie, wanted, YEAR_S)
+            return _redirect_with_session(page, gate.secret.cookie, wanted, YEAR_S)
         return _render_login(page, wanted, NotSignedIn())
-    caller = find_caller(page.request)
+    caller = get_caller(page.request)
     try:
-        step = page.sign_in.submit_password(first(form, "login"), take_secret(form, "password"), caller)
+        step = page.sign_in.submit_password(first(form, "login"), get_secret(form, "password"), caller)
     except (LoginRefused, TooManyTries) as refusal:
         return _render_login(page, wanted, refusal)
     if step.next == "in":
-        return _let_in(page, page.sign_in.enter(step.person_id, caller), wanted)
+        return _start_session(page, page.sign_in.enter(step.person_id, caller), wanted)
     if step.next == "enrol":
         return render_enrolment(page, step.ticket, wanted)
     return _render_code(page, form, step.ticket)
 
 
 @router.post("/login/code")
-def submit_code(page: UsedPage, form: UsedForm) -> Response:
-    """Let in whoever gives the code of the authenticator, or a recovery code, too."""
+def enter_code(page: UsedPage, form: UsedForm) -> Response:
+    """Sign in with the authenticator's code or a recovery code."""
     ticket = first(form, "ticket")
     try:
-        entered = page.sign_in.submit_code(ticket, first(form, "code"), find_caller(page.request))
+        entered = page.sign_in.submit_code(ticket, first(form, "code"), get_caller(page.request))
     except (LoginRefused, SecondFactorLost, TooManyTries) as refusal:
         return _render_code(page, form, ticket, refusal)
     except TicketSpent as refusal:
         return _render_login(page, first(form, "next"), refusal)
-    return _let_in(page, entered, first(form, "next"))
+    return _start_session(page, entered, first(form, "next"))
 
 
 @router.post("/login/enrol")
 def enrol(page: UsedPage, form: UsedForm) -> Response:
-    """Turn the authenticator on by its first code, and show the recovery codes once."""
+    """Activate the authenticator with its first code, and show the recovery codes once."""
     ticket, wanted = first(form, "ticket"), first(form, "next")
     try:
         person_id, codes = page.sign_in.enrol(ticket, first(form, "code"))
@@ -112,103 +112,105 @@ def enrol(page: UsedPage, form: UsedForm) -> Response:
     except TicketSpent as refusal:
         return _render_login(page, wanted, refusal)
     if page.subject is not None and page.subject.id == person_id:
-        return page.render("access/codes.html", codes=codes, next=check_next(wanted))
-    entered = page.sign_in.enter(person_id, find_caller(page.request))
-    response = page.render("access/codes.html", codes=codes, next=_find_way_on(entered, wanted))
+        return page.render("access/codes.html", codes=codes, next=sanitize_next(wanted))
+    entered = page.sign_in.enter(person_id, get_caller(page.request))
+    response = page.render("access/codes.html", codes=codes, next=_get_next_page(entered, wanted))
     _set_cookies(page, response, entered)
     return response
 
 
-# In, by an address that works once.
+# Sign-in by a one-time link.
 
 
 @router.get("/login/once/{ticket}")
 def open_once(ticket: str, page: UsedPage) -> Response:
-    """Let the browser in that opens the address which the server showed; it works once."""
-    gate = find_gate(page.request)
+    """Sign in by the one-time address that the server printed."""
+    gate = get_gate(page.request)
     if gate.secret is None or gate.needs_accounts or not gate.secret.take_address(ticket):
         raise NotSignedIn
-    return _lead_with(page, gate.secret.cookie, "/", YEAR_S)
+    return _redirect_with_session(page, gate.secret.cookie, "/", YEAR_S)
 
 
 @router.get("/login/link/{ticket}")
 def open_link(ticket: str, page: UsedPage) -> Response:
-    """Ask for a password; the link is used up by setting one, not by looking."""
+    """Ask for a new password; only setting the password uses up the link."""
     page.sign_in.tickets.peek("password", ticket)
     return render_with_problem(page, "access/new_password.html", None, ticket=ticket)
 
 
 @router.post("/login/link/{ticket}")
 def set_password(ticket: str, page: UsedPage, form: UsedForm) -> Response:
-    """Set a password; its person logs in by it then, with the second factor."""
+    """Set a password by link; the person then signs in with it and the second factor."""
     try:
-        address = find_address(page.request)
-        page.sign_in.set_password_by_link(ticket, take_secret(form, "password"), address)
+        address = get_client_address(page.request)
+        page.sign_in.set_password_by_link(ticket, get_secret(form, "password"), address)
     except WeakPassword as refusal:
         return render_with_problem(page, "access/new_password.html", refusal, ticket=ticket)
     return page.go("/login")
 
 
-# In, by a provider.
+# Sign-in by a provider.
 
 
 @router.get("/login/provider")
 def go_to_provider(page: UsedPage, next: str = "/") -> Response:  # noqa: A002
-    """Send the browser to the identity provider."""
-    return _send_to_provider(page, check_next(next))
+    """Redirect the browser to the identity provider."""
+    return _send_to_provider(page, sanitize_next(next))
 
 
 @router.get("/confirm/provider")
 def confirm_by_provider(page: UsedPage, subject: UsedSubject, next: str = "/") -> Response:  # noqa: A002
-    """Send the browser to the provider, which is to ask for the password again."""
-    return _send_to_provider(page, check_next(next), subject.session)
+    """Redirect the browser to the provider to enter the password again."""
+    return _send_to_provider(page, sanitize_next(next), subject.session)
 
 
 @router.get("/login/provider/back")
-def come_back(page: UsedPage) -> Response:
-    """Let in whom the provider sent back, or confirm the session that asked, if it is the same person's."""
+def finish_provider_sign_in(page: UsedPage) -> Response:
+    """Sign in the person that the provider returned, or confirm the session if it is the same person's."""
     request = page.request
     state = request.cookies.get(name_cookie(request, STATE_COOKIE), "")
     try:
-        back = _open_provider(page).finish(dict(request.query_params), state, _find_back(page))
+        back = _open_provider(page).finish(dict(request.query_params), state, _get_callback_url(page))
     except (ProviderRefused, NotPermitted) as refusal:
         return _render_login(page, "/", refusal)
     if back.confirms:
         subject = page.subject
         if subject is None or subject.id != back.person.id or subject.session != back.confirms:
             raise NotSignedIn
-        response = _lead_with(page, page.sign_in.accounts.confirm_session(back.confirms), back.wanted)
+        response = _redirect_with_session(
+            page, page.sign_in.accounts.confirm_session(back.confirms), back.wanted
+        )
     else:
-        response = _let_in(page, page.sign_in.enter(back.person.id, find_caller(request)), back.wanted)
+        response = _start_session(page, page.sign_in.enter(back.person.id, get_caller(request)), back.wanted)
     drop_cookie(request, response, STATE_COOKIE)
     return response
 
 
-# Who one is, once more; and out.
+# Confirmation of the password, and sign-out.
 
 
 @router.get("/confirm")
 def ask_again(page: UsedPage, subject: UsedSubject, next: str = "/") -> Response:  # noqa: A002
-    """Ask for the password again before what cannot be undone."""
+    """Ask for the password again before an action that cannot be undone."""
     return _render_confirmation(page, subject, next)
 
 
 @router.post("/confirm")
 def confirm(page: UsedPage, form: UsedForm, subject: UsedSubject) -> Response:
-    """Take the password or a code again, and lead on."""
+    """Check the password or code again, and redirect."""
     wanted = first(form, "next")
     try:
-        cookie = page.sign_in.confirm(subject, take_secret(form, "proof"), find_caller(page.request))
+        cookie = page.sign_in.confirm(subject, get_secret(form, "proof"), get_caller(page.request))
     except (LoginRefused, SecondFactorLost, TooManyTries) as refusal:
         return _render_confirmation(page, subject, wanted, refusal)
-    return _lead_with(page, cookie, wanted)
+    return _redirect_with_session(page, cookie, wanted)
 
 
 @router.post("/logout")
-def log_out(page: UsedPage) -> Response:
-    """End the session, and have the browser forget what it keeps of us."""
+def sign_out(page: UsedPage) -> Response:
+    """End the session, and delete its data in the browser."""
     request = page.request
-    if find_gate(request).needs_accounts:
+    if get_gate(request).needs_accounts:
         page.sign_in.accounts.end_session(request.cookies.get(name_cookie(request, SESSION_COOKIE), ""))
     response = page.go("/login")
     drop_cookie(request, response, SESSION_COOKIE)
@@ -216,72 +218,72 @@ def log_out(page: UsedPage) -> Response:
     return response
 
 
-def respond_with_login(request: Request) -> Response:
-    """Send a browser that nobody is known behind to the way in, and afterwards to where it wanted."""
-    return _lead(request, "/login", _find_wanted(request))
+def respond_with_sign_in(request: Request) -> Response:
+    """Redirect a browser without a session to the sign-in page, and back afterwards."""
+    return _redirect(request, "/login", _get_wanted_path(request))
 
 
 def respond_with_confirmation(request: Request) -> Response:
-    """Ask for the password again, and lead back afterwards: of a form, to the page that it stood on."""
-    wanted = _find_wanted(request)
+    """Ask for the password again, and redirect back afterwards; after a form, to its page."""
+    wanted = _get_wanted_path(request)
     if request.method not in ("GET", "HEAD"):
         page = urlsplit(request.headers.get("referer", ""))
-        wanted = page.path.removeprefix(find_base(request)) + (f"?{page.query}" if page.query else "")
-    return _lead(request, "/confirm", wanted or "/")
+        wanted = page.path.removeprefix(get_base(request)) + (f"?{page.query}" if page.query else "")
+    return _redirect(request, "/confirm", wanted or "/")
 
 
-def respond_with_place(request: Request) -> Response:
-    """Send somebody who may not read recordings to what he may use."""
+def respond_with_permitted_page(request: Request) -> Response:
+    """Redirect a person without the permission to read recordings to a permitted page."""
     subject: Subject = request.scope[SUBJECT]
     place = next(place for permission, place in PLACES if subject.may(permission))
-    return RedirectResponse(find_base(request) + place, status_code=303)
+    return RedirectResponse(get_base(request) + place, status_code=303)
 
 
-def _find_wanted(request: Request) -> str:
+def _get_wanted_path(request: Request) -> str:
     kept = drop_secrets(request.url.query)
-    return request.url.path.removeprefix(find_base(request)) + (f"?{kept}" if kept else "")
+    return request.url.path.removeprefix(get_base(request)) + (f"?{kept}" if kept else "")
 
 
-def _lead(request: Request, place: str, wanted: str) -> Response:
-    link = f"{find_base(request)}{place}?{urlencode({'next': check_next(wanted)})}"
+def _redirect(request: Request, place: str, wanted: str) -> Response:
+    link = f"{get_base(request)}{place}?{urlencode({'next': sanitize_next(wanted)})}"
     return RedirectResponse(link, status_code=303)
 
 
 def render_enrolment(page: Page, ticket: str, wanted: str, refusal: AppError | None = None) -> Response:
     """Show the secret of an authenticator, and ask for its first code."""
     secret, drawing = page.sign_in.show_enrolment(ticket)
-    values = {"ticket": ticket, "secret": secret, "drawing": drawing, "next": check_next(wanted)}
+    values = {"ticket": ticket, "secret": secret, "drawing": drawing, "next": sanitize_next(wanted)}
     return render_with_problem(page, "access/enrol.html", refusal, **values)
 
 
 def render_with_problem(page: Page, template: str, refusal: AppError | None, **values: Any) -> Response:
-    """Render a page of the accounts, with what was refused above its form."""
+    """Render an account page, with the problem above its form if there is one."""
     if refusal is None:
         return page.render(template, problem=None, **values)
     problem = describe_problem(refusal.code, refusal.facts, page.language)
-    told = {"problem": problem, "problem_code": refusal.code}
+    shown = {"problem": problem, "problem_code": refusal.code}
     status = find_outcome_of_code(refusal.code).status
-    response = page.render(template, status=status, **told, **values)
+    response = page.render(template, status=status, **shown, **values)
     if isinstance(refusal, TooManyTries):
         response.headers["Retry-After"] = str(refusal.facts["wait_s"])
     return response
 
 
-def check_next(wanted: str) -> str:
-    """Return a place of ours to go on to; the first page for any other."""
+def sanitize_next(wanted: str) -> str:
+    """Return the path to redirect to; "/" if it is not on this server."""
     is_ours = wanted.startswith("/") and not wanted.startswith(("//", "/\\"))
     return wanted if is_ours and wanted.isprintable() else "/"
 
 
 def _render_login(page: Page, wanted: str, refusal: AppError | None = None) -> Response:
-    has_accounts = find_gate(page.request).needs_accounts
-    provider = urlsplit(find_settings(page.request).oidc_issuer).netloc
-    values = {"next": check_next(wanted), "has_accounts": has_accounts, "provider": provider}
+    has_accounts = get_gate(page.request).needs_accounts
+    provider = urlsplit(get_settings(page.request).oidc_issuer).netloc
+    values = {"next": sanitize_next(wanted), "has_accounts": has_accounts, "provider": provider}
     return render_with_problem(page, "access/login.html", refusal, **values)
 
 
 def _render_code(page: Page, form: Form, ticket: str, refusal: AppError | None = None) -> Response:
-    wanted = check_next(first(form, "next"))
+    wanted = sanitize_next(first(form, "next"))
     return render_with_problem(page, "access/code.html", refusal, ticket=ticket, next=wanted)
 
 
@@ -291,20 +293,20 @@ def _render_confirmation(
     if subject.kind != "person":
         raise NotPermitted(permission="own")
     by_provider = page.sign_in.accounts.get_person(subject.id).issuer is not None
-    values = {"next": check_next(wanted), "by_provider": by_provider}
+    values = {"next": sanitize_next(wanted), "by_provider": by_provider}
     return render_with_problem(page, "access/confirm.html", refusal, **values)
 
 
-def _let_in(page: Page, entered: SignedIn, wanted: str) -> Response:
-    """Return a browser its new session; one that it had before ends."""
-    response = page.go(_find_way_on(entered, wanted))
+def _start_session(page: Page, entered: SignedIn, wanted: str) -> Response:
+    """Start a session in the browser; an earlier session of this browser ends."""
+    response = page.go(_get_next_page(entered, wanted))
     _set_cookies(page, response, entered)
     return response
 
 
-def _find_way_on(entered: SignedIn, wanted: str) -> str:
-    """Return where a login leads: first to the account, if there is something that its person is to know."""
-    on = check_next(wanted)
+def _get_next_page(entered: SignedIn, wanted: str) -> str:
+    """Return the page after sign-in: first the account page if it has a notice."""
+    on = sanitize_next(wanted)
     return f"/account?{urlencode({'next': on})}" if entered.must_show_link_use else on
 
 
@@ -316,25 +318,25 @@ def _set_cookies(page: Page, response: Response, entered: SignedIn) -> None:
     set_cookie(page.request, response, BROWSER_COOKIE, entered.browser, BROWSER_TERM_S)
 
 
-def _lead_with(page: Page, cookie: str, wanted: str, term_s: int = int(LONGEST_S)) -> Response:
-    response = page.go(check_next(wanted))
+def _redirect_with_session(page: Page, cookie: str, wanted: str, term_s: int = int(LONGEST_S)) -> Response:
+    response = page.go(sanitize_next(wanted))
     set_cookie(page.request, response, SESSION_COOKIE, cookie, term_s)
     return response
 
 
 def _send_to_provider(page: Page, wanted: str, confirms: str = "") -> Response:
-    address, state = _open_provider(page).begin(_find_back(page), wanted, confirms)
+    address, state = _open_provider(page).begin(_get_callback_url(page), wanted, confirms)
     response = RedirectResponse(address, status_code=303)
     set_cookie(page.request, response, STATE_COOKIE, state, 600)
     return response
 
 
 def _open_provider(page: Page) -> Any:
-    settings = find_settings(page.request)
-    if not settings.oidc_issuer or not find_gate(page.request).needs_accounts:
+    settings = get_settings(page.request)
+    if not settings.oidc_issuer or not get_gate(page.request).needs_accounts:
         raise ProviderRefused(said="none")
     return load_extra("app.accounts.provider", EXTRA).Provider(page.sign_in.accounts, settings)
 
 
-def _find_back(page: Page) -> str:
-    return f"{find_origin(page.request)}{page.base}/login/provider/back"
+def _get_callback_url(page: Page) -> str:
+    return f"{get_host_url(page.request)}{page.base}/login/provider/back"

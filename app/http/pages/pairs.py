@@ -1,6 +1,6 @@
-"""Pages of several finished analyses: both arms of one shift, one day beside an earlier one, many days.
+"""Pages of several analyses: both arms of one shift, two days compared, many days.
 
-Many days are those of one person, of both arms or of a group, before and after a change.
+Many days can be of one person, of both arms or of a group, before and after a change.
 """
 
 from collections.abc import Mapping
@@ -14,9 +14,9 @@ from pydantic import BaseModel, Field
 
 from app.errors import CannotProfile, RecordedProblem
 from app.http.api.library.files import respond_with_file
-from app.http.api.pairs import MOST_DAYS, build_pair_download_name, find_jobs
-from app.http.pages.recording.page_one import Laid, build_curves
-from app.http.pages.rendering import Page, UsedPage, lay_way_of_query
+from app.http.api.pairs import MAX_DAYS, build_pair_download_name, get_asked_jobs
+from app.http.pages.recording.page_one import PlacedCurve, build_curves
+from app.http.pages.rendering import Page, UsedPage, add_navigation_of_query
 from app.library.listing import Entry, Library, LibraryFilter
 from app.library.report_cache import AnyReportJobs, PairReport, ReportJobs
 from app.library.rows import Job
@@ -29,24 +29,24 @@ from app.services import Services, UsedServices
 from fusion.comparison.change import FigureChange
 
 DAY = 10  # characters of an ISO date
-MOST_TRUNKS = 50
+MAX_TRUNKS = 50
 SETTINGS = frozenset({"method", "pose", "metric filter"})
 
 router = APIRouter(include_in_schema=False)
 
-# Which analyses fit together: the other arm of the same day, other days of the same person.
+# Related analyses: the other arm on the same day, other days of the same person.
 
 
 @dataclass(frozen=True, slots=True)
 class Offer:
-    """A link to a page of two."""
+    """A link to a page of two analyses."""
 
     address: str
     words: str
 
 
-def find_offers(page: Page, job: Job, start: str) -> tuple[Offer, ...]:
-    """Offer a pair if arm and day fit, else a comparison, the earlier first."""
+def build_offers(page: Page, job: Job, start: str) -> tuple[Offer, ...]:
+    """Return links to related analyses: a pair if arm and day match, else a comparison, the earlier first."""
     words, offers = page.words("pair_pages"), []
     for other in Library(page.services.store.reader).find_others(job):
         other_start = _read_start(other)
@@ -70,7 +70,7 @@ def _format_start(start: str) -> str:
 
 
 class PairQuery(BaseModel):
-    """Offsets as people type them, the analysis of the trunk, and whether all are of one person."""
+    """Offsets as typed, the analysis of the trunk, and whether all are of one person."""
 
     offset_s: Annotated[str, Field(max_length=20)] = ""
     trunk: Annotated[str, Field(max_length=40)] = ""
@@ -78,27 +78,27 @@ class PairQuery(BaseModel):
     same_subject: bool = False
 
 
-def find_asked(
+def get_asked_pair(
     kind: PairKind, first: str, second: str, services: UsedServices, query: Annotated[PairQuery, Query()]
 ) -> ReportJobs[PairRequest]:
-    """Find the analyses that an address names; a comparison has neither trunk nor offset."""
+    """Return the analyses in an address; a comparison has neither trunk nor offset."""
     trunk = ""
     offsets_s: tuple[float | None, float | None] = (None, None)
     if kind == "pair":
         trunk, trunk_offset_s = query.trunk, parse_offset(query.trunk_offset_s) if query.trunk else None
         offsets_s = (parse_offset(query.offset_s), trunk_offset_s)
     request = PairRequest(kind, *offsets_s, same_subject=query.same_subject)
-    return find_jobs(services, (first, second, *filter(None, [trunk])), request)
+    return get_asked_jobs(services, (first, second, *filter(None, [trunk])), request)
 
 
-AskedPair = Annotated[ReportJobs[PairRequest], Depends(find_asked)]
+AskedPair = Annotated[ReportJobs[PairRequest], Depends(get_asked_pair)]
 
 
 @router.get("/beside/{kind}")
 def show_pair(asked: AskedPair, page: UsedPage) -> Response:
-    """Show two analyses side by side; for a pair, with the offset of the clocks to correct.
+    """Show two analyses side by side; for a pair, with a form to correct the clock offset.
 
-    Where a subject code is missing, only the question whether all are of one person is shown.
+    If a subject code is missing, only the question whether all are of one person is shown.
     """
     request, words = asked.request, page.words("pair_pages")
     offset, trunk_offset = (
@@ -129,15 +129,15 @@ def show_pair(asked: AskedPair, page: UsedPage) -> Response:
         ],
         "trunk_limit": load_pair_words(page.language)["pair"]["trunk"]["limit"],
         "changes": format_rows((FigureChange(**row) for row in figures.get("figures", ())), page.language),
-        "curves": build_curves(page, _lay_curves(page, asked, figures, (before, after))),
+        "curves": build_curves(page, _place_curves(page, asked, figures, (before, after))),
     }
     return page.render("pairs/beside.html", **shown)
 
 
-def _lay_curves(
+def _place_curves(
     page: Page, asked: ReportJobs[PairRequest], figures: Mapping[str, Any], days: tuple[str, str]
-) -> tuple[Laid, ...]:
-    """Lay a pair, and its trunk, on one clock; two visits by the time of the day."""
+) -> tuple[PlacedCurve, ...]:
+    """Place a pair and its trunk on one clock; place two visits by the time of day."""
     words = page.words("pair_pages")
     if asked.request.kind != "pair":
         before, after = (
@@ -154,20 +154,22 @@ def _lay_curves(
 
 @router.get("/beside/{kind}/report.{form}", response_class=Response)
 def get_report(form: Literal["html", "pdf"], asked: AskedPair, page: UsedPage) -> Response:
-    """Return the report of two, to read or to file."""
+    """Return the report of two analyses, as a page or a PDF."""
     return _respond_with_report(page, asked, _make(page.services, asked), form)
 
 
 def _respond_with_report(page: Page, asked: AnyReportJobs, report: PairReport, form: str) -> Response:
     body, kind = report.read(report.find("report", form, page.language)), asked.request.kind
     if form == "html":
-        return lay_way_of_query(page, body.decode(), "/days" if kind == "profile" else f"/beside/{kind}")
+        return add_navigation_of_query(
+            page, body.decode(), "/days" if kind == "profile" else f"/beside/{kind}"
+        )
     return respond_with_file(body, "application/pdf", build_pair_download_name(asked, f"{page.language}.pdf"))
 
 
 @router.post("/beside/compare/align")
 def analyse_alike(first: str, second: str, page: UsedPage) -> Response:
-    """Analyse the earlier recording by the settings of the later, so that only the work differs."""
+    """Analyse the earlier recording with the settings of the later, so that only the work differs."""
     store = page.services.store
     before, after = store.get(first), store.get(second)
     again = store.add_correction(before, align_request(before.request, after.request))
@@ -175,14 +177,14 @@ def analyse_alike(first: str, second: str, page: UsedPage) -> Response:
 
 
 def align_request(before: ReportRequest, after: ReportRequest) -> ReportRequest:
-    """Ask of the earlier recording what was asked of the later; windows that no longer fit are dropped."""
+    """Copy the later request's settings to the earlier one; drop windows that no longer fit the pose."""
     asked = replace(before, method=after.method, pose=after.pose, arm_axis=after.arm_axis)
     is_other_pose = asked.pose != before.pose and "two-point" in {asked.pose, before.pose}
     return replace(asked, calibration_windows_s=()) if asked.arm_axis or is_other_pose else asked
 
 
 def parse_offset(text: str) -> float | None:
-    """Read seconds as people write them; None, where it is no number, leaves the offset to the clocks."""
+    """Parse seconds as typed; None if it is not a number, so that the clocks determine the offset."""
     try:
         offset_s = float(text.strip().replace(",", "."))
     except ValueError:
@@ -191,7 +193,7 @@ def parse_offset(text: str) -> float | None:
 
 
 def _make(services: Services, asked: ReportJobs[PairRequest]) -> PairReport:
-    """Make the report of two; where methods differ, too, for the page says so and offers to analyse alike."""
+    """Build the report of two analyses, even if methods differ; the page then offers to use one method."""
     try:
         return services.pairs.make(asked)
     except RecordedProblem as problem:
@@ -203,16 +205,16 @@ def _make(services: Services, asked: ReportJobs[PairRequest]) -> PairReport:
 def _offer_trunks(
     services: Services, asked: ReportJobs[PairRequest], figures: Mapping[str, Any]
 ) -> tuple[Job, ...]:
-    """Offer the recordings that may be of the trunk: same person, same day, neither arm stated.
+    """Return recordings that may be of the trunk: same person, same day, no arm stated.
 
-    The chosen one is always among them.
+    The selected one is always included.
     """
     if asked.request.kind != "pair":
         return ()
     start = figures["left"].get("start") or ""
     found = [
         other.job
-        for other in Library(services.store.reader).find_others(asked.jobs[0], MOST_TRUNKS)
+        for other in Library(services.store.reader).find_others(asked.jobs[0], MAX_TRUNKS)
         if other.job.request.side is None
         and other.job.recording_id != asked.jobs[1].recording_id
         and _read_start(other)[:DAY] == start[:DAY]
@@ -223,26 +225,28 @@ def _offer_trunks(
 
 # Several days.
 
-MOST_OFFERED = 60
-"""Recordings of one person in the form."""
+MAX_OFFERED = 60
+"""Most recordings of one person in the form."""
 
 
 class DaysQuery(BaseModel):
-    """The analyses of the days, those after a change apart, and what a person says of them.
+    """The analyses of the days, those after a change separately, and the person's statements about them.
 
-    ``study`` stands for every report of a study; those from the day ``since`` on are after the change.
+    ``study`` selects every report of a study; from the day ``since`` on they count as after the change.
     """
 
-    analysis: Annotated[list[str], Field(max_length=MOST_DAYS)] = []
-    after: Annotated[list[str], Field(max_length=MOST_DAYS)] = []
+    analysis: Annotated[list[str], Field(max_length=MAX_DAYS)] = []
+    after: Annotated[list[str], Field(max_length=MAX_DAYS)] = []
     study: Annotated[str, Field(max_length=40)] = ""
     since: date | Literal[""] = ""
     same_subject: bool = False
     mixed_methods: bool = False
 
 
-def find_days(services: UsedServices, query: Annotated[DaysQuery, Query()]) -> ReportJobs[ProfileRequest]:
-    """Find the analyses that an address names; one that stands on both sides is after the change."""
+def get_asked_days(
+    services: UsedServices, query: Annotated[DaysQuery, Query()]
+) -> ReportJobs[ProfileRequest]:
+    """Return the analyses in an address; an analysis on both sides counts as after the change."""
     if query.study:
         first, after = _find_study(services, query)
     else:
@@ -263,11 +267,11 @@ def find_days(services: UsedServices, query: Annotated[DaysQuery, Query()]) -> R
 
 
 def _find_study(services: Services, query: DaysQuery) -> tuple[list[Job], list[Job]]:
-    """Find the reports of a study, and those after a change: what has no clock is on neither side."""
+    """Return the reports of a study before and after a change; those without a clock are on neither side."""
     wanted = LibraryFilter(batch=services.batches.get(query.study).id)
     placed = [
         (entry.job, entry.headline.start or "")
-        for entry in Library(services.store.reader).find_page(wanted, 2 * MOST_DAYS)
+        for entry in Library(services.store.reader).find_page(wanted, 2 * MAX_DAYS)
         if entry.headline and entry.job.request.reference is None
     ]
     if not query.since:
@@ -277,7 +281,7 @@ def _find_study(services: Services, query: DaysQuery) -> tuple[list[Job], list[J
     return before, [job for job, start in placed if start >= since]
 
 
-AskedDays = Annotated[ReportJobs[ProfileRequest], Depends(find_days)]
+AskedDays = Annotated[ReportJobs[ProfileRequest], Depends(get_asked_days)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -295,7 +299,7 @@ class Choice:
 
 @router.get("/days")
 def show_days(asked: AskedDays, page: UsedPage) -> Response:
-    """Show several days laid over one another, with a form of the person's recordings to choose from."""
+    """Show several days overlaid, with a form to select from the person's recordings."""
     try:
         made = page.services.pairs.make(asked)
     except RecordedProblem as refused:
@@ -305,7 +309,7 @@ def show_days(asked: AskedDays, page: UsedPage) -> Response:
         shown: dict[str, Any] = {"problem": problem, "sentences": (), "drawings": (), "figures": {}}
     else:
         drawings = [
-            {**chart, "wide": Markup(chart["wide"]), "narrow": Markup(chart["narrow"])}  # noqa: S704  ours
+            {**chart, "wide": Markup(chart["wide"]), "narrow": Markup(chart["narrow"])}  # noqa: S704  our own SVG
             for chart in made.read_drawings(page.language)
         ]
         sentences, figures = made.read_sentences(page.language), made.read_figures()
@@ -316,36 +320,36 @@ def show_days(asked: AskedDays, page: UsedPage) -> Response:
 
 @router.get("/days/report.{form}", response_class=Response)
 def get_days_report(form: Literal["html", "pdf"], asked: AskedDays, page: UsedPage) -> Response:
-    """Get the report of several days, to read or to file."""
+    """Return the report of several days, as a page or a PDF."""
     return _respond_with_report(page, asked, page.services.pairs.make(asked), form)
 
 
 @router.get("/days/{name}.csv", response_class=Response)
 def get_days_table(name: Literal["profile", "overlay"], asked: AskedDays, services: UsedServices) -> Response:
-    """Get a row for each day, or for each quarter hour of the clock."""
+    """Return a row per day, or per quarter hour of the clock."""
     body = services.pairs.make(asked).read(f"{name}.csv")
     return respond_with_file(body, "text/csv", build_pair_download_name(asked, f"{name}.csv"))
 
 
-def find_days_address(services: Services, job: Job) -> str:
-    """Return the address of the days of a person: all recordings with a report; empty where there is one.
+def get_days_address(services: Services, job: Job) -> str:
+    """Return the address of the days page with all of a person's reports; "" if there is only one.
 
-    What states no arm, as a sensor on the trunk, is left out beside what does.
+    If ``job`` states an arm, recordings without one (such as of the trunk) are left out.
     """
-    others = Library(services.store.reader).find_others(job, MOST_OFFERED - 1)
+    others = Library(services.store.reader).find_others(job, MAX_OFFERED - 1)
     ids = [other.job.id for other in others if other.job.request.side or not job.request.side]
     return "/days?" + "&".join(f"analysis={each}" for each in (job.id, *ids)) if ids else ""
 
 
 def _list_choices(page: Page, asked: ReportJobs[ProfileRequest]) -> tuple[Choice, ...]:
-    """List the chosen recordings and the others of the same people.
+    """List the selected recordings and the others of the same people.
 
-    What has no subject code stands by itself.
+    A recording without a subject code has no others.
     """
     library, sides = Library(page.services.store.reader), load_wording(page.language)["side"]
     found: dict[str, Entry] = {}
     for job in {job.request.subject: job for job in asked.jobs}.values():
-        every = library.find_others(replace(job, recording_id=""), MOST_OFFERED)  # its own among them
+        every = library.find_others(replace(job, recording_id=""), MAX_OFFERED)  # including its own
         found |= {entry.job.recording_id: entry for entry in every}
     for job in asked.jobs:
         known = found.get(job.recording_id)

@@ -1,4 +1,4 @@
-"""Pages: who asks for one, what its form says, how it or a report is rendered, with scripts and styles."""
+"""Render pages and reports: the page object, templates, forms, scripts and styles."""
 
 import gzip
 import hashlib
@@ -24,15 +24,15 @@ from starlette.types import Scope
 from app.accounts.sign_in import SignIn
 from app.accounts.subjects import Permission, Subject
 from app.errors import BadParameter, NotHere
-from app.http.middleware.guard import REPORT_POLICY, find_logins
+from app.http.middleware.guard import REPORT_POLICY, get_logins
 from app.http.middleware.problems import drop_secrets
 from app.report.render.html import mark_drawing_safe
 from app.report.words.numbers import format_angle, format_duration, format_number, format_percent
 from app.report.words.wording import Language, Part, Words, fill, is_french, load_wording
 from app.services import LANGUAGE_COOKIE, SUBJECT, Services, choose_language, find_services, prefer_language
 
-# Scripts, styles and drawings of the pages, under an address that changes with them, so that browsers keep
-# them for good. plotly's script comes from the installed package: no page loads anything from another host.
+# Scripts, styles and drawings have addresses that change with their content, so browsers cache them
+# permanently. plotly's script comes from the installed package: no page loads anything from another host.
 
 
 FOLDER = Path(__file__).resolve().parent / "static"
@@ -42,20 +42,20 @@ router = APIRouter(include_in_schema=False)
 
 
 class Assets(StaticFiles):
-    """The static files, which never change under their address."""
+    """The static files, whose content never changes under the same address."""
 
     def file_response(
         self, full_path: str | PathLike[str], stat_result: stat_result, scope: Scope, status_code: int = 200
     ) -> Response:
-        """Let the browser keep the file."""
+        """Return the file with a permanent cache header."""
         response = super().file_response(full_path, stat_result, scope, status_code)
         response.headers["Cache-Control"] = FOR_EVER
         return response
 
 
 @cache
-def find_assets() -> str:
-    """Return the address of the static files, without the proxy's part: ``/static/<fingerprint>``."""
+def get_assets_path() -> str:
+    """Return the path of the static files without the proxy's prefix: ``/static/<fingerprint>``."""
     digest = hashlib.sha256()
     for path in sorted(FOLDER.rglob("*")):
         if path.is_file():
@@ -64,15 +64,17 @@ def find_assets() -> str:
 
 
 @cache
-def find_plotly() -> str:
-    """Return the address of plotly's script, without the proxy's part."""
+def get_plotly_path() -> str:
+    """Return the path of plotly's script without the proxy's prefix."""
     return f"/vendor/plotly-{version('plotly')}.min.js"
 
 
 @cache
-def find_style_ids() -> tuple[str, ...]:
-    """Return the ids of the styles that plotly's script puts into a page unless an element of that name is
-    there: map controls, which we never draw, and which our policy would refuse.
+def get_style_ids() -> tuple[str, ...]:
+    """Return the ids of the style elements that plotly's script would add to a page.
+
+    A page that already contains elements with these ids prevents this. The styles are for map controls, which
+    are never used, and the content security policy would refuse them.
     """
     return tuple(re.findall(r'getElementById\("([0-9a-f]{32,})"\)', _read_script().decode()))
 
@@ -80,7 +82,7 @@ def find_style_ids() -> tuple[str, ...]:
 @router.get("/vendor/{name}")
 def plotly(name: str, request: Request) -> Response:
     """Return plotly's script from the installed package."""
-    if f"/vendor/{name}" != find_plotly():
+    if f"/vendor/{name}" != get_plotly_path():
         raise NotHere
     headers = {"Cache-Control": FOR_EVER, "Vary": "Accept-Encoding"}
     if "gzip" in request.headers.get("accept-encoding", ""):
@@ -91,7 +93,7 @@ def plotly(name: str, request: Request) -> Response:
 
 @cache
 def _read_packed() -> bytes:
-    """Compress the script once: a third of the bytes to send and to hold."""
+    """Compress the script once, to a third of its size."""
     return gzip.compress(_read_script(), 6, mtime=0)
 
 
@@ -117,7 +119,7 @@ pages = Environment(
 pages.filters["drawing"] = mark_drawing_safe
 pages.globals |= {
     "fill": fill,
-    "find_style_ids": find_style_ids,
+    "get_style_ids": get_style_ids,
     "percent": format_percent,
     "angle": format_angle,
     "duration": format_duration,
@@ -137,7 +139,7 @@ class _Wording:
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """A request for a page: its language, and the stores that answer it."""
+    """A request for a page: its language, and the services behind it."""
 
     request: Request
     services: Services
@@ -145,38 +147,38 @@ class Page:
 
     @property
     def base(self) -> str:
-        """The path under which a proxy serves us, "" at the root; every address of ours begins with it."""
-        return find_base(self.request)
+        """The path prefix set by the proxy, "" at the root; every link on a page starts with it."""
+        return get_base(self.request)
 
     @property
     def subject(self) -> Subject | None:
-        """Who asks; None for a browser that nobody is known behind."""
+        """The subject of the request; None for a browser without a session."""
         return cast("Subject | None", self.request.scope.get(SUBJECT))
 
     @property
     def sign_in(self) -> SignIn:
-        """What logs people in."""
-        return find_logins(self.request)
+        """The sign-in service."""
+        return get_logins(self.request)
 
     def words(self, part: Part = "page") -> Words:
         """Return one part of the words."""
         return load_wording(self.language, part)
 
     def go(self, place: str) -> Response:
-        """Lead the browser on to a page of ours."""
+        """Redirect the browser to a page of this server."""
         return RedirectResponse(self.base + place, status_code=303)
 
     def render(self, template: str, status: int = 200, **values: Any) -> HTMLResponse:
-        """Render a template with its values, and remember a choice of language."""
+        """Render a template, and store the selected language in a cookie."""
         body = pages.get_template(template).render(
             values,
             words=self.words(),
             wording=_Wording(self.language),
             language=self.language,
             base=self.base,
-            static=self.base + find_assets(),
-            plotly=self.base + find_plotly(),
-            language_link=self.turn_language(),
+            static=self.base + get_assets_path(),
+            plotly=self.base + get_plotly_path(),
+            language_link=self.get_language_link(),
             subject=self.subject,
             links=self._list_links(),
         )
@@ -188,15 +190,15 @@ class Page:
             )
         return response
 
-    def turn_language(self) -> str:
-        """Return the same page in the other language; French is that of the place that the browser names."""
+    def get_language_link(self) -> str:
+        """Return the query for this page in the other language; for French, the browser's variant."""
         shown = parse_qsl(drop_secrets(self.request.url.query), keep_blank_values=True)
         kept = [(name, value) for name, value in shown if name != "lang"]
         other = "en" if is_french(self.language) else prefer_language(self.request, ("fr", "fr-CA"))
         return "?" + urlencode([*kept, ("lang", other)])
 
     def _list_links(self) -> tuple[tuple[str, str], ...]:
-        """List the pages of trust that somebody may open: address and title."""
+        """List the address and title of the trust pages that the subject may open."""
         words = self.words("trail")
         known: tuple[tuple[Permission, str, str], ...] = (
             ("aggregate", "/aggregate", words["group"]["title"]),
@@ -208,85 +210,91 @@ class Page:
         )
 
 
-def find_base(request: Request) -> str:
-    """Return the path under which a proxy serves us, "" at the root."""
+def get_base(request: Request) -> str:
+    """Return the path prefix set by the proxy, "" at the root."""
     return str(request.scope.get("root_path", "")).rstrip("/")
 
 
 async def open_page(request: Request) -> Page:
-    """Return what a route of a page works with."""
+    """Return the page object of a request."""
     return Page(request, find_services(request), choose_language(request))
 
 
 UsedPage = Annotated[Page, Depends(open_page)]
 
 
-# A report as a page: above it the way back, the PDF and the other language; copies of the file hold none.
+# A report as a page: above it links back, to the PDF and to the other language; the stored file has none.
 
-WAY_STYLE = (
+NAVIGATION_STYLE = (
     ".way{display:flex;flex-wrap:wrap;gap:.4rem 1.4rem;max-width:60rem;margin:0 auto;padding:.6rem 1rem}"
     ".way a{display:inline-block;min-height:24px}"
     ".old{max-width:60rem;margin:0 auto;padding:.7rem 1rem;background:#fdf0d5;color:#6b4500}"
     "@media print{.way,.old a{display:none}}"
 )
-WAY_HASH = b64encode(hashlib.sha256(WAY_STYLE.encode()).digest()).decode()
-"""A report's own policy lets in styles by their hash alone."""
+NAVIGATION_HASH = b64encode(hashlib.sha256(NAVIGATION_STYLE.encode()).digest()).decode()
+"""A report's policy allows styles only by their hash."""
 
 
 @dataclass(frozen=True, slots=True)
 class OldVersion:
     """The notice that a report is not the current one, with a link to the current one."""
 
-    told: str
+    text: str
     link: str
     address: str
 
 
-def lay_way_of_query(page: Page, report: str, place: str) -> HTMLResponse:
-    """Lay the way back above a report whose page and PDF are asked for by the same query."""
+def add_navigation_of_query(page: Page, report: str, place: str) -> HTMLResponse:
+    """Add navigation above a report whose page and PDF have the same query."""
     query = f"?{page.request.url.query}" if page.request.url.query else ""
-    return lay_way(page, report, f"{page.base}{place}{query}", f"{page.base}{place}/report.pdf{query}")
+    return add_navigation(page, report, f"{page.base}{place}{query}", f"{page.base}{place}/report.pdf{query}")
 
 
-def lay_way(page: Page, report: str, back: str, pdf: str, old: OldVersion | None = None) -> HTMLResponse:
-    """Lay the way back above a report, and the banner of an old version; its file is left as it is.
+def add_navigation(
+    page: Page, report: str, back: str, pdf: str, old: OldVersion | None = None
+) -> HTMLResponse:
+    """Add navigation, and the notice of an old version, above a report; its stored file does not change.
 
-    ``back`` and ``pdf``: where its page and its PDF in this language are. Printing leaves the links out.
+    ``back`` and ``pdf`` are the addresses of its page and its PDF in this language. The links are not
+    printed.
     """
     words, labels = page.words(), page.words()["report_way"]
     links = (
         (back, labels["back"], ""),
         (pdf, labels["pdf"], " download"),
-        (page.turn_language(), words["other_language"], f' lang="{words["other_language_code"]}"'),
+        (page.get_language_link(), words["other_language"], f' lang="{words["other_language_code"]}"'),
     )
-    told = "".join(f'<a href="{escape(place)}"{more}>{escape(name)}</a>' for place, name, more in links)
-    bar = f'<nav class="way" aria-label="{escape(labels["label"])}">{told}</nav>'
+    items = "".join(f'<a href="{escape(place)}"{more}>{escape(name)}</a>' for place, name, more in links)
+    bar = f'<nav class="way" aria-label="{escape(labels["label"])}">{items}</nav>'
     if old is not None:
         link = f'<a href="{escape(old.address)}">{escape(old.link)}</a>'
-        bar += f'<p class="old">{escape(old.told)} {link}</p>'
+        bar += f'<p class="old">{escape(old.text)} {link}</p>'
     head, end, body = report.partition("</head>")
-    head = head.replace("style-src ", f"style-src 'sha256-{WAY_HASH}' ", 1) + f"<style>{WAY_STYLE}</style>"
+    head = (
+        head.replace("style-src ", f"style-src 'sha256-{NAVIGATION_HASH}' ", 1)
+        + f"<style>{NAVIGATION_STYLE}</style>"
+    )
     whole = head + end + body.replace('<div class="sheet">', f'{bar}<div class="sheet">', 1)
-    # its PDF may be downloaded, all else is as strict as for the file
+    # allow the PDF download; otherwise as strict as for the file
     policy = f"{REPORT_POLICY} allow-downloads"
     return HTMLResponse(whole, headers={"Content-Security-Policy": policy, "Cache-Control": "no-store"})
 
 
-# Forms of short text fields, as browsers send them (urlencoded).
+# Forms of short text fields (urlencoded).
 
-MOST_BYTES = 4 << 20
-MOST_FIELDS = 50_000
+MAX_BYTES = 4 << 20
+MAX_FIELDS = 50_000
 
 Form = Mapping[str, list[str]]
 
 
 async def read_form(request: Request) -> Form:
-    """Read ``application/x-www-form-urlencoded``; each name with its values in order. Raises BadParameter."""
+    """Parse ``application/x-www-form-urlencoded`` to the values of each name. Raises BadParameter."""
     body = await read_body(request)
     try:
-        pairs = parse_qsl(body.decode(), keep_blank_values=True, max_num_fields=MOST_FIELDS)
+        pairs = parse_qsl(body.decode(), keep_blank_values=True, max_num_fields=MAX_FIELDS)
     except ValueError:
-        raise BadParameter(name="form", value="", allowed=f"≤ {MOST_FIELDS}") from None
+        raise BadParameter(name="form", value="", allowed=f"≤ {MAX_FIELDS}") from None
     form: dict[str, list[str]] = {}
     for name, value in pairs:
         form.setdefault(name, []).append(value)
@@ -301,8 +309,8 @@ async def read_body(request: Request) -> bytes:
     body = bytearray()
     async for chunk in request.stream():
         body += chunk
-        if len(body) > MOST_BYTES:
-            raise BadParameter(name="form", value="", allowed=f"≤ {MOST_BYTES}")
+        if len(body) > MAX_BYTES:
+            raise BadParameter(name="form", value="", allowed=f"≤ {MAX_BYTES}")
     return bytes(body)
 
 
@@ -311,6 +319,6 @@ def first(form: Form, name: str) -> str:
     return form.get(name, [""])[0].strip()
 
 
-def take_secret(form: Form, name: str) -> str:
-    """Return the first value of a name as it was typed, with every space."""
+def get_secret(form: Form, name: str) -> str:
+    """Return the first value of a name as typed, including spaces."""
     return form.get(name, [""])[0]

@@ -1,4 +1,4 @@
-"""Pages of trust: the audit log, terms, group figures; forms that release a report or hold a recording."""
+"""The audit log, retention and group figures; forms that release a report or hold a recording."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -9,7 +9,7 @@ from fastapi.responses import HTMLResponse
 
 from app.accounts.subjects import Subject
 from app.errors import BadParameter
-from app.http.api.trust import MOST_LINES, AuditQuery, build_question, find_names
+from app.http.api.trust import MAX_LINES, AuditQuery, build_question, get_names
 from app.http.middleware.access import UsedSubject
 from app.http.pages.rendering import Page, UsedForm, UsedPage, first
 from app.http.pages.views import format_moment
@@ -25,30 +25,30 @@ router = APIRouter(default_response_class=HTMLResponse, include_in_schema=False)
 
 @router.get("/trail")
 def show_audit_log(page: UsedPage, query: Annotated[AuditQuery, Query()]) -> Response:
-    """Show who did what: the lines that a question lets through."""
+    """Show the audit log entries that match the filters."""
     question = build_question(page.services, query)
-    lines = list(find_lines(page.services.store.reader, question, before=query.before, most=MOST_LINES))
+    lines = list(find_lines(page.services.store.reader, question, before=query.before, most=MAX_LINES))
     asked = {name: page.request.query_params.get(name, "") for name in ASKED}
     return page.render(
         "trust/audit_log.html",
         lines=lines,
-        names=find_names(page.request, (line.who for line in lines), page.language),
+        names=get_names(page.request, (line.who for line in lines), page.language),
         asked=asked,
         acts=sorted(ACTS),
         query=urlencode({name: value for name, value in asked.items() if value}),
-        following=lines[-1].seq if len(lines) == MOST_LINES else None,
+        following=lines[-1].seq if len(lines) == MAX_LINES else None,
     )
 
 
 @router.get("/retention")
 def show_terms(page: UsedPage) -> Response:
-    """Show how long each kind is kept, with a form to change it."""
+    """Show the retention period of each kind, with a form to change it."""
     return page.render("trust/retention.html", terms=page.services.retention.find_all())
 
 
 @router.post("/retention")
 def change_terms(page: UsedPage, form: UsedForm) -> Response:
-    """Change the terms that the form names; an empty one keeps its kind for good."""
+    """Change the retention periods in the form; an empty one keeps its kind permanently."""
     known = page.services.retention.find_all()
     for kind, typed in {kind: first(form, kind) for kind in KINDS if kind in form}.items():
         if typed and (not typed.isdecimal() or len(typed) > 6):
@@ -75,7 +75,7 @@ def hold(recording_id: str, page: UsedPage, form: UsedForm, subject: UsedSubject
 
 @router.post("/analyses/{analysis_id}/release")
 def release(analysis_id: str, page: UsedPage, form: UsedForm, subject: UsedSubject) -> Response:
-    """Release a report under one's name, or take that back."""
+    """Release a report in your name, or withdraw the release."""
     job, releases = page.services.store.get(analysis_id), page.services.releases
     change = releases.withdraw if first(form, "back") else releases.release
     change(job, subject.id)
@@ -84,7 +84,7 @@ def release(analysis_id: str, page: UsedPage, form: UsedForm, subject: UsedSubje
 
 @router.get("/aggregate")
 def show_groups(page: UsedPage) -> Response:
-    """Show the published group figures of every study: of five people or more, never of one."""
+    """Show the published group figures of every study, always of at least five people."""
     groups = [
         (group, [(block, format_moment(block.published_at)) for block in group.blocks])
         for group in page.services.aggregates.find_studies(STUDIES)
@@ -94,7 +94,7 @@ def show_groups(page: UsedPage) -> Response:
 
 @dataclass(frozen=True, slots=True)
 class ReleaseCard:
-    """Who released the report that is shown, and when, "" if nobody has; whether the reader may."""
+    """Who released the report and when ("" if it is not released), and whether the viewer may."""
 
     name: str
     when: str
@@ -105,5 +105,5 @@ def build_release(page: Page, subject: Subject, analysis_id: str) -> ReleaseCard
     """Return the release of a finished analysis."""
     found, who, when = page.services.releases.find(analysis_id), "", ""
     if found is not None:
-        who, when = find_names(page.request, [found.who], page.language)[found.who], format_moment(found.at)
+        who, when = get_names(page.request, [found.who], page.language)[found.who], format_moment(found.at)
     return ReleaseCard(who, when, subject.may("release"))

@@ -1,4 +1,4 @@
-"""Pages of a comparison with a reference: a form for two files, then the result; they need no script."""
+"""Pages of a comparison with a reference: a form for two files, and the result; no scripts needed."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -11,9 +11,9 @@ from fastapi.responses import HTMLResponse
 from starlette.datastructures import FormData
 
 from app.errors import AppError, NoSuchFile, find_outcome_of_code
-from app.http.api.validations import find_validation, open_form, queue_validation
+from app.http.api.validations import get_validation_job, open_form, queue_validation
 from app.http.middleware.guard import REPORT_POLICY
-from app.http.pages.recording.day import DayClock, Piece, cut_curve, find_day
+from app.http.pages.recording.day import DayClock, Piece, cut_curve, load_day
 from app.http.pages.recording.page_one import CurveView
 from app.http.pages.rendering import Page, UsedPage
 from app.http.pages.views import build_row, format_size
@@ -27,7 +27,7 @@ from app.store.day_file import OWN_CURVE, REFERENCE_CURVE
 from fusion.errors import FusionError
 
 TYPED = ("side", "subject", "study", "offset_s", "drift_ppm")
-"""Fields of the form that a browser can be given back; files it cannot."""
+"""Fields that keep their typed value if the form is refused; browsers do not allow this for files."""
 
 router = APIRouter(default_response_class=HTMLResponse, include_in_schema=False)
 
@@ -40,7 +40,7 @@ def ask(page: UsedPage) -> Response:
 
 @router.post("/validations")
 async def take(page: UsedPage) -> Response:
-    """Take the form and go to its comparison; a refused one is shown again with what was typed."""
+    """Queue the comparison and redirect to it; show a refused form again with the typed values."""
     async with open_form(page.request, page.services) as form:
         try:
             job = await queue_validation(form, page.services)
@@ -52,7 +52,7 @@ async def take(page: UsedPage) -> Response:
 def _render_form(
     page: Page, form: FormData | Mapping[str, str], refusal: FusionError | AppError | None = None
 ) -> Response:
-    """Render the form with what was typed into it before."""
+    """Render the form with the values typed before."""
     typed = {name: form.get(name, "") for name in TYPED}
     return page.render(
         "pairs/validate.html",
@@ -68,15 +68,15 @@ def _render_form(
 def show(validation_id: str, page: UsedPage) -> Response:
     """Show one comparison: its state, or its answer and files."""
     services, language = page.services, page.language
-    job = find_validation(services, validation_id)
+    job = get_validation_job(services, validation_id)
     sentences: Sequence[str] = ()
     curves: Sequence[CurveView] = ()
     if job.state is JobState.SUCCEEDED:
-        if job.replaced_by is not None:  # it was damaged, and made again
+        if job.replaced_by is not None:  # it was damaged and has been repeated
             return page.go(f"/validations/{job.replaced_by}")
         sentences = list_sentences(json.loads(services.results.read(job, "validation.json")), language)
-    with suppress(NoSuchFile):  # only angles that were both measured are drawn
-        clock = DayClock.of(find_day(services, job, OWN_CURVE).facts)
+    with suppress(NoSuchFile):  # curves exist only if both angles were measured
+        clock = DayClock.of(load_day(services, job, OWN_CURVE).facts)
         place, name = f"{page.base}/validations/{job.id}/curve?of=", page.words("agreement")["page"]["curves"]
         curves = (CurveView(name, f"{place}own", clock, 0.0, beside=f"{place}reference"),)
     reference = job.request.reference.file_name if job.request.reference else ""
@@ -90,22 +90,22 @@ def show(validation_id: str, page: UsedPage) -> Response:
 
 
 class AnglePiece(Piece):
-    """A stretch of one of the two angles."""
+    """A time range of one of the two angles."""
 
     of: Literal["own", "reference"]
 
 
 @router.get("/validations/{validation_id}/curve")
 def curve(validation_id: str, services: UsedServices, piece: Annotated[AnglePiece, Query()]) -> Response:
-    """Return a stretch of one of the two angles, as of a day."""
+    """Return a time range of one of the two angles, in the format of a day's curve."""
     name = OWN_CURVE if piece.of == "own" else REFERENCE_CURVE
-    return cut_curve(find_day(services, find_validation(services, validation_id), name), piece)
+    return cut_curve(load_day(services, get_validation_job(services, validation_id), name), piece)
 
 
 @router.get("/validations/{validation_id}/plot.svg")
 def plot(validation_id: str, page: UsedPage) -> Response:
-    """Return Bland and Altman's plot by itself."""
-    job = find_validation(page.services, validation_id)
+    """Return the Bland–Altman plot as a separate image."""
+    job = get_validation_job(page.services, validation_id)
     body = page.services.results.read(job, f"plot.{find_nearest(page.language, job.request.languages)}.svg")
     return Response(body, media_type="image/svg+xml", headers={"Content-Security-Policy": REPORT_POLICY})
 

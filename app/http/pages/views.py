@@ -1,4 +1,4 @@
-"""Views of a job and of the library: words and formatted numbers, so that the templates only place them."""
+"""Views of jobs and the library, with texts and formatted numbers ready for the templates."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -38,26 +38,26 @@ _CURED_BY_COLUMNS = (
     *(errors.UnknownFormat, errors.UnusableProfile),
 )
 ASK_COLUMNS = frozenset(refusal.code for refusal in _CURED_BY_COLUMNS)
-"""Refusals that a person may cure by saying what the columns are."""
+"""Problems that a person may fix by naming the columns."""
 
-MOST_APART = 2.0
-"""Times the size of a file: by larger or smaller ones no time left is judged."""
-MOST_PERIODS = 12
+MAX_SIZE_RATIO = 2.0
+"""The time left is estimated only from files at most this factor larger or smaller."""
+MAX_PERIODS = 12
 
 
 def describe_old(job: Job, reports: Sequence[Job], page: Page) -> OldVersion | None:
     """Return the notice above an old version; None for any other analysis.
 
-    ``reports``: those of the recording, the newest first.
+    ``reports`` are those of the recording, newest first.
     """
     current = next(iter(reports), job)
     if job.state is not JobState.SUCCEEDED or job.request.version == current.request.version:
         return None
     words = page.words()["version"]
     count = max(report.request.version for report in (job, *reports))
-    told = fill(words["old"], {"n": str(job.request.version), "count": str(count)})
+    text = fill(words["old"], {"n": str(job.request.version), "count": str(count)})
     link = fill(words["current"], {"n": str(current.request.version)})
-    return OldVersion(told, link, f"{page.base}/analyses/{current.id}")
+    return OldVersion(text, link, f"{page.base}/analyses/{current.id}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +71,7 @@ class Fact:
 
 @dataclass(frozen=True, slots=True)
 class ProblemBox:
-    """A refusal in words, with its code and the text that "copy details" copies."""
+    """A problem in words, with its code and the text for "copy details"."""
 
     words: Problem
     code: str
@@ -82,10 +82,10 @@ class ProblemBox:
 class JobRow:
     """One recording in the list.
 
-    ``version`` changes whenever anything shown changes; ``report`` is the address of the report without its
-    ending; ``key`` stays the same for all analyses of a recording. ``asks_columns``: a person may cure the
-    refusal by naming the columns. ``compared``: both files, of a comparison with a reference. ``file_meta``:
-    ``meta`` without subject and arm.
+    ``version`` changes whenever anything shown changes. ``report`` is the address of the report without its
+    extension. ``key`` is the same for all analyses of a recording. ``asks_columns``: a person may fix the
+    problem by naming the columns. ``compared``: both file names of a comparison with a reference.
+    ``file_meta``: ``meta`` without subject and arm.
     """
 
     id: str
@@ -111,24 +111,28 @@ class JobRow:
 def build_row(job: Job, language: Language, took: Sequence[AnalysisDuration] = ()) -> JobRow:
     """Build the row of a job in the list; its time left is estimated from ``took``, earlier analyses."""
     words, request, now = load_wording(language, "page"), job.request, datetime.now(UTC)
-    told, state_word, percent = words["row"], str(words["state"][job.state.value]), round(100 * job.progress)
+    row_words, state_word, percent = (
+        words["row"],
+        str(words["state"][job.state.value]),
+        round(100 * job.progress),
+    )
     times = []
     if job.started_at is not None and job.state not in (JobState.QUEUED, JobState.CANCELLED):
         seconds = max(0.0, ((job.ended_at or now) - job.started_at).total_seconds())
         shown = format_duration(seconds if job.ended_at else float(int(seconds)), language)
-        times.append(fill(told["took" if job.ended_at else "running_for"], {"duration": shown}))
+        times.append(fill(row_words["took" if job.ended_at else "running_for"], {"duration": shown}))
     if left_s := estimate_left_s(job, took, now):
-        times.append(fill(told["time_left"], {"duration": format_duration(left_s, language)}))
+        times.append(fill(row_words["time_left"], {"duration": format_duration(left_s, language)}))
     duration = ", ".join(times)
     # a first report needs no number, and a failed analysis has none
     has_version = request.version > 1 and job.state not in (JobState.FAILED, JobState.CANCELLED)
-    version = fill(told["version"], {"n": str(request.version)}) if has_version else ""
-    subject = fill(told["subject"], {"subject": request.subject}) if request.subject else ""
+    version = fill(row_words["version"], {"n": str(request.version)}) if has_version else ""
+    subject = fill(row_words["subject"], {"subject": request.subject}) if request.subject else ""
     has_arm = job.state is JobState.SUCCEEDED and request.reference is None
-    side = str(told[request.side]) if request.side else str(told["no_side"]) if has_arm else ""
+    side = str(row_words[request.side]) if request.side else str(row_words["no_side"]) if has_arm else ""
     of_file = (format_size(job.size_bytes, language), format_time(job.created_at))
     place = f"analyses/{job.id}/report" if request.reference is None else f"validations/{job.id}/validation"
-    # a person may also name the columns anew
+    # the named columns of a table can also be corrected
     is_table = request.profile != "" and "header" in job.problem_facts
     return JobRow(
         id=job.id,
@@ -143,7 +147,7 @@ def build_row(job: Job, language: Language, took: Sequence[AnalysisDuration] = (
         duration=duration,
         is_over=job.is_over,
         problem=build_problem(job, language),
-        announcement=fill(told["announce"], {"name": job.file_name, "state": state_word}),
+        announcement=fill(row_words["announce"], {"name": job.file_name, "state": state_word}),
         version=f"{job.state.value}-{job.stage}-{percent}-{duration}",
         report=f"/api/v1/{place}",
         side=request.side or "",
@@ -153,9 +157,9 @@ def build_row(job: Job, language: Language, took: Sequence[AnalysisDuration] = (
 
 
 def estimate_left_s(job: Job, took: Sequence[AnalysisDuration], now: datetime) -> float | None:
-    """Estimate how long a running analysis still takes, s, by files of its kind and about its size.
+    """Estimate the remaining time of a running analysis, s, from files of the same kind and similar size.
 
-    None where no such file was analysed before, or when it takes longer than those.
+    None if there is no such file, or if it already takes longer than they did.
     """
     if job.state is not JobState.RUNNING or job.started_at is None or job.request.reference is not None:
         return None
@@ -163,7 +167,7 @@ def estimate_left_s(job: Job, took: Sequence[AnalysisDuration], now: datetime) -
         each.took_s * job.size_bytes / each.size_bytes
         for each in took
         if Path(each.file_name).suffix.lower() == Path(job.file_name).suffix.lower()
-        and 1 / MOST_APART <= job.size_bytes / max(each.size_bytes, 1) <= MOST_APART
+        and 1 / MAX_SIZE_RATIO <= job.size_bytes / max(each.size_bytes, 1) <= MAX_SIZE_RATIO
     ]
     if not scaled:
         return None
@@ -172,7 +176,7 @@ def estimate_left_s(job: Job, took: Sequence[AnalysisDuration], now: datetime) -
 
 
 def format_compared(job: Job, words: Words) -> str:
-    """Name both files of a comparison with a reference; empty for a report."""
+    """Name both files of a comparison with a reference; "" for a report."""
     reference = job.request.reference
     facts = {"name": job.file_name, "reference": reference.file_name if reference else ""}
     return fill(words["row"]["compared"], facts) if reference else ""
@@ -188,7 +192,7 @@ def build_problem(job: Job, language: Language) -> ProblemBox | None:
 
 
 def build_figures(results: Mapping[str, Any], language: Language) -> tuple[Fact, ...]:
-    """Choose the main figures of ``results.json``, written as the report writes them."""
+    """Return the main figures of ``results.json``, formatted as in the report."""
     words = load_wording(language, "page")
     exposure, time = results["exposure"], results["time"]
     above = {row["threshold_deg"]: row["percent"] for row in exposure["time_above"]}
@@ -210,10 +214,10 @@ def build_figures(results: Mapping[str, Any], language: Language) -> tuple[Fact,
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """The figures of a finished analysis, and how far they may be trusted ("good", "caution", "poor").
+    """The figures of a finished analysis, and the verdict on its data ("good", "caution", "poor").
 
-    ``brief`` is the answer in five lines, to paste into a record; ``sentences`` are its first three, and
-    ``reason`` is the fourth: the quality and why.
+    ``brief`` is the answer in five lines, for pasting into a record. ``sentences`` are its first three lines;
+    ``reason`` is the fourth, the quality and its reason.
     """
 
     figures: tuple[Fact, ...]
@@ -230,7 +234,7 @@ def build_answer(results: Mapping[str, Any], brief: str, language: Language) -> 
 
 
 def build_settings(job: Job, clock: DayClock | None, language: Language) -> tuple[Fact, ...]:
-    """List what was asked and of which file; moments by the clock of the recording, where it is known."""
+    """List the settings and the file of an analysis; times are on the recording's clock if it is known."""
     words = load_wording(language, "page")["analysis"]
     request = job.request
     sides = load_wording(language, "page")["drop"]
@@ -257,7 +261,7 @@ def build_settings(job: Job, clock: DayClock | None, language: Language) -> tupl
 
 
 def format_size(size_bytes: int, language: Language) -> str:
-    """Write a size as people read it: "12.3 MB", "12,3 Mo"."""
+    """Format a file size: "12.3 MB", "12,3 Mo"."""
     units = load_wording(language, "page")["decimal_units"]
     power = min(3, max(0, (len(str(size_bytes)) - 1) // 3))
     decimals = 1 if power >= 2 else 0
@@ -265,17 +269,17 @@ def format_size(size_bytes: int, language: Language) -> str:
 
 
 def format_time(moment: datetime) -> str:
-    """Write a time that cannot be misread, on this computer's clock."""
+    """Format a time in ISO style, in the server's time zone."""
     return moment.astimezone().strftime("%Y-%m-%d %H:%M")
 
 
 def format_moment(text: str) -> str:
-    """Write a time that a row holds."""
+    """Format a stored time."""
     return format_time(datetime.fromisoformat(text))
 
 
 def format_windows(windows: Sequence[tuple[float, float]], clock: DayClock | None, language: Language) -> str:
-    """Write stretches on the clock of the recording, or else in seconds; empty for none."""
+    """Format time windows on the recording's clock, or in seconds if it has none; "" for none."""
     if clock is not None and clock.start is not None:
         return "; ".join(f"{clock.format(start_s)} – {clock.format(end_s)}" for start_s, end_s in windows)
     words = load_wording(language, "page")["analysis"]["window"]
@@ -284,20 +288,20 @@ def format_windows(windows: Sequence[tuple[float, float]], clock: DayClock | Non
 
 
 def format_times(times_s: Sequence[float], clock: DayClock | None, language: Language) -> str:
-    """Write moments on the clock of the recording, or else in seconds; empty for none."""
+    """Format times on the recording's clock, or in seconds if it has none; "" for none."""
     if clock is not None and clock.start is not None:
         return "; ".join(map(clock.format, times_s))
     return "; ".join(f"{format_number(time_s, 1, language)}\u202fs" for time_s in times_s)
 
 
 def _format_periods(job: Job, clock: DayClock | None, language: Language) -> str:
-    """Name each period with its times; only how many there are where the clock is not known."""
+    """List the periods with their times, or only their number if the clock is not known."""
     diary, kinds = job.request.select_diary(), load_wording(language, "day")["kind_name"]
     try:
         rows = place_rows(diary, clock) if clock else []
     except errors.UnusableDiary:
         rows = []
-    shown = [f"{row.label or kinds[row.kind]} {row.start} – {row.end}" for row in rows[:MOST_PERIODS]]
+    shown = [f"{row.label or kinds[row.kind]} {row.start} – {row.end}" for row in rows[:MAX_PERIODS]]
     if len(diary) > len(shown):
         shown.append(f"+ {len(diary) - len(shown)}" if shown else str(len(diary)))
     return "; ".join(shown)
@@ -315,9 +319,9 @@ SPARK_TOP_DEG = 120.0
 class ShownEntry:
     """A row of the list: subject, time and arm, then the main figures of its report.
 
-    ``when`` is the beginning of the recording or, if it is unknown (``is_added``), when it was added.
-    ``figures`` is None without a report. ``attempt``: a newer analysis that runs or has failed; the report
-    of the row stays as it was. ``tags``: each with the address of all recordings that have it.
+    ``when`` is the start of the recording or, if unknown (``is_added``), when it was added. ``figures`` is
+    None without a report. ``attempt`` is a newer analysis that is running or failed; the row keeps its
+    report. ``tags``: each with the query that lists its recordings.
     """
 
     row: JobRow
@@ -332,13 +336,13 @@ class ShownEntry:
 
     @property
     def active(self) -> JobRow | None:
-        """The analysis of the row that is under way."""
+        """The analysis of the row that is in progress."""
         return next((row for row in (self.attempt, self.row) if row and not row.is_over), None)
 
 
 @dataclass(frozen=True, slots=True)
 class Heading:
-    """A column by which the list is sorted; ``turned``: "ascending", "descending" or ""."""
+    """A column that sorts the list; ``turned``: "ascending", "descending" or ""."""
 
     order: str
     name: str
@@ -348,7 +352,7 @@ class Heading:
 
 @dataclass(frozen=True, slots=True)
 class Chip:
-    """A group that can be chosen, with the number of its recordings."""
+    """A group to select, with the number of its recordings."""
 
     name: str
     count: int
@@ -357,12 +361,12 @@ class Chip:
 
 
 def read_filter(request: Request) -> LibraryFilter:
-    """Read the filter of an address."""
+    """Parse the filter of an address."""
     return parse_filter(request.query_params)
 
 
 def parse_filter(asked: Mapping[str, str]) -> LibraryFilter:
-    """Read a filter; a value that cannot be is ignored."""
+    """Parse a filter; invalid values are ignored."""
     group: Group = next((known for known in GROUPS if known == asked.get("group")), "all")
     order: Order = next((known for known in ORDERS if known == asked.get("order")), "newest")
     first_day, last_day = (_read_day(asked.get(name, "")) for name in ("first_day", "last_day"))
@@ -373,7 +377,7 @@ def parse_filter(asked: Mapping[str, str]) -> LibraryFilter:
 
 
 def write_filter(wanted: LibraryFilter, **changes: str) -> str:
-    """Write a filter as the query of an address."""
+    """Format a filter as the query of an address."""
     parameters = {
         "text": wanted.text,
         "first_day": wanted.first_day,
@@ -388,9 +392,9 @@ def write_filter(wanted: LibraryFilter, **changes: str) -> str:
 
 
 def build_library(page: Page, wanted: LibraryFilter) -> dict[str, Any]:
-    """Build what the list of the first page, or of a batch, needs: its rows, and the links around them.
+    """Build the list of the first page or of a batch: its rows, and the links around them.
 
-    ``number``: of the chosen group; ``source_query``: by which the page asks for its rows again.
+    ``number`` is the size of the selected group; ``source_query`` reloads the rows.
     """
     words, services = page.words(), page.services
     library = Library(services.store.reader)
@@ -402,7 +406,7 @@ def build_library(page: Page, wanted: LibraryFilter) -> dict[str, Any]:
     done = fill(words["list"]["summary"], facts)
     entries = library.find_page(wanted, PER_PAGE, (number - 1) * PER_PAGE)
     took = find_durations(services, entries)
-    return dict(  # noqa: C408  as keywords of a template
+    return dict(  # noqa: C408  keywords of a template
         entries=[build_entry(entry, page.language, took) for entry in entries],
         headings=[_build_heading(order, str(words["column"][order]), wanted) for order in SORTED],
         wanted=wanted,
@@ -432,21 +436,21 @@ def build_library(page: Page, wanted: LibraryFilter) -> dict[str, Any]:
 
 
 def find_durations(services: Services, entries: Sequence[Entry]) -> tuple[AnalysisDuration, ...]:
-    """Return the durations of earlier analyses if one of these runs."""
+    """Return the durations of earlier analyses if one of the entries is running; else none."""
     jobs = (job for entry in entries for job in (entry.job, entry.attempt) if job)
     is_running = any(job.state is JobState.RUNNING for job in jobs)
     return Library(services.store.reader).find_durations() if is_running else ()
 
 
 def build_entry(entry: Entry, language: Language, took: Sequence[AnalysisDuration] = ()) -> ShownEntry:
-    """Show a recording with its report or, without one, its newest analysis."""
+    """Build the row of a recording with its report or, without one, its newest analysis."""
     job, words, attempt = entry.job, load_wording(language, "page"), entry.attempt
     if attempt is not None and attempt.state is JobState.CANCELLED:
         attempt = None
     headline, start, figures = entry.headline, "", None
     if headline is not None:
         start = headline.start or ""
-        spark, lowest, highest = draw_spark(headline.day)  # "" where the day is not known
+        spark, lowest, highest = draw_spark(headline.day)  # "" if the day is not known
         figures = {
             "hours": format_duration(headline.recorded_s, language),
             "verdict": headline.verdict,
@@ -473,7 +477,7 @@ def build_entry(entry: Entry, language: Language, took: Sequence[AnalysisDuratio
 def draw_spark(day: str) -> tuple[str, str, str]:
     """Draw a day of :func:`app.library.listing.summarise_day` as an SVG path, 100 by 20, 0 to 120 deg.
 
-    Gives the path with its lowest and highest angle; "" for each where no angle is known.
+    Return the path with its lowest and highest angle; "" for each if no angle is known.
     """
     angles = [float(text) if text else None for text in day.split(",")]
     known = [angle for angle in angles if angle is not None]
@@ -491,7 +495,7 @@ def draw_spark(day: str) -> tuple[str, str, str]:
 
 
 def find_neighbours(page: Page, job: Job) -> dict[str, Any]:
-    """Find what was shown before and after an analysis in the list that it was opened from."""
+    """Return the analyses before and after this one in the list that it was opened from."""
     wanted = read_filter(page.request)
     before, after = Library(page.services.store.reader).find_neighbours(job, wanted)
     back = f"/batches/{wanted.batch}" if wanted.batch else "/"
@@ -499,7 +503,7 @@ def find_neighbours(page: Page, job: Job) -> dict[str, Any]:
 
 
 def _build_heading(order: Order, name: str, wanted: LibraryFilter) -> Heading:
-    """Build the head of a column; a second click turns the order round."""
+    """Build a column heading; a second click reverses the order."""
     is_chosen = wanted.order == order
     is_falling = (order in DESCENDING) != (is_chosen and wanted.is_reversed)
     again = "1" if is_chosen and not wanted.is_reversed else ""

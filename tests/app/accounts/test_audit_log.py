@@ -13,12 +13,12 @@ from sqlalchemy.exc import IntegrityError
 
 from app.http.api.housekeeping import write_side_files
 from app.http.middleware.access import (
-    MOST_COUNTED,
-    MOST_KNOWN,
-    MOST_LINES,
-    MOST_OF_STRANGERS,
+    MAX_COUNTED_CLIENTS,
+    MAX_LINES,
+    MAX_RECENT_READS,
+    MAX_UNAUTHENTICATED_LINES,
     WINDOW_S,
-    KnownReadings,
+    RecentReads,
     RefusedLines,
 )
 from app.library.audit_log import ACTS, AuditFilter, AuditLine, acting, find_lines, record
@@ -251,12 +251,12 @@ def test_what_is_no_id_is_in_no_line_of_a_refusal(house: House, caller: TestClie
 def test_who_guesses_many_ids_leaves_so_many_lines_and_one_more_and_others_keep_theirs(
     house: House, caller: TestClient
 ) -> None:
-    for number in range(MOST_LINES + 5):
+    for number in range(MAX_LINES + 5):
         caller.get(f"/api/v1/analyses/an_{number:016x}")
     caller.get(f"/api/v1/analyses/{UNKNOWN}", headers=dict(house.log_in("clinician")))
 
     acts = [line.act for line in read(house.services.store, AuditFilter(who="nobody"))]
-    assert (acts.count("refused"), acts.count("refused.more")) == (MOST_LINES, 1)
+    assert (acts.count("refused"), acts.count("refused.more")) == (MAX_LINES, 1)
     assert [line.analysis_id for line in _find_by(house, "clinician", "refused")] == [UNKNOWN]
 
 
@@ -434,14 +434,14 @@ def take_many(lines: RefusedLines, asker: str, number: int, *, is_stranger: bool
 
 
 def test_after_the_most_one_line_says_that_there_were_more() -> None:
-    taken = take_many(RefusedLines(), "per_1", MOST_LINES + 3)
+    taken = take_many(RefusedLines(), "per_1", MAX_LINES + 3)
 
-    assert taken == ["line"] * MOST_LINES + ["more", "none", "none"]
+    assert taken == ["line"] * MAX_LINES + ["more", "none", "none"]
 
 
 def test_the_next_window_begins_anew(clock: Clock) -> None:
     lines = RefusedLines(clock)
-    take_many(lines, "per_1", MOST_LINES + 3)
+    take_many(lines, "per_1", MAX_LINES + 3)
 
     clock.wait(WINDOW_S)
 
@@ -450,7 +450,7 @@ def test_the_next_window_begins_anew(clock: Clock) -> None:
 
 def test_strangers_use_up_nothing_of_who_is_logged_in() -> None:
     lines = RefusedLines()
-    for number in range(2 * MOST_OF_STRANGERS):
+    for number in range(2 * MAX_UNAUTHENTICATED_LINES):
         lines.take(f"192.0.2.{number}", is_stranger=True)
 
     assert lines.take("per_1", is_stranger=False) == "line"
@@ -459,17 +459,17 @@ def test_strangers_use_up_nothing_of_who_is_logged_in() -> None:
 def test_many_addresses_take_no_memory_without_bound_and_free_no_stranger() -> None:
     lines = RefusedLines()
 
-    taken = [lines.take(f"host{number}", is_stranger=True) for number in range(2 * MOST_COUNTED)]
+    taken = [lines.take(f"host{number}", is_stranger=True) for number in range(2 * MAX_COUNTED_CLIENTS)]
 
-    assert len(lines._counts) <= MOST_COUNTED
-    assert taken.count("line") == MOST_OF_STRANGERS
+    assert len(lines._counts) <= MAX_COUNTED_CLIENTS
+    assert taken.count("line") == MAX_UNAUTHENTICATED_LINES
 
 
 def test_many_at_once_are_counted_one_by_one() -> None:
     lines, taken = RefusedLines(), []
 
     def ask() -> None:
-        taken.extend(take_many(lines, "per_1", MOST_LINES))
+        taken.extend(take_many(lines, "per_1", MAX_LINES))
 
     threads = [threading.Thread(target=ask) for _ in range(4)]
     for thread in threads:
@@ -477,14 +477,14 @@ def test_many_at_once_are_counted_one_by_one() -> None:
     for thread in threads:
         thread.join()
 
-    assert (taken.count("line"), taken.count("more")) == (MOST_LINES, 1)
+    assert (taken.count("line"), taken.count("more")) == (MAX_LINES, 1)
 
 
 def test_many_readings_take_no_memory_without_bound() -> None:
-    known = KnownReadings()
+    known = RecentReads()
 
-    for number in range(MOST_KNOWN + 10):
+    for number in range(MAX_RECENT_READS + 10):
         known.begin((str(number),))
 
-    assert len(known._at_s) == MOST_KNOWN
-    assert not known.is_new((str(MOST_KNOWN),))
+    assert len(known._at_s) == MAX_RECENT_READS
+    assert not known.is_new((str(MAX_RECENT_READS),))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from app.batch.folder import MARKER, find_recordings, identify_place, place_folders, plan_tasks, read_list
+from app.batch.folder import MARKER, assign_folders, find_recordings, identify_place, plan_tasks, read_list
 from app.batch.run import (
     NEED_BYTES,
     Capacity,
@@ -203,7 +203,7 @@ def leave_marker(folder: Path, log: Path, **others: str) -> None:
 
 
 def list_names(logs: tuple[Path, ...], out: Path) -> list[str]:
-    return [folder.name for folder in place_folders(logs, out)]
+    return [folder.name for folder in assign_folders(logs, out)]
 
 
 def test_a_recording_that_changed_in_its_place_keeps_its_folder(

@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from app.batch.folder import open_staging, plan_tasks
-from app.batch.run import do_task
+from app.batch.run import run_task
 from app.cli import app
 from app.request import ReportRequest
 from tests.app.cli.typed import read_table
@@ -142,8 +142,8 @@ def test_two_runs_never_mix_one_report(shift_gt3x: Path, tmp_path: Path) -> None
 
     with open_staging(task.folder) as staging:
         (staging / "results.json").write_text("{}")
-        other = do_task(task, lambda *_: True)
+        other = run_task(task, lambda *_: True)
         kept = (staging / "results.json").exists()
 
-    assert (other.code, other.facts["why"]) == ("E-FILE", "another run makes the same report just now")
+    assert (other.code, other.facts["why"]) == ("E-FILE", "another run is making the same report")
     assert kept

@@ -9,7 +9,7 @@ from fastapi.testclient import TestClient
 from starlette.types import Message
 
 from app.errors import BadParameter, FileTooLarge, ForeignAddress, SlowUpload
-from app.http.middleware.guard import _BodyWatch, takes_file
+from app.http.middleware.guard import _BodyWatch, accepts_file
 from app.library.jobs import JobStore
 from app.main import create_app
 from app.settings import Settings
@@ -297,4 +297,4 @@ def test_only_an_address_that_takes_files_is_not_held_to_the_size_of_words(root:
 
     scopes = [{"type": "http", "path": root + path, "root_path": root} for path in files + others]
 
-    assert [takes_file(scope) for scope in scopes] == [True] * 4 + [False] * 4
+    assert [accepts_file(scope) for scope in scopes] == [True] * 4 + [False] * 4

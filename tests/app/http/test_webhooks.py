@@ -298,8 +298,8 @@ def test_terms_pass_while_one_never_answers(
 
     monkeypatch.setattr(housekeeping, "apply_retention", apply_retention)
 
-    async def keep_house() -> None:
-        house = asyncio.create_task(housekeeping.keep_house(services))
+    async def run_housekeeping() -> None:
+        house = asyncio.create_task(housekeeping.run_housekeeping(services))
         while not aged.is_set():
             await anyio.sleep(0.01)
         house.cancel()
@@ -313,7 +313,7 @@ def test_terms_pass_while_one_never_answers(
         subscribe(open_client, silent)
         finish_one(open_client, open_worker)
 
-        run_coroutine(keep_house())
+        run_coroutine(run_housekeeping())
 
     assert aged.is_set()
 

@@ -15,10 +15,10 @@ from app.live.ports import (
     EarlyPort,
     PushedPort,
     SessionFiles,
-    begin_files,
-    find_left,
-    read_about,
+    create_session_files,
+    find_interrupted_files,
     read_pieces,
+    read_session_options,
 )
 from app.live.raw_file import write_early_rows
 from app.settings import Settings
@@ -36,7 +36,7 @@ ASKED = {"name": "phone", "subject": "S007", "side": "left", "axis": "+z", "cues
 
 @pytest.fixture
 def files(tmp_path: Path) -> SessionFiles:
-    return begin_files(tmp_path / "live", keeps=True)
+    return create_session_files(tmp_path / "live", keeps=True)
 
 
 def write_early(files: SessionFiles, *pieces: str) -> None:
@@ -64,7 +64,7 @@ def test_what_came_is_kept_as_it_came_with_its_moment_and_what_was_asked(files: 
 
     content = files.early.read_bytes()
 
-    assert read_about(content) == ASKED
+    assert read_session_options(content) == ASKED
     assert list(read_pieces(content)) == [(b"a", 1_770_000_000.0), (b"bc", 1_770_000_001.0)]
     assert [place.stat().st_mode & 0o777 for place in (files.early, files.folder)] == [0o600, 0o700]
 
@@ -162,7 +162,7 @@ def loading(monkeypatch: pytest.MonkeyPatch) -> Loading:
 
 def count_early(settings: Settings) -> int:
     """Count the rows of the only session that are on the disk."""
-    for files in find_left(settings.data_dir / LIVE_FOLDER):
+    for files in find_interrupted_files(settings.data_dir / LIVE_FOLDER):
         return read_early(files).count(b"\n")
     return 0
 
@@ -184,7 +184,9 @@ def test_before_the_science_is_loaded_samples_are_on_the_disk_and_afterwards_in_
 
 
 def test_what_a_kill_left_before_the_science_was_loaded_becomes_a_recording(settings: Settings) -> None:
-    write_early(begin_files(settings.data_dir / LIVE_FOLDER, keeps=True), BOARD + write_rows(0, 1000))
+    write_early(
+        create_session_files(settings.data_dir / LIVE_FOLDER, keeps=True), BOARD + write_rows(0, 1000)
+    )
 
     with serving(settings) as caller:
         (recording,) = caller.get("/api/v1/recordings").json()["items"]

@@ -9,7 +9,7 @@ from sqlalchemy.exc import OperationalError
 
 from app.errors import TooManySessions
 from app.live.hub import Ended, LiveHub, RunningSession, SessionRequest
-from app.live.ports import SessionFiles, begin_files
+from app.live.ports import SessionFiles, create_session_files
 from app.live.raw_file import Wearer
 from app.live.recorder import Recorder
 from app.live.sources import SourceFacts
@@ -48,7 +48,7 @@ class Shelf:
     kept: list[Path] = field(default_factory=list)
 
     def begin(self) -> SessionFiles:
-        return begin_files(self.folder / "live", keeps=True)
+        return create_session_files(self.folder / "live", keeps=True)
 
     def keep(self, ended: Ended) -> str:
         if self.error:
@@ -141,7 +141,7 @@ def test_a_raw_file_that_cannot_be_taken_in_stays_for_the_next_start(
 def test_more_sessions_than_the_server_runs_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.live.hub.MOST_SESSIONS", 0)
+    monkeypatch.setattr("app.live.hub.MAX_SESSIONS", 0)
     source = BreakingSource(OSError("gone"))
 
     with pytest.raises(TooManySessions):

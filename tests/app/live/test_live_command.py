@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from app.cli import app
 from app.cli.live import _run, _Screen
 from app.live.ports import EarlyFile
-from app.live.raw_file import RawFile, Wearer, describe_asked
+from app.live.raw_file import RawFile, Wearer, build_session_options
 from app.live.recorder import Recorder
 from app.live.sources import SourceFacts
 from fusion.errors import UnusableTime
@@ -222,7 +222,7 @@ def test_rows_that_a_kill_found_before_their_rate_was_known_are_a_raw_file_at_th
     tmp_path: Path,
 ) -> None:
     early = EarlyFile(
-        tmp_path / "live-20260302-070000.early", describe_asked("board", Wearer(arm_axis="+z"), ())
+        tmp_path / "live-20260302-070000.early", build_session_options("board", Wearer(arm_axis="+z"), ())
     )
     early.write((BOARD + write_rows(0, 150)).encode(), 1_770_000_000.0)
     early.close()

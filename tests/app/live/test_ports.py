@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from app.errors import LiveSourceFailed
-from app.live.ports import MOST_PIECES, PushedPort, SerialPort, TcpPort, UdpPort, names_port, open_port
+from app.live.ports import MAX_PIECES, PushedPort, SerialPort, TcpPort, UdpPort, is_port, open_port
 from app.live.sources import LineSource, open_lines
 from fusion.live import LiveSession
 from tests.fusion.live.test_lines import HEADER, PREAMBLE, write_rows
@@ -193,9 +193,9 @@ def test_a_line_that_brings_nothing_is_called_again() -> None:
 
 def test_bytes_that_a_full_port_cannot_take_are_not_lost() -> None:
     port = PushedPort()
-    taken = sum(port.push(b"x") for _ in range(MOST_PIECES + 1))
+    taken = sum(port.push(b"x") for _ in range(MAX_PIECES + 1))
 
-    assert taken == MOST_PIECES
+    assert taken == MAX_PIECES
     assert port.read() == b"x"
     assert port.push(b"y")
 
@@ -228,7 +228,7 @@ def test_ports_are_told_from_files(tmp_path: Path) -> None:
     (tmp_path / "shift.gt3x").touch()
 
     sources = ("/dev/ttyACM0", "COM3", "udp://:5005", "tcp://board:5005", str(tmp_path / "shift.gt3x"))
-    assert [names_port(source) for source in sources] == [True] * 4 + [False]
+    assert [is_port(source) for source in sources] == [True] * 4 + [False]
 
 
 @pytest.mark.parametrize("source", ["udp://", "tcp://:5005", "udp://:99999"])

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.live.raw_file import RawFile, find_cut, was_stopped
+from app.live.raw_file import RawFile, find_interrupted_sessions, was_stopped
 from app.live.sources import ReplaySource, SourceFacts, find_axis
 from fusion.live import Frames, LiveElevation, LiveSession
 from fusion.readers import read_recording
@@ -50,7 +50,7 @@ def test_samples_are_read_to_the_bit_with_device_clock_and_ranges_and_no_pose(wr
 
 def test_a_session_that_is_stopped_is_not_cut(written: Path) -> None:
     assert was_stopped(written)
-    assert list(find_cut(written.parent)) == []
+    assert list(find_interrupted_sessions(written.parent)) == []
 
 
 def test_a_hole_is_a_hole(tmp_path: Path) -> None:
@@ -85,7 +85,7 @@ def test_a_session_that_was_cut_is_named_and_keeps_every_row_that_was_written(tm
     for first, end in ((0, 2000), (2000, 2010)):  # many at once, and few, as they come
         raw.write(FRAMES.cut(first, end))
 
-    (cut,) = find_cut(tmp_path)  # neither synced nor closed, as after a kill
+    (cut,) = find_interrupted_sessions(tmp_path)  # neither synced nor closed, as after a kill
     rows = sum(map(len, read_recording(raw.path).segments))
 
     raw.close()

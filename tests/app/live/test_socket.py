@@ -15,10 +15,10 @@ from sqlalchemy import Row, select
 from starlette.testclient import WebSocketTestSession
 from starlette.websockets import WebSocketDisconnect
 
-from app.http.api.live import LIVE_FOLDER, _find_limiter, find_hub
+from app.http.api.live import LIVE_FOLDER, _find_limiter, get_hub
 from app.library.database.tables import audit_log, deliveries, recordings
 from app.library.jobs import JobStore
-from app.live.ports import SerialPort, begin_files
+from app.live.ports import SerialPort, create_session_files
 from app.live.raw_file import RawFile, Wearer
 from app.live.recorder import Recorder
 from app.live.sources import SourceFacts
@@ -355,7 +355,7 @@ def fresh(tmp_path: Path) -> Settings:
 
 
 def test_what_a_kill_left_of_a_session_becomes_a_recording_whose_end_is_in_the_trail(fresh: Settings) -> None:
-    files = begin_files(fresh.data_dir / LIVE_FOLDER, keeps=True)
+    files = create_session_files(fresh.data_dir / LIVE_FOLDER, keeps=True)
     rules, wearer = (CueRule("hold", 60.0, 10.0),), Wearer("S007", "left")
     recorder = Recorder(files.raw, SourceFacts("other", "made", 100.0), wearer, rules)
     for frames in replay_frames(make_worn(*DAY), 1.0):
@@ -382,7 +382,7 @@ def test_a_server_that_stops_makes_recordings_of_its_sessions(fresh: Settings, t
     with TestClient(application, base_url="http://localhost:8080") as caller:
         with connect(caller, **ask_for(upload_worn(caller, tmp_path), keeps=True)) as socket:
             read_until(socket, "update")
-        hub = find_hub(application.state.services)
+        hub = get_hub(application.state.services)
 
     with TestClient(create_app(fresh), base_url="http://localhost:8080") as caller:
         assert len(list_recordings(caller)) == 2
@@ -429,7 +429,7 @@ def test_a_page_that_is_closed_while_the_server_reads_a_port_ends_the_session_wi
         session = socket.receive_json()["session"]
         read_frames(socket, 1500)
 
-    hub = find_hub(client.app.state.services)  # type: ignore[attr-defined]
+    hub = get_hub(client.app.state.services)  # type: ignore[attr-defined]
     analysis = wait_for(lambda: hub.get(session).analysis_id)
 
     assert client.get(f"/api/v1/analyses/{analysis}").json()["state"] == "queued"

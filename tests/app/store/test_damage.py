@@ -39,7 +39,7 @@ from tests.loops import run_coroutine
 
 ALTERED = stand_ins.RESULTS.replace(b"12.34", b"92.34")
 Finish = Callable[..., Job]
-Kept = tuple[JobStore, Storage]
+FinishedAnalysis = tuple[JobStore, Storage]
 HTML = {"accept": "text/html,application/xhtml+xml"}
 
 
@@ -82,7 +82,7 @@ def finish(add_job: AddJob, open_worker: OpenWorker) -> Finish:
 
 
 @pytest.fixture
-def kept(store: JobStore, storage: Storage) -> Kept:
+def kept(store: JobStore, storage: Storage) -> FinishedAnalysis:
     """Rows and files."""
     return store, storage
 
@@ -97,7 +97,7 @@ HOWS = pytest.mark.parametrize("how", ["altered", "missing"])
 @on_both_set_ups
 @pytest.mark.parametrize("how", ["altered", "emptied", "missing"])
 def test_a_result_is_a_problem_and_never_served_from_when_it_is_damaged_until_it_is_put_right(
-    client: TestClient, kept: Kept, finish: Finish, how: str
+    client: TestClient, kept: FinishedAnalysis, finish: Finish, how: str
 ) -> None:
     store, storage = kept
     job = finish()
@@ -130,7 +130,7 @@ def test_a_result_is_a_problem_and_never_served_from_when_it_is_damaged_until_it
     ],
 )
 def test_what_is_made_of_a_damaged_result_is_a_problem(
-    client: TestClient, kept: Kept, finish: Finish, name: str, asked: str
+    client: TestClient, kept: FinishedAnalysis, finish: Finish, name: str, asked: str
 ) -> None:
     store, storage = kept
     job = finish()
@@ -155,7 +155,7 @@ def test_a_folder_in_the_place_of_a_result_is_a_problem(
 
 @HOWS
 def test_a_retry_of_a_damaged_analysis_makes_the_same_version_again_once(
-    client: TestClient, kept: Kept, open_worker: OpenWorker, finish: Finish, how: str
+    client: TestClient, kept: FinishedAnalysis, open_worker: OpenWorker, finish: Finish, how: str
 ) -> None:
     store, storage = kept
     job = finish()
@@ -258,7 +258,7 @@ def test_a_damaged_reference_gives_no_comparison(
     ],
 )
 def test_the_page_of_a_damaged_analysis_says_so_and_offers_to_analyse_again(
-    client: TestClient, kept: Kept, finish: Finish, words: tuple[str, str, str], name: str
+    client: TestClient, kept: FinishedAnalysis, finish: Finish, words: tuple[str, str, str], name: str
 ) -> None:
     store, storage = kept
     language, title, button = words
@@ -329,7 +329,7 @@ def test_the_page_of_a_whole_report_names_its_damaged_recording(
 
 @HOWS
 def test_lists_are_shown_with_a_damaged_analysis_in_them_which_the_table_names(
-    client: TestClient, kept: Kept, finish: Finish, how: str
+    client: TestClient, kept: FinishedAnalysis, finish: Finish, how: str
 ) -> None:
     store, storage = kept
     job = finish(file_name="a.csv")

@@ -1,1 +1,1 @@
-"""Routes of recordings: how they come in, their analyses, their batches and their files."""
+"""Routes of recordings, uploads, analyses, batches and their files."""

@@ -1,4 +1,4 @@
-"""Analyses under ``/api/v1``: asking for them, following them, reading their files."""
+"""Analyses under ``/api/v1``: start, follow and download them."""
 
 import asyncio
 import re
@@ -49,18 +49,18 @@ from app.services import Services, UsedLanguage, UsedServices, UsedWayIn
 from app.store.day_file import DAY_NAME
 from app.store.folder import StoredRecording
 
-# Waits: for the end of an analysis, and for a thread whose request was cancelled.
+# Waiting: for the end of an analysis, and for a thread whose request was cancelled.
 
 
 P = ParamSpec("P")
 T = TypeVar("T")
 
 POLL_S = 0.2
-LONGEST_WAIT_S = 60.0
+MAX_WAIT_S = 60.0
 
 
 async def wait_for_end(request: Request, services: Services, analysis_id: str, wait_s: float) -> Job:
-    """Poll until the job is over, the time is up or the client has gone; other requests go on."""
+    """Poll until the job is over, the time is up or the client has disconnected."""
     end_s = time.monotonic() + wait_s
     job = await run_in_threadpool(services.store.get, analysis_id)
     while not job.is_over and time.monotonic() < end_s and not await request.is_disconnected():
@@ -70,7 +70,7 @@ async def wait_for_end(request: Request, services: Services, analysis_id: str, w
 
 
 async def run_to_end(function: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> T:
-    """Run in a thread, and wait for its end even when cancelled, so that its connection is returned."""
+    """Run in a thread and wait for its end even if cancelled, so that its database connection is returned."""
     work = asyncio.ensure_future(run_in_threadpool(function, *arguments, **named))
     try:
         return await asyncio.shield(work)
@@ -80,10 +80,10 @@ async def run_to_end(function: Callable[P, T], *arguments: P.args, **named: P.kw
         raise
 
 
-# Starting analyses: of a recording sent along, or of stored recordings.
+# Start analyses: of a recording in the request body, or of stored recordings.
 
 router = APIRouter(prefix="/api/v1", responses=PROBLEM_RESPONSES, tags=["analyses"])
-DONE: dict[int | str, dict[str, Any]] = {200: {"model": AnalysisView, "description": "It is over already."}}
+DONE: dict[int | str, dict[str, Any]] = {200: {"model": AnalysisView, "description": "It is already over."}}
 ANALYZE: dict[str, Any] = {
     "status_code": 202,
     "response_model": AnalysisView,
@@ -94,13 +94,13 @@ ANALYZE: dict[str, Any] = {
 
 
 class AnalysisWish(BaseModel):
-    """Which recordings are to be analysed, each on its own, and how."""
+    """The recordings to analyse, each separately, and their settings."""
 
     model_config = ConfigDict(extra="forbid")
 
     recording_ids: Annotated[list[str], Field(min_length=1, max_length=1000)]
     settings: AnalysisSettings = AnalysisSettings()
-    again: Annotated[bool, Field(description="Analyse anew what has been analysed alike.")] = False
+    again: Annotated[bool, Field(description="Analyse again even if the same analysis exists.")] = False
     study: StudyName = ""
 
 
@@ -112,9 +112,9 @@ async def analyze(
     way_in: UsedWayIn,
     parameters: Annotated[AnalyzeParameters, Query()],
 ) -> Response:
-    """Analyse a recording sent as the raw body: 202, or 200 when ``Prefer: wait=N`` saw it end.
+    """Analyse a recording sent as the raw body: 202, or 200 if it ended within ``Prefer: wait=N``.
 
-    The same bytes with the same settings are not analysed twice: the analysis that there is comes back.
+    The same bytes with the same settings are not analysed twice: the existing analysis is returned.
     """
     check_queue(services)
     store, file_name = services.store, clean_file_name(parameters.file_name)
@@ -131,15 +131,15 @@ async def analyze(
         return job, existed
 
     job, existed = await receive_recording(request, services, commit)
-    # ``Prefer: wait=N`` (RFC 7240); anything else is ignored, as the RFC asks
+    # ``Prefer: wait=N`` (RFC 7240); other preferences are ignored, as the RFC requires
     asked_s = re.search(r"(?:^|[,;\s])wait=(\d{1,4})(?:$|[,;\s])", request.headers.get("prefer", ""))
-    wait_s = min(float(asked_s[1]), LONGEST_WAIT_S) if asked_s else 0.0
+    wait_s = min(float(asked_s[1]), MAX_WAIT_S) if asked_s else 0.0
     job = await wait_for_end(request, services, job.id, wait_s)
     view = _view(job, language, existed=existed)
     return _accept(view.model_dump(mode="json", exclude_unset=True), job)
 
 
-# What ``curl -T`` sends.
+# ``curl -T`` sends PUT.
 router.put("/analyze", name="put_and_analyze", **ANALYZE)(analyze)
 
 
@@ -147,12 +147,12 @@ router.put("/analyze", name="put_and_analyze", **ANALYZE)(analyze)
     "/analyses",
     status_code=202,
     response_model_exclude_unset=True,
-    responses={200: {"model": StartedAnalyses, "description": "The first is over already."}},
+    responses={200: {"model": StartedAnalyses, "description": "The first is already over."}},
 )
 def create_analyses(
     body: AnalysisWish, services: UsedServices, language: UsedLanguage, way_in: UsedWayIn
 ) -> StartedAnalyses:
-    """Analyse stored recordings; what has been analysed alike comes back as it is (``duplicate_of``)."""
+    """Analyse stored recordings; an identical existing analysis is returned (``duplicate_of``)."""
     check_queue(services, len(body.recording_ids))
     rows = [services.recordings.get(recording_id) for recording_id in body.recording_ids]
     paper, flow = services.settings.paper, way_in if len(rows) == 1 else "api"
@@ -162,9 +162,9 @@ def create_analyses(
         own = (row.id, row.sha256)
         add = partial(store.add_analysis, own, request, flow)
         pairs.append(find_or_add(store, storage, own, request, flow, add, again=body.again))
-    for row in rows:  # write on a recording whose arm it is, where it does not say so yet
-        about, told = row.about, body.settings
-        stated = replace(about, subject=about.subject or told.subject, side=about.side or told.side)
+    for row in rows:  # store subject and side on recordings that do not have them yet
+        about, settings = row.about, body.settings
+        stated = replace(about, subject=about.subject or settings.subject, side=about.side or settings.side)
         if stated != about:
             services.recordings.describe(row, stated)
     for job, _ in pairs if body.study else ():
@@ -176,13 +176,13 @@ def create_analyses(
 
 @router.post("/analyses/{analysis_id}/cancel", response_model_exclude_unset=True)
 def cancel_analysis(analysis_id: str, services: UsedServices, language: UsedLanguage) -> AnalysisView:
-    """Stop an analysis; one that is over stays as it is."""
+    """Stop an analysis; nothing changes if it is over."""
     return view_analysis(services.store.cancel(analysis_id), language)
 
 
 @router.delete("/analyses/{analysis_id}/conclusion-draft", status_code=204)
 def dismiss_draft(analysis_id: str, services: UsedServices) -> Response:
-    """Dismiss the draft of a conclusion, also for every later version; without one nothing happens."""
+    """Dismiss the draft of a conclusion, also for later versions; without a draft nothing happens."""
     services.store.dismiss_draft(analysis_id)
     return Response(status_code=204)
 
@@ -193,16 +193,16 @@ def dismiss_draft(analysis_id: str, services: UsedServices) -> Response:
 def retry_analysis(
     analysis_id: str, services: UsedServices, language: UsedLanguage, way_in: UsedWayIn
 ) -> AnalysisView:
-    """Analyse anew what failed, was cancelled, or has a file that is damaged or missing.
+    """Repeat an analysis that failed, was cancelled, or has a damaged or missing file.
 
-    What is under way, or done and whole, comes back as it is.
+    An analysis that is running, or complete and undamaged, is returned unchanged.
     """
     job = retry(services.store, services.storage, analysis_id, way_in)
     return _accept(view_analysis(job, language).model_dump(mode="json", exclude_unset=True), job)  # type: ignore[return-value]
 
 
 def check_queue(services: Services, more: int = 1) -> None:
-    """Refuse more work than may wait. Raises Busy."""
+    """Refuse more analyses than the queue allows. Raises Busy."""
     if services.store.count_waiting() + more > services.settings.max_queued:
         raise Busy
 
@@ -210,7 +210,7 @@ def check_queue(services: Services, more: int = 1) -> None:
 def build_request(
     row: StoredRow, settings: AnalysisSettings, language: Language, paper: Paper
 ) -> ReportRequest:
-    """Build the request of the settings; the recording and then the server give what they leave out.
+    """Build the request from the settings; defaults come from the recording, then from the server.
 
     Raises fusion.errors.UnusableDiary.
     """
@@ -221,14 +221,14 @@ def build_request(
         check_periods(diary, row.inspection)
     columns = (settings.profile or {}) | settings.columns
     profile = write_profile(columns) if columns else ""
-    said = settings.conclusion
+    conclusion = settings.conclusion
     return replace(
         request,
         diary=diary,
         source=settings.source,
         profile=profile,
         reason=settings.reason,
-        conclusion=Conclusion(**said.model_dump(mode="json")) if said else None,
+        conclusion=Conclusion(**conclusion.model_dump(mode="json")) if conclusion else None,
     )
 
 
@@ -240,14 +240,14 @@ def _view(job: Job, language: Language, *, existed: bool) -> AnalysisView:
 
 
 def _accept(body: dict[str, Any], job: Job) -> JSONResponse:
-    """Answer 202, or 200 where nothing is left to wait for."""
+    """Return 202, or 200 if the analysis is over."""
     headers = {"Location": f"/api/v1/analyses/{job.id}"}
     if job.is_over:
         return JSONResponse(body, 200, headers)
     return JSONResponse(body, 202, headers | {"Retry-After": "2"})
 
 
-# Progress as server-sent events, for pages; polling stays the contract.
+# Progress as server-sent events, for the pages; for scripts, polling is the stable interface.
 
 CHECK_PERIOD_S = 0.25
 QUIET_S = 15.0
@@ -261,7 +261,7 @@ QUIET_S = 15.0
 async def follow_analysis(
     analysis_id: str, request: Request, services: UsedServices, language: UsedLanguage
 ) -> StreamingResponse:
-    """Tell every change of an analysis as an event ``analysis`` until it ends."""
+    """Send every change of an analysis as an event ``analysis`` until it ends."""
     await run_in_threadpool(services.store.get, analysis_id)
     events = _stream_changes(request, services, analysis_id, language)
     return StreamingResponse(events, media_type="text/event-stream")
@@ -287,7 +287,10 @@ async def _stream_changes(
 
 
 ReportLanguage = Annotated[
-    Language | None, Query(description="en, fr or fr-CA, or the nearest made; else the one asked for first")
+    Language | None,
+    Query(
+        description="en, fr or fr-CA, or the nearest available; default: the first language of the analysis"
+    ),
 ]
 
 
@@ -318,9 +321,9 @@ async def get_analysis(
     request: Request,
     services: UsedServices,
     language: UsedLanguage,
-    wait: Annotated[float, Query(ge=0, le=LONGEST_WAIT_S, description="Seconds to wait for its end.")] = 0,
+    wait: Annotated[float, Query(ge=0, le=MAX_WAIT_S, description="Seconds to wait for its end.")] = 0,
 ) -> AnalysisView:
-    """Return one analysis; with ``wait``, as soon as it ends."""
+    """Return one analysis; with ``wait``, when it ends or the time is up."""
     return view_analysis(await wait_for_end(request, services, analysis_id, wait), language)
 
 
@@ -342,7 +345,7 @@ _add_file_route(
 
 
 def _add_report_route(name: str, about: str, route: str) -> None:
-    """Add the route of a file that is made in each language."""
+    """Add the route of a file that exists in each language."""
 
     def get_file(
         analysis_id: str, request: Request, services: UsedServices, lang: ReportLanguage = None
@@ -356,14 +359,14 @@ def _add_report_route(name: str, about: str, route: str) -> None:
     router.add_api_route(path, get_file, name=route, description=about, response_class=FileResponse)
 
 
-_add_report_route("report.html", "The report, one file that opens anywhere.", "get_report_html")
-_add_report_route("report.pdf", "The report, to print and to file.", "get_report_pdf")
+_add_report_route("report.html", "The report as one self-contained file.", "get_report_html")
+_add_report_route("report.pdf", "The report as a PDF, for printing and filing.", "get_report_pdf")
 _add_report_route("answer.txt", "The answer in five lines, to paste into a record.", "get_answer")
 
 
 @router.get("/analyses/{analysis_id}/bundle.zip", response_class=FileResponse)
 def get_bundle(analysis_id: str, request: Request, services: UsedServices) -> Response:
-    """Every file of the analysis in one ZIP; the same analysis gives the same bytes."""
+    """Return every file of the analysis in one ZIP; the same analysis gives the same bytes."""
     job = services.store.get(analysis_id)
     check_succeeded(job, "bundle.zip")
     names = [file.name for file in services.store.find_files(job.id) if file.name != DAY_NAME]
@@ -376,7 +379,7 @@ def get_bundle(analysis_id: str, request: Request, services: UsedServices) -> Re
 
 @router.get("/analyses/{analysis_id}/periods.csv", response_class=FileResponse)
 def get_periods_table(analysis_id: str, request: Request, services: UsedServices) -> Response:
-    """The main figures by clock hour and by period of the diary."""
+    """Return the main figures by clock hour and by period of the diary."""
     job = services.store.get(analysis_id)
     rows = describe_periods(load_results(services.results.read(job, "results.json")))
     return serve_bytes(
@@ -386,7 +389,7 @@ def get_periods_table(analysis_id: str, request: Request, services: UsedServices
 
 @router.get("/analyses/{analysis_id}/settings.yaml", response_class=Response)
 def get_settings_file(analysis_id: str, request: Request, services: UsedServices) -> Response:
-    """What was asked, as ``acromion run --config`` takes it."""
+    """Return the settings of the analysis in the format of ``acromion run --config``."""
     job = services.store.get(analysis_id)
     return serve_bytes(
         request, encode_settings(job.request), build_download_name(services, job, "settings.yaml")
@@ -395,7 +398,7 @@ def get_settings_file(analysis_id: str, request: Request, services: UsedServices
 
 @router.get("/analyses/{analysis_id}/elevation.csv.gz", response_class=FileResponse)
 def get_elevation_table(analysis_id: str, request: Request, services: UsedServices) -> Response:
-    """The angle over time as text, in gzip."""
+    """Return the angle over time as text, in gzip."""
     job = services.store.get(analysis_id)
     with services.results.borrow(job, "elevation.parquet") as parquet:
         body = services.inspector.write_angles(parquet)

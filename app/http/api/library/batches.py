@@ -36,7 +36,7 @@ router = APIRouter(prefix="/api/v1/batches", responses=PROBLEM_RESPONSES, tags=[
 
 
 class BatchItem(BaseModel):
-    """A recording, and what is asked of it alone."""
+    """A recording and its own settings."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -45,14 +45,14 @@ class BatchItem(BaseModel):
 
 
 class BatchWish(BaseModel):
-    """Which recordings are to be analysed, by which settings; an item's own settings win."""
+    """The recordings to analyse and their common settings; an item's own settings take precedence."""
 
     model_config = ConfigDict(extra="forbid")
 
     name: Annotated[str, Field(max_length=200)] = ""
     settings: AnalysisSettings = AnalysisSettings()
     items: Annotated[list[BatchItem], Field(min_length=1, max_length=10_000)]
-    again: Annotated[bool, Field(description="Analyse anew what has been analysed alike.")] = False
+    again: Annotated[bool, Field(description="Analyse again even if the same analysis exists.")] = False
 
 
 class BatchCounts(BaseModel):
@@ -66,13 +66,14 @@ class BatchCounts(BaseModel):
 
 
 class BatchView(BaseModel):
-    """A batch: how far it is, and where its tables are."""
+    """A batch: its progress and the links of its tables."""
 
     id: str
     name: str
-    item_count: Annotated[int, Field(description="Analyses in it: the same work asked twice counts once.")]
+    item_count: Annotated[int, Field(description="Analyses in it; duplicates count once.")]
     duplicate_count: Annotated[
-        int, Field(description="Items that needed no new analysis: asked twice, or analysed alike before.")
+        int,
+        Field(description="Items without a new analysis: duplicates and existing analyses."),
     ]
     counts: BatchCounts
     is_over: bool
@@ -97,13 +98,13 @@ def create_batch(body: BatchWish, services: UsedServices, language: UsedLanguage
 
 @router.get("/{batch_id}")
 def get_batch(batch_id: str, services: UsedServices) -> BatchView:
-    """Return how far a batch is."""
+    """Return the progress of a batch."""
     return view_batch(services.batches.get(batch_id))
 
 
 @router.get("/{batch_id}/summary.csv", responses=CSV, response_class=Response)
 def get_batch_summary(batch_id: str, services: UsedServices) -> Response:
-    """One row for each recording, failed ones too; once nothing more will happen to any."""
+    """Return one row per recording, including failed ones, once the batch is over."""
     rows: list[Row] = []
     for job in _find_ended(services, batch_id):
         if job.request.reference is not None:
@@ -122,7 +123,7 @@ def get_batch_summary(batch_id: str, services: UsedServices) -> Response:
 
 @router.get("/{batch_id}/problems.csv", responses=CSV, response_class=Response)
 def get_batch_problems(batch_id: str, services: UsedServices, language: UsedLanguage) -> Response:
-    """The recordings without a result, and what to do about each; those whose result is damaged, too."""
+    """Return the recordings without a result or with a damaged one, and what to do about each."""
     rows: list[Row] = []
     for job in _find_ended(services, batch_id):
         if job.state is not JobState.SUCCEEDED:
@@ -137,7 +138,7 @@ def get_batch_problems(batch_id: str, services: UsedServices, language: UsedLang
 
 @router.post("/{batch_id}/retry-failed", status_code=202)
 def retry_failed(batch_id: str, services: UsedServices) -> BatchView:
-    """Analyse anew what failed in a batch, and what has lost its result or holds a damaged one."""
+    """Repeat the analyses of a batch that failed, or whose result is missing or damaged."""
     batch = services.batches.get(batch_id)
     damaged = [job for job in services.batches.find_jobs(batch_id) if _is_damaged(services, job)]
     check_queue(services, batch.counts[JobState.FAILED] + len(damaged))
@@ -152,7 +153,7 @@ SAME = ("id", "name", "item_count", "duplicate_count", "is_over", "created_at")
 
 
 def view_batch(batch: Batch) -> BatchView:
-    """Show a batch."""
+    """Build the view of a batch."""
     own = f"/api/v1/batches/{batch.id}"
     parts = {"summary_csv": "summary.csv", "problems_csv": "problems.csv", "retry_failed": "retry-failed"}
     return BatchView(
@@ -164,7 +165,7 @@ def view_batch(batch: Batch) -> BatchView:
 
 
 def _find_ended(services: Services, batch_id: str) -> tuple[Job, ...]:
-    """Return the analyses of a batch that is over: half a table would pass for a whole one."""
+    """Return the analyses of a finished batch; a partial table could be mistaken for a complete one."""
     batch = services.batches.get(batch_id)
     if not batch.is_over:
         done = batch.item_count - batch.counts[JobState.QUEUED] - batch.counts[JobState.RUNNING]
@@ -173,13 +174,13 @@ def _find_ended(services: Services, batch_id: str) -> tuple[Job, ...]:
 
 
 def _is_damaged(services: Services, job: Job) -> bool:
-    """Return whether the figures of an analysis are lost; all its files would be too many to read here."""
+    """Return whether results.json of an analysis is damaged; checking all files here would take too long."""
     file = services.store.find_file(job.id, RESULTS) if job.state is JobState.SUCCEEDED else None
     return file is not None and not is_result_whole(services.storage, job.id, str(job.token), file)
 
 
 def _build_origin(job: Job) -> Origin:
-    """Return the origin of a row; two recordings of one name differ by their addresses."""
+    """Return the origin of a row; the paths distinguish recordings with the same name."""
     return Origin(
         job.file_name,
         job.request.subject,

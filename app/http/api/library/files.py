@@ -1,4 +1,4 @@
-"""Responses with stored files, byte for byte: those of a finished analysis, and the recording itself."""
+"""Responses with stored files, byte for byte: files of an analysis and original recordings."""
 
 import hashlib
 import json
@@ -22,22 +22,22 @@ from app.report.export.naming import Origin, format_file_name
 from app.services import Services
 from app.store.folder import borrow_recording, read_mark
 
-# Parts of a file (RFC 9110, 14); a header that cannot be parsed is ignored.
+# Ranges (RFC 9110, 14); a header that cannot be parsed is ignored.
 
 
 _RANGE = re.compile(r"(\d{0,18})-(\d{0,18})", re.ASCII)
-MOST_RANGE_CHARACTERS = 1000
+MAX_RANGE_LENGTH = 1000
 
 
 def check_range(request: Request, size_bytes: int, etag: str) -> None:
     """Remove a ``Range`` header that cannot be parsed or is too long.
 
-    Raises NoSuchRange if a part begins behind the end of the bytes that were meant (``If-Range``).
+    Raises NoSuchRange if a range starts after the end of the file that ``If-Range`` names.
     """
     asked = request.headers.get("range")
     if asked is None:
         return
-    parts = _parse_range(asked, size_bytes) if len(asked) <= MOST_RANGE_CHARACTERS else []
+    parts = _parse_range(asked, size_bytes) if len(asked) <= MAX_RANGE_LENGTH else []
     if not parts:
         headers = request.scope["headers"]
         request.scope["headers"] = [(name, value) for name, value in headers if name != b"range"]
@@ -47,7 +47,7 @@ def check_range(request: Request, size_bytes: int, etag: str) -> None:
 
 
 def _parse_range(asked: str, size_bytes: int) -> list[int]:
-    """Return the first byte of each part; none if a part is malformed, or the unit is not bytes."""
+    """Return the first byte of each range; none if a range is malformed or the unit is not bytes."""
     unit, _, ranges = asked.partition("=")
     if unit.strip().lower() != "bytes":
         return []
@@ -75,7 +75,7 @@ MEDIA_TYPES: Mapping[str, str] = {
 
 
 def serve_file(request: Request, services: Services, job: Job, name: str, download: str = "") -> Response:
-    """Return the bytes of a published file, held against their row; ``download`` may name them.
+    """Return a published file after checking it against its row; ``download`` overrides its name.
 
     Raises NotFinished, NoSuchFile, NoSuchRange or ResultDamaged.
     """
@@ -88,7 +88,9 @@ def serve_file(request: Request, services: Services, job: Job, name: str, downlo
         ),
     }
     damaged = ResultDamaged(name=name, analysis=job.id)
-    return _lend(request, services.results.borrow(job, name), file.size_bytes, headers, damaged)
+    return _respond_with_borrowed(
+        request, services.results.borrow(job, name), file.size_bytes, headers, damaged
+    )
 
 
 def serve_recording(request: Request, services: Services, row: StoredRow) -> Response:
@@ -101,30 +103,30 @@ def serve_recording(request: Request, services: Services, row: StoredRow) -> Res
         "Content-Disposition": format_disposition(row.about.file_name),
     }
     stored = borrow_recording(services.storage, row.id, row.sha256)
-    return _lend(request, stored, row.size_bytes, headers, StoreDamaged())
+    return _respond_with_borrowed(request, stored, row.size_bytes, headers, StoreDamaged())
 
 
-def _lend(
+def _respond_with_borrowed(
     request: Request,
     borrowed: AbstractContextManager[Path],
     size_bytes: int,
     headers: dict[str, str],
     damaged: AppError,
 ) -> Response:
-    """Return a borrowed file, or that it has not changed; the file is opened only if it is sent."""
+    """Return a borrowed file, or 304 if the client has it; the file is opened only if it is sent."""
     if is_known(request, headers["ETag"]):
         of_body = ("Content-Type", "Content-Disposition")
         return Response(None, 304, {name: headers[name] for name in headers if name not in of_body})
     check_range(request, size_bytes, headers["ETag"])
     with ExitStack() as opened:
         path = opened.enter_context(borrowed)
-        answer = _LentFile(path, damaged, headers=headers)
+        answer = _BorrowedFile(path, damaged, headers=headers)
         answer.lent = opened.pop_all()
     return answer
 
 
-class _LentFile(FileResponse):
-    """Sends a borrowed file and returns it at the end; the response breaks off where the file changes."""
+class _BorrowedFile(FileResponse):
+    """Sends a borrowed file and returns it at the end; the response is aborted if the file changes."""
 
     def __init__(self, path: Path, damaged: AppError, **options: Any) -> None:
         super().__init__(path, **options)
@@ -144,7 +146,7 @@ class _LentFile(FileResponse):
 
 
 def serve_bytes(request: Request, body: bytes, download: str) -> Response:
-    """Return bytes derived from stored ones, to be kept under a name, or shown if they are a page.
+    """Return bytes derived from stored files, as a download or, if HTML, to display.
 
     The same analyses always give the same bytes.
     """
@@ -157,19 +159,19 @@ def serve_bytes(request: Request, body: bytes, download: str) -> Response:
 
 
 def respond_with_file(body: bytes, media_type: str, download: str) -> Response:
-    """Return bytes to be kept under a name."""
+    """Return bytes as a named download."""
     headers = {"Content-Disposition": format_disposition(download)}
     return Response(body, media_type=media_type, headers=headers)
 
 
 def build_file_headers(name: str, sha256: str) -> dict[str, str]:
-    """Return the headers of a file: health data, of which no copy stays on a shared computer."""
+    """Return the headers of a file; they forbid caching, because it is health data."""
     headers = {"ETag": f'"{sha256}"', "Cache-Control": "no-store"}
     return headers | ({"Content-Security-Policy": REPORT_POLICY} if name.endswith(".html") else {})
 
 
 def format_disposition(name: str, kind: Literal["attachment", "inline"] = "attachment") -> str:
-    """Return the header that names a download (RFC 6266): in ASCII, then exactly, in UTF-8."""
+    """Format the header that names a download (RFC 6266): in ASCII, then exactly in UTF-8."""
     letters = "".join(c for c in unicodedata.normalize("NFKD", name) if not unicodedata.combining(c))
     plain = re.sub(r'[^ -~]|["%/\\]', "_", letters)
     exact = "" if plain == name else f"; filename*=UTF-8''{quote(name, safe='')}"
@@ -177,8 +179,8 @@ def format_disposition(name: str, kind: Literal["attachment", "inline"] = "attac
 
 
 def build_download_name(services: Services, job: Job, name: str) -> str:
-    """Name a download by :func:`app.report.export.naming.format_file_name`."""
-    asked, start = job.request, ""  # the clock was never set, or the results are damaged
+    """Build a download name with :func:`app.report.export.naming.format_file_name`."""
+    asked, start = job.request, ""  # stays "" if the clock was never set or the results are damaged
     with suppress(ResultDamaged):
         recording = json.loads(services.results.read(job, "results.json")).get("recording", {})
         start = str(recording.get("start") or "")
@@ -187,5 +189,5 @@ def build_download_name(services: Services, job: Job, name: str) -> str:
 
 
 def is_known(request: Request, etag: str) -> bool:
-    """Return whether the client has these bytes already (``If-None-Match``)."""
+    """Return whether the client already has these bytes (``If-None-Match``)."""
     return etag in request.headers.get("if-none-match", "")

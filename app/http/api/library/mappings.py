@@ -1,4 +1,4 @@
-"""Column mappings: the columns of tables as people named them, by the header of the file."""
+"""Column mappings: the meaning of table columns as people stated it, stored by file header."""
 
 import json
 from typing import Annotated, Any
@@ -15,27 +15,31 @@ router = APIRouter(prefix="/api/v1/columns", responses=PROBLEM_RESPONSES, tags=[
 
 
 class MappingView(BaseModel):
-    """The columns of every file with one header."""
+    """The column mapping of every file with one header."""
 
-    header: Annotated[str, Field(description='Identity of the header; "-" before it: no line names columns.')]
+    header: Annotated[
+        str, Field(description='Identity of the header; it starts with "-" if no line names the columns.')
+    ]
     name: str
     profile: Annotated[
         dict[str, Any],
         BeforeValidator(json.loads),
-        Field(description="As `--profile` and `settings.profile` take it."),
+        Field(description="In the format of `--profile` and `settings.profile`."),
     ]
-    is_confirmed: Annotated[bool, Field(description="Further files with this header are read so unasked.")]
+    is_confirmed: Annotated[
+        bool, Field(description="Further files with this header are read without asking.")
+    ]
     created_at: str
 
 
 class MappingList(BaseModel):
-    """Every mapping, the newest first."""
+    """Every mapping, newest first."""
 
     items: list[MappingView]
 
 
 class MappingPatch(BaseModel):
-    """What of a mapping is to change."""
+    """The changes to a mapping."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -58,7 +62,7 @@ def get_column_mapping(header: str, services: UsedServices) -> MappingView:
 
 @router.get("/{header}/profile.json", response_class=Response)
 def export_column_mapping(header: str, services: UsedServices) -> Response:
-    """Return the mapping as a file that `acromion run --profile` takes."""
+    """Return the mapping as a file for `acromion run --profile`."""
     mapping = services.mappings.get(header)
     profile = {"name": mapping.name} | json.loads(mapping.profile)
     body = json.dumps(profile, ensure_ascii=False, indent=1).encode() + b"\n"
@@ -67,7 +71,7 @@ def export_column_mapping(header: str, services: UsedServices) -> Response:
 
 @router.patch("/{header}")
 def change_column_mapping(header: str, body: MappingPatch, services: UsedServices) -> MappingView:
-    """Rename a mapping, or say whether further files with its header are read so unasked."""
+    """Rename a mapping, or set whether further files with its header are read without asking."""
     values: dict[str, str | int] = {}
     if name := clean_text(body.name or ""):
         values["name"] = name
@@ -78,6 +82,6 @@ def change_column_mapping(header: str, body: MappingPatch, services: UsedService
 
 @router.delete("/{header}", status_code=204)
 def delete_column_mapping(header: str, services: UsedServices) -> Response:
-    """Forget a mapping; the reports made by it stay."""
+    """Delete a mapping; reports that used it stay."""
     services.mappings.drop(header)
     return Response(status_code=204)

@@ -1,4 +1,4 @@
-"""Recordings and analyses as the API takes and gives them, typed for the readers of the OpenAPI document."""
+"""Recordings and analyses in API requests and responses, typed for the OpenAPI document."""
 
 import base64
 import binascii
@@ -53,12 +53,12 @@ from fusion.recording import MICROSECONDS
 
 T = TypeVar("T")
 
-# Periods of a recording, taken and given as rows of JSON or as a diary file.
+# Periods of a recording, as rows of JSON or as a diary file.
 
 
 COLUMNS = ["start", "end", "start_s", "end_s", "kind", "label", "left_out", "file"]
 SECONDS = {"start_s", "end_s"}
-LONGEST_US = 366 * 86_400 * MICROSECONDS
+MAX_DURATION_US = 366 * 86_400 * MICROSECONDS
 _YES_NO: Mapping[bool | None, str] = {None: "", True: "yes", False: "no"}
 
 
@@ -70,7 +70,7 @@ ClockText = Annotated[
 
 
 class PeriodView(BaseModel):
-    """A stretch of the day: the clock as text (``start``), or seconds from the first sample (``start_s``)."""
+    """A period of the day, as clock times (``start``) or in seconds from the first sample (``start_s``)."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -88,7 +88,7 @@ class PeriodList(RootModel[list[PeriodView]]):
 
 
 def view_periods(diary: tuple[DiaryEntry, ...]) -> list[PeriodView]:
-    """Show a diary as rows."""
+    """Convert a diary to rows."""
     return [
         PeriodView(**split_times(e), kind=e.kind, label=e.label, left_out=e.left_out)  # type: ignore[arg-type]
         for e in diary
@@ -96,16 +96,16 @@ def view_periods(diary: tuple[DiaryEntry, ...]) -> list[PeriodView]:
 
 
 def write_periods(diary: tuple[DiaryEntry, ...]) -> bytes:
-    """Write a diary as the CSV that is read again."""
+    """Format a diary as a CSV file that :func:`fusion.diary.read_diary` can read."""
     rows = [asdict(e) | split_times(e) | {"left_out": _YES_NO[e.left_out]} for e in diary]
     unused = {name for name in SECONDS if all(row[name] is None for row in rows)}
     return encode_table([name for name in COLUMNS if name not in unused], rows)
 
 
 def read_periods(rows: list[PeriodView]) -> tuple[DiaryEntry, ...]:
-    """Check rows by the very rules of the diary file (:func:`fusion.diary.read_diary`).
+    """Validate rows by the rules of the diary file (:func:`fusion.diary.read_diary`).
 
-    Raises UnusableDiary; its line is the place of the row, counted from 2: a file's header is line 1.
+    Raises UnusableDiary; its line is the number of the row plus 1, because a file's header is line 1.
     """
     if not rows:
         return ()
@@ -120,20 +120,20 @@ def read_periods(rows: list[PeriodView]) -> tuple[DiaryEntry, ...]:
     writer = csv.DictWriter(text, COLUMNS[:-1])
     writer.writeheader()
     for row in rows:
-        told = {"label": " ".join(row.label.split()), "left_out": _YES_NO[row.left_out]}
-        writer.writerow(row.model_dump() | told)
+        cells = {"label": " ".join(row.label.split()), "left_out": _YES_NO[row.left_out]}
+        writer.writerow(row.model_dump() | cells)
     return read_diary(text.getvalue().encode())
 
 
 def check_periods(diary: Sequence[DiaryEntry], found: Mapping[str, Any] | None) -> None:
-    """Place the periods on the recording as its analysis will; ``found`` is what an inspection found.
+    """Place the periods on the recording as the analysis will; ``found`` is the result of the inspection.
 
     Without an inspection (None), rows in seconds are compared with one another. Raises UnusableDiary if a row
-    ends before it begins, overlaps another or lies outside of the recording.
+    ends before it starts, overlaps another or is outside of the recording.
     """
     if found is None:
         numbered = [e for e in diary if isinstance(e.start, float) and isinstance(e.end, float)]
-        place_diary(numbered, None, LONGEST_US)
+        place_diary(numbered, None, MAX_DURATION_US)
         return
     start = datetime.fromisoformat(found["start"]) if found["start"] else None
     duration_us = round(found["recorded_s"] * MICROSECONDS)
@@ -143,21 +143,21 @@ def check_periods(diary: Sequence[DiaryEntry], found: Mapping[str, Any] | None) 
             place_diary((replace(entry, end=end),), start, duration_us)
 
 
-# What may be asked with a recording.
+# Options of an analysis.
 
-MOST_WINDOWS = 100
+MAX_WINDOWS = 100
 CLOCK_HINT = "2026-03-02, 2026-03-02T07:58"
 
 
 def parse_subject(text: str) -> str:
-    """Check a subject code; the refusal carries a validation hint."""
+    """Check a subject code; the error contains a validation hint."""
     return _parse(check_subject, text, SUBJECT_HINT)
 
 
 def parse_device_clock(text: str) -> str:
-    """Check a date or time of the device's clock and write it as starts are written; the refusal has a hint.
+    """Check a date or time of the device's clock and return it in ISO format; the error contains a hint.
 
-    A zone is refused: compared with a clock that has none, it would find others.
+    A time zone is refused, because recording starts have none and could not be compared with it.
     """
     moment = _parse(datetime.fromisoformat, text, CLOCK_HINT) if text else None
     if moment is not None and moment.tzinfo is not None:
@@ -178,7 +178,7 @@ SlipTimes = list[Annotated[float, Field(ge=0, le=1e8)]]
 
 
 class AnalysisOptions(BaseModel):
-    """What may be asked of an analysis; a name that is not known is refused."""
+    """Options of an analysis; unknown names are refused."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -186,35 +186,38 @@ class AnalysisOptions(BaseModel):
     subject: Annotated[SubjectCode, Field(description="Subject code; never a name.")] = ""
     method: MethodName = "smoothed"
     pose: Pose = "n-pose"
-    lang: Annotated[Language | None, Field(description="Language of the answer.")] = None
-    paper: Annotated[Paper | None, Field(description="Paper of the PDF; else the server's.")] = None
+    lang: Annotated[Language | None, Field(description="Language of the response.")] = None
+    paper: Annotated[Paper | None, Field(description="Paper of the PDF; default: the server's.")] = None
     calibration: Annotated[
         list[Annotated[str, AfterValidator(lambda text: _parse(parse_window, text, WINDOW_HINT) and text)]],
         Field(
-            max_length=MOST_WINDOWS,
-            description="START_S,END_S: when the pose was held, once or again; two-point: hanging, level.",
+            max_length=MAX_WINDOWS,
+            description="START_S,END_S: when the pose was held, once or more; two-point: hanging, level.",
         ),
     ] = []
     pose_held: Annotated[
         PoseHeld | None,
-        Field(description="The pose was held at the start of wear; no: not so, though the file says it."),
+        Field(
+            description="The pose was held at the start of wear; no: not held, even if the file states it."
+        ),
     ] = None
     axis: Annotated[
         ArmAxis | None,
         BeforeValidator(lambda text: _parse(parse_arm_axis, text, AXIS_HINT) if text else None),
-        Field(description="No pose: the sensor's axis along the arm, towards the shoulder."),
+        Field(description="Without a pose: the sensor's axis along the arm, towards the shoulder."),
     ] = None
     slip_at: Annotated[
-        SlipTimes, Field(max_length=MOST_WINDOWS, description="When the sensor slipped, seconds.")
+        SlipTimes, Field(max_length=MAX_WINDOWS, description="When the sensor slipped, seconds.")
     ] = []
     no_slip_at: Annotated[
         SlipTimes,
-        Field(max_length=MOST_WINDOWS, description="When it did not, though it may seem so, seconds."),
+        Field(max_length=MAX_WINDOWS, description="When it did not slip although it may seem so, seconds."),
     ] = []
-    rate_hz: Annotated[float | None, Field(ge=1, le=10_000, description="For logs without time.")] = None
+    rate_hz: Annotated[float | None, Field(ge=1, le=10_000, description="For files without timestamps.")] = (
+        None
+    )
     sensor: Annotated[
-        str,
-        Field(max_length=200, description="Which sensor of a table or archive of several is on the arm."),
+        str, Field(max_length=200, description="The sensor on the arm, if a table or zip has several.")
     ] = ""
     date_order: Annotated[
         Literal["dmy", "mdy"] | None,
@@ -228,7 +231,7 @@ class AnalysisOptions(BaseModel):
         return {name: value for name, value in stated.items() if value}
 
     def complete(self, about: Description) -> Self:
-        """Return the options with what the recording says where they say nothing."""
+        """Fill in subject and side from the recording if the options do not set them."""
         stated = {"subject": about.subject, "side": about.side} | self.model_dump(exclude_unset=True)
         return self.model_validate(stated)
 
@@ -241,9 +244,9 @@ class AnalysisOptions(BaseModel):
         return self
 
     def build_request(self, file_name: str, language: Language, paper: Paper) -> ReportRequest:
-        """Build the request; both languages are made, the one asked for first.
+        """Build the request; the report is made in both languages, the requested one first.
 
-        ``language`` and ``paper`` apply where the options name none.
+        ``language`` and ``paper`` are defaults for the options.
         """
         first = self.lang or language
         return ReportRequest(
@@ -265,26 +268,26 @@ class AnalysisOptions(BaseModel):
 
 
 StudyName = Annotated[
-    SubjectCode, Field(description="Name of a study that it joins, which begins with its first.")
+    SubjectCode, Field(description="Name of a study to join; the first analysis creates it.")
 ]
 
 
 class DeclaredOptions(AnalysisOptions):
-    """What may be asked of an analysis before its recording is there."""
+    """Options of an analysis that is declared before its recording is uploaded."""
 
     study: StudyName = ""
 
 
 class AnalyzeParameters(DeclaredOptions):
-    """What may be asked with a recording."""
+    """Options of an analysis sent with its recording."""
 
-    file_name: Annotated[str, Field(max_length=1000, description="Name of the file, for people.")] = ""
-    external_id: Annotated[SubjectCode, Field(description="Its name in your own system.")] = ""
-    again: Annotated[bool, Field(description="Analyse anew what has been analysed alike.")] = False
+    file_name: Annotated[str, Field(max_length=1000, description="Name of the file, for display.")] = ""
+    external_id: Annotated[SubjectCode, Field(description="Its identifier in your own system.")] = ""
+    again: Annotated[bool, Field(description="Analyse again even if the same analysis exists.")] = False
 
 
 class ConclusionView(BaseModel):
-    """What a clinician concludes, with name and date; it stands in the report as it was typed."""
+    """The conclusion of a clinician, with name and date; the report prints it unchanged."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -294,9 +297,9 @@ class ConclusionView(BaseModel):
 
 
 class ConclusionDraftView(ConclusionView):
-    """A conclusion of an earlier version that nobody has confirmed for this one; no report prints it."""
+    """A conclusion from an earlier version that is not confirmed for this one; no report prints it."""
 
-    version: Annotated[int, Field(description="Version that it was written for.")]
+    version: Annotated[int, Field(description="The version for which it was written.")]
     changes: Annotated[
         list[str],
         Field(description="Settings that differ since then; engine: the software; empty: the same figures."),
@@ -304,28 +307,26 @@ class ConclusionDraftView(ConclusionView):
 
 
 class AnalysisSettings(AnalysisOptions):
-    """What may be asked of a stored recording; what is left out is as the recording says."""
+    """Options of an analysis of a stored recording; defaults come from the recording."""
 
     source: Annotated[
-        Literal["samples", "angles"], Field(description="Samples of a sensor, or ready angles.")
+        Literal["samples", "angles"], Field(description="Samples of a sensor, or computed angles.")
     ] = "samples"
     profile: Annotated[
-        dict[str, Any] | None, Field(description="What the columns mean, for tables that do not tell.")
+        dict[str, Any] | None, Field(description="Meaning of the columns, for tables that do not state it.")
     ] = None
     periods: Annotated[
-        list[PeriodView] | None, Field(max_length=10_000, description="In place of the recording's periods.")
+        list[PeriodView] | None, Field(max_length=10_000, description="Replaces the recording's periods.")
     ] = None
     reason: Annotated[
         str,
-        Field(max_length=MAX_TEXT, description="Why it is analysed anew; the report says it."),
+        Field(max_length=MAX_TEXT, description="Why it is analysed again; printed in the report."),
         AfterValidator(clean_text),
     ] = ""
-    conclusion: Annotated[
-        ConclusionView | None, Field(description="What a clinician concludes from the report.")
-    ] = None
+    conclusion: Annotated[ConclusionView | None, Field(description="The conclusion of a clinician.")] = None
 
 
-# What is answered.
+# Responses.
 
 RESULT_NAMES = (
     "results.json",
@@ -350,7 +351,7 @@ RESULT_NAMES = (
 
 
 class AnalysisView(BaseModel):
-    """An analysis: where it is, why it failed if it did, and where its files are."""
+    """An analysis: its state, the reason if it failed, and the links of its files."""
 
     id: str
     recording_id: str
@@ -377,7 +378,7 @@ class AnalysisView(BaseModel):
 
 
 class AnalysisQuery(BaseModel):
-    """Which analyses are listed; what is left out asks for any."""
+    """Filters of the analyses; an omitted one matches all."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -390,14 +391,14 @@ class AnalysisQuery(BaseModel):
 
 
 class AnalysisList(BaseModel):
-    """A page of analyses, newest first; ``next_cursor`` asks for the next, null ends."""
+    """A page of analyses, newest first; ``next_cursor`` requests the next page, null on the last one."""
 
     items: list[AnalysisView]
     next_cursor: str | None
 
 
 class StartedAnalyses(AnalysisView):
-    """The first of the analyses that were asked for, and all of them in order."""
+    """The first of the requested analyses, and all of them in order."""
 
     items: list[AnalysisView]
 
@@ -415,9 +416,9 @@ SETTINGS = (
 
 
 def view_analysis(job: Job, language: Language) -> AnalysisView:
-    """Show a job."""
-    said, draft = job.request.conclusion, job.request.draft
-    concluded = ConclusionView.model_validate(asdict(said)) if said else None
+    """Build the view of a job."""
+    conclusion, draft = job.request.conclusion, job.request.draft
+    concluded = ConclusionView.model_validate(asdict(conclusion)) if conclusion else None
     drafted = None
     if draft is not None:
         origin = {"version": draft.version, "changes": list(draft.changes)}
@@ -442,9 +443,9 @@ def view_analysis(job: Job, language: Language) -> AnalysisView:
 
 
 def describe_links(job: Job) -> Mapping[str, str]:
-    """Return the addresses of an analysis, of what can be done with it, and of its files."""
+    """Return the links of an analysis: its actions, its page, its recording and its files."""
     own = f"/api/v1/analyses/{job.id}"
-    if job.request.reference is not None:  # its files are those of a comparison
+    if job.request.reference is not None:  # a comparison has its own routes
         return {"self": own, "validation": f"/api/v1/validations/{job.id}"}
     files = {name.replace(".", "_"): f"{own}/{name}" for name in RESULT_NAMES}
     steps = {name: f"{own}/{name}" for name in ("cancel", "retry", "events")}
@@ -452,16 +453,16 @@ def describe_links(job: Job) -> Mapping[str, str]:
     return {"self": own, **steps, **about, **files}
 
 
-# Long lists, page by page.
+# Pagination.
 
 
 def write_cursor(place: Place) -> str:
-    """Write where a page ended, as text that nobody need understand."""
+    """Encode the position where a page ended as an opaque text."""
     return base64.urlsafe_b64encode("|".join(place).encode()).decode().rstrip("=")
 
 
 def read_cursor(text: str) -> Place | None:
-    """Read what :func:`write_cursor` wrote; None for "". Raises BadParameter."""
+    """Decode a cursor from :func:`write_cursor`; None for "". Raises BadParameter."""
     if not text:
         return None
     try:
@@ -475,9 +476,9 @@ def read_cursor(text: str) -> Place | None:
 def cut_page(
     rows: Sequence[T], limit: int, place: Callable[[T], Place], asked: Request, answer: Response
 ) -> tuple[Sequence[T], str | None]:
-    """Return the rows of the page and the cursor of the next, from one row more than asked for.
+    """Return the rows of a page and the cursor of the next; ``rows`` has ``limit + 1`` rows if more follow.
 
-    The answer also gets ``Link: <...>; rel="next"`` (RFC 8288).
+    The response also gets ``Link: <...>; rel="next"`` (RFC 8288).
     """
     if len(rows) <= limit:
         return rows, None
@@ -493,25 +494,25 @@ Note = Annotated[str, Field(max_length=2000)]
 
 
 class RecordingWords(BaseModel):
-    """What people say about a recording; a name that is not known is refused."""
+    """The description of a recording; unknown names are refused."""
 
     model_config = ConfigDict(extra="forbid")
 
-    file_name: Annotated[str, Field(max_length=1000, description="Name of the file, for people.")] = ""
+    file_name: Annotated[str, Field(max_length=1000, description="Name of the file, for display.")] = ""
     subject: Annotated[SubjectCode, Field(description="Subject code; never a name.")] = ""
     side: Annotated[Side | None, Field(description="Which arm.")] = None
-    external_id: Annotated[Text, Field(description="Its name in your own system.")] = ""
+    external_id: Annotated[Text, Field(description="Its identifier in your own system.")] = ""
     note: Note = ""
 
     def describe(self) -> Description:
-        """Return the words as the rows hold them."""
+        """Return the description as it is stored."""
         return Description(
             clean_file_name(self.file_name), self.subject, self.side, self.external_id, self.note
         )
 
 
 class RecordingPatch(BaseModel):
-    """A JSON merge patch (RFC 7396): what is absent stays, null takes the value away."""
+    """A JSON merge patch (RFC 7396): an absent field does not change, null clears it."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -522,14 +523,14 @@ class RecordingPatch(BaseModel):
     note: Note | None = None
 
     def merge(self, about: Description) -> Description:
-        """Return the words after the change."""
+        """Return the description after the change."""
         named = {name: getattr(self, name) for name in self.model_fields_set}
         emptied = {name: "" if value is None and name != "side" else value for name, value in named.items()}
         return RecordingWords(**(asdict(about) | emptied)).describe()
 
 
 class RecordingView(BaseModel):
-    """A stored recording. ``start`` is known once it has been inspected."""
+    """A stored recording. ``start`` is known after its inspection."""
 
     id: str
     file_name: str
@@ -542,19 +543,19 @@ class RecordingView(BaseModel):
     duplicate_of: str | None
     warnings: list[str]
     damage: str | None = Field(
-        None, description="E-STORE-DAMAGED where the stored bytes are gone or altered."
+        None, description="E-STORE-DAMAGED if the stored bytes are missing or altered."
     )
     start: str | None
     period_count: int
     version: int
     state: Literal["stored", "trashed"]
-    hold: str | None = Field(None, description="Why it may not be deleted for good; null where it may.")
+    hold: str | None = Field(None, description="Why it may not be deleted permanently; null if it may.")
     created_at: str
     links: dict[str, str]
 
 
 class RecordingQuery(BaseModel):
-    """Which recordings are listed; what is left out asks for any."""
+    """Filters of the recordings; an omitted one matches all."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -563,7 +564,9 @@ class RecordingQuery(BaseModel):
     sha256: str = ""
     begin: Annotated[
         DeviceClock,
-        Field(alias="from", description="First start, ISO 8601, by the device's clock: without a zone."),
+        Field(
+            alias="from", description="Earliest start, ISO 8601, by the device's clock (without a time zone)."
+        ),
     ] = ""
     end: Annotated[DeviceClock, Field(alias="to", description="Start before this, by the same clock.")] = ""
     trashed: bool = False
@@ -579,14 +582,14 @@ class RecordingQuery(BaseModel):
 
 
 class RecordingList(BaseModel):
-    """A page of recordings; ``next_cursor`` asks for the next, null ends."""
+    """A page of recordings; ``next_cursor`` requests the next page, null on the last one."""
 
     items: list[RecordingView]
     next_cursor: str | None
 
 
 def view_recording(row: StoredRow) -> RecordingView:
-    """Show a recording."""
+    """Build the view of a recording."""
     own = f"/api/v1/recordings/{row.id}"
     links = {"self": own} | {part: f"{own}/{part}" for part in ("file", "inspection", "periods")}
     about = {name: value for name, value in asdict(row.about).items() if value is not None}

@@ -1,4 +1,4 @@
-"""Recordings: stored, described, looked at, divided into periods, thrown away."""
+"""Recordings: store, describe, inspect, divide into periods, delete."""
 
 from contextlib import suppress
 from typing import Annotated, Any, Literal
@@ -44,7 +44,7 @@ from app.http.api.library.uploads import (
     receive_recording,
     store_recording,
 )
-from app.http.middleware.access import check_confirmed, check_may, find_subject
+from app.http.middleware.access import check_confirmed, check_may, get_subject
 from app.http.middleware.problems import PROBLEM_RESPONSES, parse_json, validate_model
 from app.library.recordings import Description, Purged, StoredRow
 from app.ops.copies import find_backup_term, renew_copies
@@ -54,8 +54,10 @@ from app.store.folder import StoredRecording, borrow_recording, seems_intact
 from fusion.diary import DiaryEntry, read_diary
 
 router = APIRouter(prefix="/api/v1/recordings", responses=PROBLEM_RESPONSES, tags=["recordings"])
-IfMatch = Annotated[str, Header(description='The ETag that was read, as "3"; else no check is made.')]
-MOST_DIARY_BYTES = 4 << 20
+IfMatch = Annotated[
+    str, Header(description='The ETag that you read, such as "3"; without it no check is made.')
+]
+MAX_DIARY_BYTES = 4 << 20
 WORD = {"type": "string"}
 FORM_BODY: dict[str, Any] = {
     "schema": {
@@ -79,13 +81,13 @@ ORIGINAL: dict[int | str, dict[str, Any]] = {
 
 
 class UploadedRecording(RecordingWords):
-    """A recording that came by ``/uploads``, and what is said about it."""
+    """A finished upload of ``/uploads``, and its description."""
 
     upload_id: str
 
 
 REPEATED: dict[int | str, dict[str, Any]] = {
-    200: {"model": RecordingView, "description": "The same upload within 24 h: the recording that there is."}
+    200: {"model": RecordingView, "description": "The same upload within 24 h: the existing recording."}
 }
 
 
@@ -93,13 +95,13 @@ REPEATED: dict[int | str, dict[str, Any]] = {
 async def create_recording(
     request: Request, services: UsedServices, words: Annotated[RecordingWords, Query()]
 ) -> RecordingView:
-    """Store a recording: the raw file, a form with it, or ``{"upload_id": ...}`` of one that came before."""
+    """Store a recording: the raw file, a form with it, or ``{"upload_id": ...}`` of a finished upload."""
     kind = request.headers.get("content-type", "")
     if kind.startswith("multipart/form-data"):
         row, is_new = await _receive_form(request, services, words)
     elif kind.startswith("application/json"):
-        body = await read_small_body(request, MOST_DIARY_BYTES)
-        row, is_new = await run_in_threadpool(_adopt_upload, services, body), True
+        body = await read_small_body(request, MAX_DIARY_BYTES)
+        row, is_new = await run_in_threadpool(_describe_upload, services, body), True
     else:
         about = words.describe()
         row, is_new = await receive_recording(request, services, lambda stored: _add(services, stored, about))
@@ -108,7 +110,7 @@ async def create_recording(
 
 
 def _add(services: Services, stored: StoredRecording, about: Description) -> tuple[StoredRow, bool]:
-    """Return the recording, and whether it is new; the bytes of a repeated upload are removed."""
+    """Return the recording and whether it is new; the bytes of a repeated upload are deleted."""
     row = services.recordings.add(stored, about)
     if row.id != stored.id:
         services.storage.drop_recording(stored.id)
@@ -119,7 +121,7 @@ def _add(services: Services, stored: StoredRecording, about: Description) -> tup
 def list_recordings(
     request: Request, answer: Response, services: UsedServices, asked: Annotated[RecordingQuery, Query()]
 ) -> RecordingList:
-    """Return the recordings stored last; ``from`` and ``to`` compare the device clock at the first sample."""
+    """Return the newest recordings; ``from`` and ``to`` compare the device clock at the first sample."""
     limit = asked.limit
     wanted = asked.wanted()
     found = services.recordings.find_page(wanted, limit + 1, read_cursor(asked.cursor))
@@ -129,7 +131,7 @@ def list_recordings(
 
 @router.get("/{recording_id}")
 def get_recording(recording_id: str, services: UsedServices) -> RecordingView:
-    """Return one recording, with its ETag; ``damage`` tells where its bytes are gone or altered."""
+    """Return one recording with its ETag; ``damage`` is set if its bytes are missing or altered."""
     row = services.recordings.get(recording_id)
     is_whole = seems_intact(services.storage, StoredRecording(row.id, row.sha256, row.size_bytes))
     view = view_recording(row).model_copy(update={} if is_whole else {"damage": StoreDamaged.code})
@@ -146,13 +148,13 @@ def get_file(recording_id: str, request: Request, services: UsedServices) -> Res
 def change_recording(
     recording_id: str, patch: RecordingPatch, services: UsedServices, if_match: IfMatch = ""
 ) -> RecordingView:
-    """Say anew whose arm it is (JSON merge patch); reports that are made already stay as they are."""
+    """Change the description (JSON merge patch); existing reports do not change."""
     row = _match(services.recordings.get(recording_id), if_match)
     return _answer(services.recordings.describe(row, patch.merge(row.about)))  # type: ignore[return-value]
 
 
 class ErasureView(BaseModel):
-    """What an erasure leaves in backups: ``backups`` tells if any is known that can contain the recording.
+    """An erasure. ``backups``: whether known backups can contain the recording.
 
     ``backups_until``: the date by which ``acromion backup --keep`` has deleted the last of them.
     """
@@ -173,10 +175,11 @@ def delete_recording(
     services: UsedServices,
     purge: bool = False,  # noqa: FBT001, FBT002
 ) -> Response:
-    """Put a recording and all that was made of it into the trash; one that is there stays as it is.
+    """Move a recording and its analyses to the trash; nothing changes if it is already there.
 
-    With ``purge``, or where the trash keeps nothing, it is deleted for good, which needs the permission to
-    erase; else when its time in the trash is over. The answer then says until when backups can contain it.
+    It is deleted permanently when its time in the trash is over. With ``purge``, or if the trash is disabled,
+    it is deleted permanently at once, which needs the permission to erase. The response then states until
+    when backups can contain it.
     """
     is_for_good = purge or not has_trash(services)
     if is_for_good:
@@ -193,7 +196,7 @@ def delete_recording(
 
 @router.post("/{recording_id}/restore")
 def restore_recording(recording_id: str, services: UsedServices) -> RecordingView:
-    """Take a recording out of the trash."""
+    """Restore a recording from the trash."""
     return _answer(services.recordings.restore(recording_id))  # type: ignore[return-value]
 
 
@@ -201,9 +204,11 @@ def restore_recording(recording_id: str, services: UsedServices) -> RecordingVie
 def get_inspection(
     recording_id: str,
     services: UsedServices,
-    rate_hz: Annotated[float | None, Query(ge=1, le=10_000, description="For logs without time.")] = None,
+    rate_hz: Annotated[
+        float | None, Query(ge=1, le=10_000, description="For files without timestamps.")
+    ] = None,
 ) -> dict[str, Any]:
-    """Say what the file is: device, rate, clock, gaps, calibration proposals, warnings."""
+    """Inspect the file: device, rate, clock, gaps, calibration proposals, warnings."""
     return _inspect(services, services.recordings.get(recording_id), rate_hz)
 
 
@@ -222,7 +227,7 @@ def _inspect(services: Services, row: StoredRow, rate_hz: float | None = None) -
 
 @router.get("/{recording_id}/periods", responses={200: {"content": DIARY_KINDS}})
 def get_periods(recording_id: str, request: Request, services: UsedServices) -> list[PeriodView]:
-    """Give what the day consisted of; as a diary file when text/csv is accepted."""
+    """Return the periods of the day; as a diary file if text/csv is accepted."""
     row = services.recordings.get(recording_id)
     headers = {"ETag": _tag(row), "Vary": "Accept"}
     if "text/csv" in request.headers.get("accept", ""):
@@ -235,8 +240,8 @@ def get_periods(recording_id: str, request: Request, services: UsedServices) -> 
 async def put_periods(
     recording_id: str, request: Request, services: UsedServices, if_match: IfMatch = ""
 ) -> list[PeriodView]:
-    """Say what the day consisted of, by rows of JSON or a diary file; the next analyses go by it."""
-    body = await read_small_body(request, MOST_DIARY_BYTES)
+    """Set the periods of the day, as JSON rows or a diary file, for the following analyses."""
+    body = await read_small_body(request, MAX_DIARY_BYTES)
     is_csv = request.headers.get("content-type", "").startswith("text/csv")
     diary = read_diary(body) if is_csv else read_periods(validate_model(PeriodList, parse_json(body)).root)
     row = await run_in_threadpool(_store_periods, services, recording_id, if_match, diary)
@@ -250,37 +255,37 @@ def _store_periods(
     row = _match(services.recordings.get(recording_id), if_match)
     if diary:
         found = None
-        with suppress(RecordedProblem, Crashed):  # it needs a rate or a profile before it can be read
+        with suppress(RecordedProblem, Crashed):  # the file cannot be read without a rate or a profile
             found = _inspect(services, row)
         check_periods(diary, found)
     return services.recordings.put_diary(row, diary)
 
 
 def has_trash(services: Services) -> bool:
-    """Return whether deleted recordings wait in the trash; with a term of 0 they are removed at once."""
+    """Return whether deleted recordings go to the trash; with a period of 0 they are deleted at once."""
     return services.retention.find_trash_term_s(services.settings.trash_term_s) > 0
 
 
 def check_may_erase(request: Request) -> None:
-    """Check that who asks may delete for good, and gave the password a short time ago.
+    """Check that the subject may delete permanently and entered the password a short time ago.
 
     Raises NotPermitted or NotConfirmed.
     """
-    check_may(find_subject(request), "erase")
+    check_may(get_subject(request), "erase")
     check_confirmed(request)
 
 
 def purge_recording(services: Services, recording_id: str) -> None:
-    """Delete a recording for good, with every file made of it. Raises OnHold or PurgeUnfinished."""
+    """Delete a recording and all its files permanently. Raises OnHold or PurgeUnfinished."""
     finish_purge(services, services.recordings.begin_purge(recording_id))
 
 
 def finish_purge(services: Services, *begun: Purged) -> None:
-    """Delete files, then rows: recordings that are hidden already.
+    """Delete the files, then the rows, of recordings that are already hidden.
 
-    They are in the ledger of erasures before the first file is deleted. The rows go last, once the daily
-    copies hold them no more, so that housekeeping or the next start can go on with an interrupted purge.
-    Raises PurgeUnfinished.
+    The ledger of erasures lists them before the first file is deleted. The rows are deleted last, once the
+    daily copies no longer contain them, so that housekeeping or the next start can resume an interrupted
+    purge. Raises PurgeUnfinished.
     """
     if not begun:
         return
@@ -304,7 +309,7 @@ def finish_purge(services: Services, *begun: Purged) -> None:
 
 
 def forget_samples(services: Services) -> None:
-    """Remove the decoded samples of which no recording is left."""
+    """Delete decoded samples whose recording no longer exists."""
     held = services.cache.find_recordings()
     services.cache.forget(held - services.recordings.find_known(held))
 
@@ -312,7 +317,7 @@ def forget_samples(services: Services) -> None:
 async def _receive_form(
     request: Request, services: Services, words: RecordingWords
 ) -> tuple[StoredRow, bool]:
-    """Take the one file of a form; its other fields say what the query may say, and go before it."""
+    """Store the file of a form; its other fields are the same as the query's and take precedence."""
     form = RecordingForm(request.headers["content-type"], read_digest(request.headers))
 
     def commit(stored: StoredRecording) -> tuple[StoredRow, bool]:
@@ -323,7 +328,7 @@ async def _receive_form(
     return await store_recording(request, services, form.copy_file, commit)
 
 
-def _adopt_upload(services: Services, body: bytes) -> StoredRow:
+def _describe_upload(services: Services, body: bytes) -> StoredRow:
     described = validate_model(UploadedRecording, parse_json(body))
     upload = finish_upload(services, get_upload_row(services, described.upload_id))
     if upload.recording_id is None:
@@ -345,7 +350,7 @@ def _tag(row: StoredRow) -> str:
 
 
 def _match(row: StoredRow, if_match: str) -> StoredRow:
-    """Refuse a change of something that was read before somebody else changed it."""
+    """Refuse a change that is based on an outdated version. Raises StaleVersion."""
     if if_match and if_match.strip() != "*" and _tag(row) not in if_match:
         raise StaleVersion
     return row

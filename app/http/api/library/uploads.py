@@ -1,8 +1,8 @@
-"""Uploads that may be broken off and gone on with: tus 1.0.0 (https://tus.io/protocols/resumable-upload).
+"""Resumable uploads: tus 1.0.0 (https://tus.io/protocols/resumable-upload).
 
-Core, creation, creation-with-upload, termination, checksum and expiration. A whole upload becomes a
-recording at once; its id comes with the last answer and with every later one. An upload that is announced
-with ``settings`` is analysed as soon as its last byte is here, whether or not somebody still asks.
+Core, creation, creation-with-upload, termination, checksum and expiration. A complete upload becomes a
+recording at once; the last response and every later one contain its id. If an upload was announced with
+``settings``, its analysis starts with the last byte, even if the client sends no further request.
 """
 
 import asyncio
@@ -50,11 +50,11 @@ from app.store.incoming import GrowingFile, name_recording
 from fusion.documents import HEAD_BYTES, refuse_document
 from fusion.errors import EmptyFile, UnknownFormat
 
-# Uploads in one request: bytes go from network to disk, and are acknowledged once they are durable.
+# Uploads in one request: bytes are written to disk, and acknowledged once they are durable.
 
 
 PIECE_BYTES = 256 << 10
-"""Written at once: each upload holds some four such pieces, and larger ones are not written sooner."""
+"""Bytes per write; each upload holds about four such pieces in memory, and larger ones are not faster."""
 
 T = TypeVar("T")
 Copy = Callable[[Request, Callable[[bytes], None]], Awaitable[None]]
@@ -68,7 +68,7 @@ async def receive_recording(
     Raises FileTooLarge, DiskFull, EmptyFile, SlowUpload, BadParameter or WrongDigest.
     """
     kind = request.headers.get("content-type", "")
-    if kind.startswith("multipart/"):  # the body is the recording itself
+    if kind.startswith("multipart/"):  # the body must be the recording itself
         raise BadParameter(name="Content-Type", value=kind[:60], allowed="application/octet-stream")
     digest = read_digest(request.headers)
 
@@ -85,7 +85,7 @@ async def receive_recording(
 async def store_recording(
     request: Request, services: Services, copy: Copy, commit: Callable[[StoredRecording], T]
 ) -> T:
-    """Write what ``copy`` takes from the request to the disk, then let ``commit`` write its row.
+    """Write the bytes that ``copy`` reads from the request to disk, then call ``commit`` to write the row.
 
     Raises FileTooLarge, DiskFull, EmptyFile, SlowUpload, BadParameter or TooMany.
     """
@@ -101,7 +101,7 @@ async def store_recording(
 
 
 def read_digest(headers: Mapping[str, str]) -> str:
-    """Return the SHA-256 that the client has stated (RFC 9530), in hex; "" where it stated none.
+    """Return the SHA-256 that the client stated (RFC 9530), in hex; "" if it stated none.
 
     Raises BadChecksum.
     """
@@ -119,7 +119,7 @@ def read_digest(headers: Mapping[str, str]) -> str:
 
 
 def check_room(services: Services, expected_bytes: int) -> None:
-    """Refuse what is too large, or would fill the disk. Raises FileTooLarge or DiskFull."""
+    """Refuse an upload that is too large or would fill the disk. Raises FileTooLarge or DiskFull."""
     limit_bytes = services.settings.max_upload_bytes
     if expected_bytes > limit_bytes:
         raise too_large(expected_bytes, limit_bytes)
@@ -127,9 +127,9 @@ def check_room(services: Services, expected_bytes: int) -> None:
 
 
 async def copy_chunks(chunks: AsyncIterable[bytes], write: Callable[[bytes], None]) -> None:
-    """Write in large pieces, each in a thread while the next comes; other requests are answered meanwhile.
+    """Write in large pieces, each in a thread while the next one arrives.
 
-    What came before a broken connection is written, too. Raises BrokenUpload.
+    Bytes that arrived before the connection broke are also written. Raises BrokenUpload.
     """
     waiting = bytearray()
     writing: asyncio.Task[None] | None = None
@@ -150,7 +150,7 @@ async def copy_chunks(chunks: AsyncIterable[bytes], write: Callable[[bytes], Non
 
 
 async def read_small_body(request: Request, most_bytes: int) -> bytes:
-    """Return a body that is no recording. Raises FileTooLarge."""
+    """Return a small body that is not a recording. Raises FileTooLarge."""
     body = bytearray()
     async for chunk in request.stream():
         body += chunk
@@ -167,21 +167,22 @@ def _acknowledge(upload: Upload, services: Services, commit: Callable[[StoredRec
     try:
         return commit(stored)
     except BaseException:
-        if not services.store.may_have_row(stored.id):  # the answer to a commit can be lost on its way
+        if not services.store.may_have_row(stored.id):  # the row may be committed although the reply was lost
             services.storage.drop_recording(stored.id)
         raise
 
 
-# A recording in a form, as browsers and ``curl -F`` send it. python-multipart parses it as it streams in; its
-# own files would write every byte twice, first to the folder for temporary files, small in a container.
+# A recording in a form, as browsers and ``curl -F`` send it. python-multipart parses it while it streams in,
+# without its own files: those would write every byte twice, first to the temporary folder, which is small in
+# a container.
 
-MOST_FIELDS, MOST_FIELD_BYTES = 20, 4096
+MAX_FIELDS, MAX_FIELD_BYTES = 20, 4096
 
 
 class RecordingForm:
-    """Takes one file and a few short fields, in any order, from a form.
+    """Read one file and a few short fields, in any order, from a form.
 
-    ``digest`` is the SHA-256 that the client has stated of the whole form, in hex, or "".
+    ``digest`` is the SHA-256 of the whole form that the client stated, in hex, or "".
     """
 
     def __init__(self, content_type: str, digest: str = "") -> None:
@@ -207,7 +208,7 @@ class RecordingForm:
         )
 
     async def copy_file(self, request: Request, write: Callable[[bytes], None]) -> None:
-        """Write the file as it comes. Raises BadParameter, BrokenUpload or WrongDigest."""
+        """Write the file as it arrives. Raises BadParameter, BrokenUpload or WrongDigest."""
         await copy_chunks(self._read_file(request), write)
         if not self._ended:
             raise BrokenUpload
@@ -217,7 +218,7 @@ class RecordingForm:
             raise BadParameter(name="form", value=", ".join(self.words)[:60], allowed="file")
 
     async def _read_file(self, request: Request) -> AsyncIterator[bytes]:
-        """Return what each chunk of the form holds of the file."""
+        """Yield the bytes of the file in each chunk of the form."""
         async for chunk in request.stream():
             self._sha256.update(chunk if self._digest else b"")
             try:
@@ -247,15 +248,15 @@ class RecordingForm:
             self._piece += octets[start_byte:end_byte]
             return
         self._word += octets[start_byte:end_byte]
-        if len(self._word) > MOST_FIELD_BYTES or len(self.words) >= MOST_FIELDS:
-            raise BadParameter(name=self._name[:60], value="", allowed=f"≤ {MOST_FIELD_BYTES}")
+        if len(self._word) > MAX_FIELD_BYTES or len(self.words) >= MAX_FIELDS:
+            raise BadParameter(name=self._name[:60], value="", allowed=f"≤ {MAX_FIELD_BYTES}")
 
     def _end_part(self) -> None:
         if not self._in_file:
             self.words[self._name] = self._word.decode("utf-8", "replace").strip()
 
 
-# The bytes of a tus upload: written as they come, counted when they are on the disk.
+# The bytes of a tus upload: written on arrival, counted once they are durable on disk.
 
 OFFSET_BODY = "application/offset+octet-stream"
 PREVIEW_BYTES = 2 << 20
@@ -267,7 +268,7 @@ _GZIP_WINDOW = 16 + zlib.MAX_WBITS
 async def append_bytes(
     request: Request, services: Services, upload_id: str, offset_bytes: int, checksum: str = ""
 ) -> UploadRow:
-    """Append the body to an upload; one that was packed (Content-Encoding: gzip) is unpacked as it comes.
+    """Append the body to an upload; unpack it on arrival if it is packed (Content-Encoding: gzip).
 
     Raises LockedUpload, WrongOffset, WrongLength, WrongDigest, WrongMediaType, BrokenUpload, SlowUpload,
     DiskFull or TooMany.
@@ -295,7 +296,7 @@ async def append_bytes(
 
 @contextmanager
 def _lock_upload(services: Services, upload_id: str) -> Iterator[None]:
-    """Hold an upload alone. Raises LockedUpload."""
+    """Lock an upload for one request. Raises LockedUpload."""
     if not services.incoming.acquire(upload_id):
         raise LockedUpload
     try:
@@ -305,9 +306,10 @@ def _lock_upload(services: Services, upload_id: str) -> Iterator[None]:
 
 
 def get_upload_row(services: Services, upload_id: str) -> UploadRow:
-    """Return the row of an upload; what counted and is not on the disk any more has to be sent again.
+    """Return the row of an upload; if counted bytes are no longer on disk, reduce its offset.
 
-    Otherwise zeros would take the place of the bytes that are lost. Raises NotHere or PurgedSince.
+    The client then sends those bytes again; otherwise zeros would replace them. Raises NotHere or
+    PurgedSince.
     """
     row = services.uploads.get(upload_id)
     if row.recording_id == PURGED:
@@ -319,10 +321,10 @@ def get_upload_row(services: Services, upload_id: str) -> UploadRow:
 
 
 def finish_upload(services: Services, row: UploadRow, way_in: WayIn = "api") -> UploadRow:
-    """Make a whole upload a recording, and begin its analysis if one was declared; else give it back.
+    """Convert a complete upload to a recording and start its declared analysis; return its row.
 
-    The bytes keep their name among the uploads until the recording's row is committed: whatever is cut
-    short in between is done again by the next request.
+    The bytes stay among the uploads until the recording's row is committed, so the next request can repeat an
+    interrupted step.
     """
     if not row.is_whole or row.recording_id is not None:
         return row
@@ -331,12 +333,14 @@ def finish_upload(services: Services, row: UploadRow, way_in: WayIn = "api") -> 
         sha256 = services.incoming.hash(row.id, row.length_bytes)
         stored = StoredRecording(name_recording(row.id), sha256, row.length_bytes)
         services.storage.adopt(services.incoming.path(row.id), stored.id)
-    except FileNotFoundError:  # a peer was quicker
+    except FileNotFoundError:  # another request was faster
         return services.uploads.get(row.id)
     declared, study, asked = read_declared(row.metadata), "", None
     if declared is not None:
         study = declared.study
-        if services.store.count_waiting() < services.settings.max_queued:  # else no analysis: ask later
+        if (
+            services.store.count_waiting() < services.settings.max_queued
+        ):  # if the queue is full, no analysis starts
             paper, whole = services.settings.paper, declared.complete(row.about)
             asked = whole.build_request(row.about.file_name, declared.lang or "en", paper)
     counts = services.uploads.finish(row, stored, asked, way_in, study)
@@ -360,7 +364,7 @@ def _refuse_document(services: Services, row: UploadRow) -> None:
 
 
 def drop_upload(services: Services, row: UploadRow) -> None:
-    """Forget an upload and its bytes; the recording of a finished one stays. Raises LockedUpload."""
+    """Delete an upload and its bytes; the recording of a finished one stays. Raises LockedUpload."""
     with _lock_upload(services, row.id):
         services.uploads.drop(row.id)
         services.incoming.forget(row.id)
@@ -385,9 +389,9 @@ def _open_body(services: Services, row: UploadRow, checksum: str, encoding: str)
 
 @dataclass(slots=True)
 class _Body:
-    """The bytes of one request. They count once they are durable and any checksum (gzip has one) is right.
+    """The bytes of one request. They count once they are durable and any checksum (gzip has one) is correct.
 
-    Disk and network are waited for at once: while ``counting`` makes bytes durable, more are written.
+    Disk and network work in parallel: while ``counting`` makes bytes durable, more are written.
     """
 
     services: Services
@@ -402,11 +406,11 @@ class _Body:
 
     @property
     def is_checked(self) -> bool:
-        """Nothing counts before the last byte: gzip, too, ends with a checksum."""
+        """Return whether the body has a checksum (gzip always has one); its bytes count only at the end."""
         return self.digest is not None or self.unpacker is not None
 
     def take(self, chunk: bytes) -> None:
-        """Take the next bytes of the body; however well they are packed, a little at a time is unpacked.
+        """Write the next bytes of the body; packed bytes are unpacked in small pieces to limit memory.
 
         Raises WrongDigest, WrongLength or DiskFull.
         """
@@ -433,26 +437,26 @@ class _Body:
             self.synced_s = time.monotonic()
 
     def wait(self) -> None:
-        """Wait for what is being counted, and raise what hindered it."""
+        """Wait until pending bytes are counted; re-raise their error."""
         counting, self.counting = self.counting, None
         if counting is not None:
             counting.result()
 
     def count(self) -> None:
-        """Let every byte so far count."""
+        """Count every byte written so far."""
         self.wait()
         if self.file.flush() > self.row.offset_bytes:
             self._count(self.file.offset_bytes)
 
     def _count(self, offset_bytes: int) -> None:
-        """Let the bytes before an offset count: on the disk first, then in the row."""
+        """Count the bytes before an offset: first make them durable, then update the row."""
         self.file.sync()
         if not self.services.uploads.advance(self.row, offset_bytes):
             raise WrongOffset(expected=self.services.uploads.get(self.row.id).offset_bytes)
         self.row = self.services.uploads.get(self.row.id)
 
     def end(self) -> None:
-        """Keep what came, however the request ended; bytes that cannot be checked are not kept."""
+        """Count the bytes written so far, even if the request failed; discard bytes that need a checksum."""
         try:
             if not self.is_checked:
                 self.count()
@@ -461,7 +465,7 @@ class _Body:
             self.file.close()
 
     def check(self) -> None:
-        """Compare the checksum, that of gzip, too, and only then let the bytes count. Raises WrongDigest."""
+        """Compare the checksum (also gzip's), then count the bytes. Raises WrongDigest."""
         if self.unpacker is not None and not self.unpacker.eof:
             raise WrongDigest
         if self.digest is not None and self.digest.digest() != self.expected:
@@ -477,14 +481,14 @@ NAMES = {"filename": "file_name", "name": "file_name"} | {name: name for name in
 
 
 def read_metadata(header: str) -> RecordingWords:
-    """Read ``name base64,name base64``; leave aside what is not ours (``filetype``). Raises BadParameter."""
+    """Parse ``name base64,name base64``; ignore unknown names (``filetype``). Raises BadParameter."""
     pairs = _read_pairs(header)
     known = {NAMES[name]: value for name, value in pairs.items() if name in NAMES and value}
     return validate_model(RecordingWords, known)
 
 
 def read_declared(header: str) -> DeclaredOptions | None:
-    """Read the analysis that begins with the last byte (``settings``: JSON); None where none is declared.
+    """Parse the analysis that starts with the last byte (``settings``: JSON); None if none is declared.
 
     Raises BadParameter.
     """
@@ -509,11 +513,13 @@ router = APIRouter(prefix="/api/v1/uploads", responses=PROBLEM_RESPONSES, tags=[
 
 
 class TusHeaders(BaseModel):
-    """What a tus client says in headers."""
+    """The headers of a tus request."""
 
     tus_resumable: Annotated[str | None, Field(description="1.0.0")] = None
     upload_length: Annotated[int | None, Field(ge=0, description="Bytes of the whole file.")] = None
-    upload_offset: Annotated[int | None, Field(ge=0, description="Where these bytes begin.")] = None
+    upload_offset: Annotated[int | None, Field(ge=0, description="Position of the first of these bytes.")] = (
+        None
+    )
     upload_metadata: Annotated[str, Field(max_length=8000, description="name base64,name base64 ...")] = ""
     upload_checksum: Annotated[str, Field(max_length=200, description="sha256 base64, of these bytes")] = ""
 
@@ -527,7 +533,7 @@ TusRequest = Annotated[TusHeaders, Header()]
 
 
 class UploadView(BaseModel):
-    """An upload. ``recording_id`` is there once every byte is."""
+    """An upload. ``recording_id`` is set once it is complete."""
 
     id: str
     offset_bytes: int
@@ -535,22 +541,23 @@ class UploadView(BaseModel):
     file_name: str
     recording_id: str | None
     is_repeated: Annotated[
-        bool, Field(description="The recording was there: the same bytes and words within 24 h.")
+        bool, Field(description="The recording existed: the same bytes and description within 24 h.")
     ]
     created_at: str
     links: dict[str, str]
 
 
 class UploadWords(RecordingWords):
-    """What is said of a file that is still coming, and the analysis that begins with its last byte."""
+    """The description of a file that is being uploaded, and the analysis that starts with its last byte."""
 
     settings: Annotated[
-        DeclaredOptions | None, Field(description="As in ``POST /analyses``; absent: as declared before.")
+        DeclaredOptions | None,
+        Field(description="As in ``POST /analyses``; if absent, the declared analysis does not change."),
     ] = None
 
 
 class HeadView(BaseModel):
-    """What the first bytes of a file show; null: not yet, or not in them."""
+    """Properties found in the first bytes of a file; null: not found, or not yet."""
 
     file: str
     device: str | None
@@ -563,7 +570,7 @@ class HeadView(BaseModel):
 @router.options("", status_code=204)
 @router.options("/{upload_id}", status_code=204, include_in_schema=False)
 def describe_uploads(services: UsedServices) -> Response:
-    """Return which version and extensions of tus are spoken, and how large a file may be."""
+    """Return the supported version and extensions of tus, and the largest file size."""
     about = {
         "Tus-Extension": EXTENSIONS,
         "Tus-Max-Size": str(services.settings.max_upload_bytes),
@@ -574,7 +581,7 @@ def describe_uploads(services: UsedServices) -> Response:
 
 @router.post("", status_code=201)
 async def create_upload(request: Request, services: UsedServices, tus: TusRequest) -> Response:
-    """Announce a file: 201 and the address its bytes go to; the first bytes may come along."""
+    """Announce a file: 201 and the address for its bytes; the first bytes may be in this request."""
     tus.check_protocol()
     if tus.upload_length is None:
         raise WrongLength
@@ -593,7 +600,7 @@ async def create_upload(request: Request, services: UsedServices, tus: TusReques
 
 @router.get("/{upload_id}")
 def get_upload(upload_id: str, services: UsedServices, tus: TusRequest) -> UploadView:
-    """Return how many bytes are safe (HEAD gives the same in headers, as tus asks)."""
+    """Return how many bytes are stored (HEAD returns the same in headers, as tus requires)."""
     if tus.tus_resumable is not None:
         tus.check_protocol()
     row = finish_upload(services, get_upload_row(services, upload_id))
@@ -610,7 +617,7 @@ def get_upload(upload_id: str, services: UsedServices, tus: TusRequest) -> Uploa
 async def append_to_upload(
     upload_id: str, request: Request, services: UsedServices, tus: TusRequest
 ) -> Response:
-    """Take the next bytes; what came before a broken connection is kept."""
+    """Append the next bytes; bytes that arrived before a broken connection are kept."""
     tus.check_protocol()
     if request.headers.get("content-type") != OFFSET_BODY:
         raise WrongMediaType(found=request.headers.get("content-type", "")[:60], allowed=OFFSET_BODY)
@@ -622,7 +629,7 @@ async def append_to_upload(
 
 @router.delete("/{upload_id}", status_code=204)
 def terminate_upload(upload_id: str, services: UsedServices, tus: TusRequest) -> Response:
-    """Return an upload up; the recording of a finished one stays."""
+    """Cancel an upload; the recording of a finished one stays."""
     tus.check_protocol()
     drop_upload(services, services.uploads.get(upload_id))
     return Response(status_code=204, headers=dict(TUS_HEADERS))
@@ -630,13 +637,13 @@ def terminate_upload(upload_id: str, services: UsedServices, tus: TusRequest) ->
 
 @router.put("/{upload_id}/words")
 def change_words(upload_id: str, words: UploadWords, services: UsedServices) -> UploadView:
-    """Change what is said of a file while it comes, and the analysis that begins with its last byte.
+    """Change the description of a file during its upload, and the analysis that starts with its last byte.
 
-    Once ``recording_id`` is there, nothing is changed: the recording has an address of its own.
+    Once ``recording_id`` is set, nothing changes: use the recording's own address.
     """
     row = services.uploads.get(upload_id)
     metadata = row.metadata
-    if words.settings is not None:  # they take the place of those before
+    if words.settings is not None:  # they replace the earlier ones
         pairs = filter(str.strip, metadata.split(","))
         kept = [pair for pair in pairs if pair.strip().partition(" ")[0] != DECLARED]
         text = words.settings.model_dump_json(exclude_unset=True).encode()
@@ -648,7 +655,7 @@ def change_words(upload_id: str, words: UploadWords, services: UsedServices) -> 
 def inspect_upload(
     upload_id: str, services: UsedServices, rate_hz: Annotated[float | None, Query(ge=1, le=10_000)] = None
 ) -> HeadView:
-    """Say what the first bytes show while the rest is on its way: device, rate, start; null is not yet."""
+    """Inspect the first bytes during the upload: device, rate, start; null: not yet known."""
     row = get_upload_row(services, upload_id)
     size_bytes = min(row.offset_bytes, PREVIEW_BYTES)
     if row.recording_id is None:
@@ -660,7 +667,7 @@ def inspect_upload(
 
 
 def view_upload(row: UploadRow) -> UploadView:
-    """Show an upload."""
+    """Build the view of an upload."""
     own = f"/api/v1/uploads/{row.id}"
     links = {"self": own, "inspection": f"{own}/inspection", "words": f"{own}/words"}
     if row.recording_id:
@@ -678,7 +685,7 @@ def view_upload(row: UploadRow) -> UploadView:
 
 
 def _build_headers(row: UploadRow, services: Services) -> dict[str, str]:
-    """Return the headers that every answer about an upload has."""
+    """Return the headers of every response about an upload."""
     left_s = max(0.0, services.settings.upload_term_s - row.idle_s)
     expires = format_datetime(datetime.now(UTC) + timedelta(seconds=left_s), usegmt=True)
     headers = dict(TUS_HEADERS) | {"Upload-Offset": str(row.offset_bytes)}

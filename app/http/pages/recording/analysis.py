@@ -1,4 +1,4 @@
-"""Pages of the recordings and of one analysis: its state or answer, versions, changes and damage."""
+"""Pages of the library and of one analysis: state or answer, versions, changes and damage."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -13,15 +13,15 @@ from fastapi.responses import HTMLResponse
 from pydantic import BaseModel
 
 from app.errors import BadParameter, NoSuchFile, NotHere, ResultDamaged, StoreDamaged, find_outcome_of_code
-from app.http.api.trust import find_names, find_person_name
-from app.http.middleware.access import UsedSubject, find_subject, may
-from app.http.middleware.guard import find_origin
+from app.http.api.trust import get_names, get_person_name
+from app.http.middleware.access import UsedSubject, get_subject, may
+from app.http.middleware.guard import get_host_url
 from app.http.middleware.problems import Refusal
-from app.http.pages.pairs import find_days_address, find_offers
+from app.http.pages.pairs import build_offers, get_days_address
 from app.http.pages.recording.columns import find_offer
-from app.http.pages.recording.day import DayClock, build_day, build_hours, find_day, list_axes
+from app.http.pages.recording.day import DayClock, build_day, build_hours, list_axes, load_day
 from app.http.pages.recording.page_one import read_page_one
-from app.http.pages.rendering import Form, Page, UsedForm, UsedPage, first, lay_way
+from app.http.pages.rendering import Form, Page, UsedForm, UsedPage, add_navigation, first
 from app.http.pages.trust import build_release
 from app.http.pages.views import (
     Fact,
@@ -65,7 +65,7 @@ from fusion.errors import SeveralSensors
 from fusion.pose.rules import WINDOW_FAULTS
 from fusion.recording import MICROSECONDS
 
-# The versions of a recording's report, the changes in each, and a later attempt that failed.
+# The versions of a recording's report, their changes, and a later attempt that failed.
 
 
 SHOWN = 200
@@ -73,23 +73,23 @@ SHOWN = 200
 
 @dataclass(frozen=True, slots=True)
 class History:
-    """Every analysis of one recording, the newest first."""
+    """Every analysis of one recording, newest first."""
 
     jobs: tuple[Job, ...]
 
     @classmethod
     def of(cls, services: Services, job: Job) -> "History":
-        """Read it, without comparisons with a reference, which are no reports."""
+        """Load the analyses, without comparisons with a reference."""
         found = services.store.find_page(JobFilter(recording_id=job.recording_id), SHOWN)
         return cls(tuple(other for other in found if other.request.reference is None))
 
     @property
     def reports(self) -> tuple[Job, ...]:
-        """Those that have a report, but for damaged ones that were analysed again."""
+        """Analyses with a report, except damaged reports that were replaced."""
         return tuple(job for job in self.jobs if job.state is JobState.SUCCEEDED and job.replaced_by is None)
 
     def find_failed(self, shown: Job) -> Job | None:
-        """Find the newest analysis that counts, if it failed after the one shown: the person wanted it."""
+        """Return the newest analysis if it failed after the shown one; replaced analyses are ignored."""
         newest = next((job for job in self.jobs if job.replaced_by is None), None)
         is_later = newest is not None and newest.created_at > shown.created_at
         return newest if newest is not None and is_later and newest.state is JobState.FAILED else None
@@ -97,7 +97,7 @@ class History:
 
 @dataclass(frozen=True, slots=True)
 class VersionRow:
-    """One version; ``changed``: how it differs from the one before; ``reason``: as the person typed it."""
+    """One version; ``changed``: its differences from the previous one; ``reason``: as typed by the person."""
 
     id: str
     name: str
@@ -111,14 +111,14 @@ class VersionRow:
 def build_versions(
     page: Page, history: History, shown: Job, clock: DayClock | None
 ) -> tuple[VersionRow, ...]:
-    """Build the rows of the versions, the newest first; none if only ``shown`` exists.
+    """Build the rows of the versions, newest first; none if only ``shown`` exists.
 
-    A version that was computed more than once has one row: the analysis that is shown, or else the newest.
-    Changes are listed with the times that a person gave.
+    A version that was computed more than once has one row: the shown analysis, or else the newest. Changes
+    include the times that a person set.
     """
     language, number = page.language, page.words()["row"]["version"]
     changed = page.words("report")["changed"]
-    names = find_names(page.request, (job.asked_by for job in history.jobs), language)
+    names = get_names(page.request, (job.asked_by for job in history.jobs), language)
     found: dict[int, Job] = {}
     for job in (shown, *history.reports) if shown.state is JobState.SUCCEEDED else history.reports:
         found.setdefault(job.request.version, job)
@@ -130,13 +130,13 @@ def build_versions(
             "slip_times_s": format_times(request.slip_times_s, clock, language),
             "no_slip_times_s": format_times(request.no_slip_times_s, clock, language),
         }
-        told = ((str(changed.get(name, name)), times.get(name, "")) for name in request.changes)
+        changes = ((str(changed.get(name, name)), times.get(name, "")) for name in request.changes)
         rows.append(
             VersionRow(
                 job.id,
                 fill(number, {"n": str(version)}),
                 format_time(job.created_at),
-                ", ".join(f"{name} ({time})" if time else name for name, time in told),
+                ", ".join(f"{name} ({time})" if time else name for name, time in changes),
                 request.reason,
                 job.id == shown.id,
                 names.get(job.asked_by, ""),
@@ -145,14 +145,14 @@ def build_versions(
     return () if all(row.is_this for row in rows) else tuple(rows)
 
 
-# Damaged or missing files: the problem, and what a person can do about it.
+# Damaged or missing files: the problem, and how to fix it.
 
 
 @dataclass(frozen=True, slots=True)
 class Damage:
     """A damaged analysis; ``again``: the analysis that replaces it, "" if there is none.
 
-    ``source``: the recording is also damaged, so that analysing again cannot help.
+    ``source``: the problem of the recording if it is also damaged, so that analysing again cannot help.
     """
 
     id: str
@@ -164,7 +164,7 @@ class Damage:
 
 
 def build_damage(page: Page, facts: Mapping[str, ProblemFact]) -> Damage | None:
-    """Show the facts of a ResultDamaged; None if the analysis no longer exists."""
+    """Build the view of a ResultDamaged; None if the analysis no longer exists."""
     store, code = page.services.store, ResultDamaged.code
     try:
         job = store.get(str(facts.get("analysis", "")))
@@ -177,13 +177,13 @@ def build_damage(page: Page, facts: Mapping[str, ProblemFact]) -> Damage | None:
 
 
 def describe_source(page: Page, job: Job) -> Problem | None:
-    """Describe a damaged or missing recording of an analysis; None if it seems whole."""
+    """Return the problem of a damaged or missing recording; None if it seems undamaged."""
     stored = StoredRecording(job.recording_id, job.sha256, job.size_bytes)
     is_whole = seems_intact(page.services.storage, stored)
     return None if is_whole else describe_problem(StoreDamaged.code, {}, page.language)
 
 
-# The answer of a finished analysis, and what a correction has changed.
+# The answer of a finished analysis, and the effect of a correction.
 
 ALWAYS_DIFFER = frozenset({"added", "id", "size", "sha256"})
 
@@ -192,7 +192,7 @@ Row = tuple[str, str, str]
 
 @dataclass(frozen=True, slots=True)
 class Changes:
-    """Figures and settings before and after a correction; no figures until both are there."""
+    """Figures and settings before and after a correction; no figures until both exist."""
 
     id: str
     versions: tuple[int, int]
@@ -202,9 +202,10 @@ class Changes:
 
 
 def read_answer(page: Page, job: Job, asked: ReportRequest) -> dict[str, Any]:
-    """Read answer, hours and day of a finished analysis, and where it leads; the form shows ``asked``.
+    """Load answer, hours, day and links of a finished analysis; the form shows ``asked``.
 
-    Nothing of any other. If a file is damaged, what is read before it is shown, and the damage is named.
+    Other analyses have empty values. If a file is damaged, the parts loaded before it are shown with the
+    damage.
     """
     services, language = page.services, page.language
     shown: dict[str, Any] = dict.fromkeys(("answer", "day", "page_one", "damage"))
@@ -216,11 +217,11 @@ def read_answer(page: Page, job: Job, asked: ReportRequest) -> dict[str, Any]:
         name = f"answer.{find_nearest(language, job.request.languages)}.txt"
         shown["answer"] = build_answer(results, services.results.read(job, name).decode(), language)
         shown["hours"] = build_hours(results, language)
-        shown["offers"] = find_offers(page, job, results.get("recording", {}).get("start") or "")
-        shown["days"] = find_days_address(services, job)
+        shown["offers"] = build_offers(page, job, results.get("recording", {}).get("start") or "")
+        shown["days"] = get_days_address(services, job)
         day = None
         with suppress(NoSuchFile):
-            day = find_day(services, job)
+            day = load_day(services, job)
         shown["day"] = build_day(day, asked, language) if day else None
         shown["page_one"] = read_page_one(services, job, day, language)
     except ResultDamaged as damaged:
@@ -229,17 +230,17 @@ def read_answer(page: Page, job: Job, asked: ReportRequest) -> dict[str, Any]:
 
 
 def build_changes(page: Page, history: History, job: Job, before_id: str) -> Changes | None:
-    """Compare an analysis with the one that it corrects, or else with the version before it."""
+    """Compare an analysis with the analysis that it corrects, or else with the previous version."""
     services, language = page.services, page.language
     earlier = (other for other in history.reports if other.request.version < job.request.version)
     version_before = max(earlier, key=lambda it: (it.request.version, it.created_at), default=None)
     before = next((other for other in history.jobs if other.id == before_id), version_before)
     if before is None or job.state is JobState.FAILED or job.request.changes == ("conclusion",):
         return None
-    clock = find_clock(services, history)
+    clock = get_clock(services, history)
     try:
         first, second = (find_results(services, each) for each in (before, job))
-    except ResultDamaged:  # the page of the damaged one says so
+    except ResultDamaged:  # the page of the damaged analysis shows this
         return None
     figures: tuple[Row, ...] = ()
     if first is not None and second is not None:
@@ -251,8 +252,8 @@ def build_changes(page: Page, history: History, job: Job, before_id: str) -> Cha
     return Changes(before.id, versions, job.request.reason, figures, differ)
 
 
-def find_clock(services: Services, history: History) -> DayClock | None:
-    """Return the clock of the recording by its newest report that can be read."""
+def get_clock(services: Services, history: History) -> DayClock | None:
+    """Return the clock of the recording from its newest readable report."""
     for report in history.reports:
         with suppress(ResultDamaged):
             results = find_results(services, report)
@@ -280,7 +281,7 @@ def _pair(before: tuple[Fact, ...], after: tuple[Fact, ...]) -> tuple[Row, ...]:
 
 
 def pair_tasks(before: Mapping[str, Any], after: Mapping[str, Any], language: Language) -> Iterator[Row]:
-    """Set the time above 60 deg of each task that either report has side by side; "–" where it is not one."""
+    """Yield the time above 60 deg of every task in either report; "–" if a report does not have the task."""
     words = load_wording(language, "page")["figure_of_task"]
     earlier, later = (
         {
@@ -294,16 +295,17 @@ def pair_tasks(before: Mapping[str, Any], after: Mapping[str, Any], language: La
         yield fill(words, {"task": label}), earlier.get(label, "–"), later.get(label, "–")
 
 
-# A clinician's conclusion makes the next version of the report; after a correction it is shown as a draft,
+# A clinician's conclusion makes the next version of the report. After a correction it is shown as a draft
 # until a person confirms or dismisses it.
 
 
 def build_conclusion(page: Page, job: Job, own_name: str, *, is_current: bool) -> dict[str, Any] | None:
-    """Return the conclusion of a finished analysis or, if it is the current report, the draft of one.
+    """Return the conclusion of a finished analysis or, if it is the current report, its draft.
 
-    None for any other. ``draft``: where the draft comes from, in words; "" if ``said`` is in the report.
-    ``own_name``: of the person logged in, "" where a name is typed. ``is_open``: the figures are this
-    engine's; those of an earlier one may move, and are analysed first.
+    None for any other analysis. ``draft``: the origin of the draft in words; "" if ``said`` is in the report.
+    ``own_name``: of the person who is signed in, "" if a name must be typed. ``is_open``: the figures are
+    from the current engine; a report of an earlier engine must be analysed again first, because they may
+    change.
     """
     if job.state is not JobState.SUCCEEDED or job.replaced_by is not None:
         return None
@@ -321,7 +323,7 @@ def build_conclusion(page: Page, job: Job, own_name: str, *, is_current: bool) -
 
 
 def describe_draft(draft: ConclusionDraft, language: Language) -> str:
-    """Write for which version a draft was written, and what has changed since."""
+    """Describe the version that a draft was written for, and the changes since."""
     words, names = load_wording(language, "page")["conclude"]["draft"], load_wording(language)["changed"]
     kind = "other" if set(draft.changes) - {"subject"} else "subject" if draft.changes else "same"
     changed = ", ".join(str(names.get(name, name)) for name in draft.changes)
@@ -329,7 +331,7 @@ def describe_draft(draft: ConclusionDraft, language: Language) -> str:
 
 
 def read_conclusion(form: Form) -> Conclusion:
-    """Read what was typed. Raises BadParameter."""
+    """Parse the conclusion form. Raises BadParameter."""
     text, name, typed_date = (first(form, field) for field in ("text", "name", "date"))
     if not clean_paragraphs(text) or len(text) > LONGEST_CONCLUSION:
         raise BadParameter(name="text", value=text[:60], allowed=f"1 … {LONGEST_CONCLUSION}")
@@ -343,7 +345,7 @@ def read_conclusion(form: Form) -> Conclusion:
 
 
 class Seen(BaseModel):
-    """Where a person came from: the analysis that was corrected, or the attempt whose settings are shown."""
+    """The previous page: the analysis that was corrected, or the failed attempt whose settings are shown."""
 
     before: str = ""
     attempt: str = ""
@@ -354,7 +356,7 @@ router = APIRouter(default_response_class=HTMLResponse, include_in_schema=False)
 
 @router.get("/")
 def home(page: UsedPage) -> Response:
-    """Show the place to drop files, and the recordings."""
+    """Show the upload area and the recordings."""
     services, limit_bytes = page.services, page.services.settings.max_upload_bytes
     return page.render(
         "library/home.html",
@@ -364,14 +366,14 @@ def home(page: UsedPage) -> Response:
         devices=load_device_names(page.language),
         has_columns=bool(services.mappings.find_all()),
         has_batches=bool(services.batches.find_newest(1)),
-        address=find_origin(page.request) + page.base,
+        address=get_host_url(page.request) + page.base,
         quarantined=str(len(services.quarantined) or ""),
     )
 
 
 @router.get("/rows")
 def rows(page: UsedPage, only: str = "") -> Response:
-    """Return the list alone, for a page that is open already; ``only`` one analysis if named."""
+    """Return only the list, to update an open page; if ``only`` is set, only that analysis."""
     if not only:
         return page.render("library/rows.html", **build_library(page, read_filter(page.request)))
     entry = Entry(page.services.store.get(only), None)
@@ -381,7 +383,7 @@ def rows(page: UsedPage, only: str = "") -> Response:
 
 @router.get("/analyses/{analysis_id}")
 def analysis(analysis_id: str, page: UsedPage, seen: Annotated[Seen, Query()]) -> Response:
-    """Show one analysis: its state or its answer, files, day, versions; or the way out of the trash."""
+    """Show one analysis: its state or its answer, files, day and versions; a notice if it is in the trash."""
     services, language, store = page.services, page.language, page.services.store
     trashed = store.find_trashed(analysis_id)
     if trashed is not None:
@@ -389,17 +391,19 @@ def analysis(analysis_id: str, page: UsedPage, seen: Annotated[Seen, Query()]) -
     job = store.get(analysis_id)
     if job.request.reference is not None:
         return page.go(f"/validations/{job.id}")
-    if job.state is JobState.SUCCEEDED and job.replaced_by is not None:  # it was damaged, and analysed again
+    if (
+        job.state is JobState.SUCCEEDED and job.replaced_by is not None
+    ):  # it was damaged and has been repeated
         return page.go(f"/analyses/{job.replaced_by}")
     history = History.of(services, job)
     attempt = next((other for other in history.jobs if other.id == seen.attempt != job.id), None)
     asked = attempt.request if attempt else job.request
-    clock, failed = find_clock(services, history), history.find_failed(job)
+    clock, failed = get_clock(services, history), history.find_failed(job)
     report = next(iter(history.reports), None)
     is_current = report is not None and report.id == job.id
     entry = build_entry(Entry(job, None), language, find_durations(services, [Entry(job, None)]))
-    subject = find_subject(page.request)
-    own_name = find_person_name(page.request, subject.id)
+    subject = get_subject(page.request)
+    own_name = get_person_name(page.request, subject.id)
     return page.render(
         "recording/analysis.html",
         row=entry.row,
@@ -442,39 +446,39 @@ def show_report(analysis_id: str, page: UsedPage) -> Response:
     pdf = f"{page.base}/api/v1/{place}/{job.id}/{stem}.pdf?{urlencode({'lang': made})}"
     reports = services.store.find_reports(job.recording_id) if stem == "report" else ()
     old = describe_old(job, reports, page)
-    return lay_way(page, report, f"{page.base}/{place}/{job.id}", pdf, old)
+    return add_navigation(page, report, f"{page.base}/{place}/{job.id}", pdf, old)
 
 
 @router.post("/analyses/{analysis_id}/cancel")
 def cancel(analysis_id: str, page: UsedPage) -> Response:
-    """Stop an analysis (a plain form, so that it needs no script)."""
+    """Stop an analysis (a plain form, so that it works without scripts)."""
     page.services.store.cancel(analysis_id)
     return page.go("/")
 
 
 @router.post("/analyses/{analysis_id}/retry")
 def retry(analysis_id: str, page: UsedPage) -> Response:
-    """Start the same analysis once more."""
+    """Repeat an analysis."""
     store = page.services.store
     again = retry_job(store, page.services.storage, analysis_id, "web")
-    if again.state is JobState.SUCCEEDED:  # a report is there, but not all that this version makes
+    if again.state is JobState.SUCCEEDED:  # the report lacks files that this version writes
         again = store.add_correction(again, again.request)
     return page.go(f"/analyses/{again.id}")
 
 
 @router.post("/analyses/{analysis_id}/withdraw")
 def withdraw(analysis_id: str, page: UsedPage) -> Response:
-    """Keep the report as it is: the later attempt that failed no longer counts."""
+    """Keep the current report: a later failed attempt no longer counts."""
     return page.go(f"/analyses/{page.services.store.withdraw(analysis_id).id}")
 
 
 @router.post("/analyses/{analysis_id}/conclude")
 def conclude(analysis_id: str, page: UsedPage, subject: UsedSubject, form: UsedForm) -> Response:
-    """Make the next version of the report, with the conclusion; its figures are the same.
+    """Make the next version of the report, with the conclusion and the same figures.
 
-    The name is that of the person logged in; at the machine it is typed.
+    The name is that of the person who is signed in; without accounts it is typed.
     """
-    own_name, store = find_person_name(page.request, subject.id), page.services.store
+    own_name, store = get_person_name(page.request, subject.id), page.services.store
     concluded = read_conclusion({**form, **({"name": [own_name]} if own_name else {})})
     again = store.conclude(store.get(analysis_id), concluded)
     return page.go(f"/analyses/{again.id}")
@@ -482,7 +486,7 @@ def conclude(analysis_id: str, page: UsedPage, subject: UsedSubject, form: UsedF
 
 @router.post("/analyses/{analysis_id}/dismiss")
 def dismiss(analysis_id: str, page: UsedPage) -> Response:
-    """Dismiss the draft of a conclusion, or make the next version without the conclusion of the report."""
+    """Dismiss the draft of a conclusion, or make the next version without the report's conclusion."""
     store = page.services.store
     job = store.get(analysis_id)
     if job.request.conclusion is not None:
@@ -493,10 +497,10 @@ def dismiss(analysis_id: str, page: UsedPage) -> Response:
 
 
 def respond_with_page(request: Request, error: Refusal) -> HTMLResponse:
-    """Show a refusal as a page of its own; that of a damaged report offers to analyse again."""
+    """Show a refusal as a page; for a damaged report, it offers to analyse again."""
     page = Page(request, find_services(request), choose_language(request))
     may_read = may(request, "read")
-    if may_read and error.code == NotHere.code:  # what an address names may be in the trash
+    if may_read and error.code == NotHere.code:  # an analysis in the address may be in the trash
         for analysis_id in re.findall(r"\ban_[0-9a-f]{16}\b", str(request.url)):
             recording_id = page.services.store.find_trashed(analysis_id)
             if recording_id is not None:

@@ -1,4 +1,4 @@
-"""Columns of an unknown table: proposed from its first rows, chosen by a person."""
+"""Columns of an unknown table: proposed from its first rows, confirmed by a person."""
 
 import json
 import re
@@ -28,14 +28,14 @@ UNITS: Mapping[str, Sequence[str]] = {
     "time_unit": ("s", "ms", "us", "ns"),
 }
 DATE_ORDERS = ("dmy", "mdy")
-LONGEST_NAME = 60
+MAX_NAME_LENGTH = 60
 
 router = APIRouter(include_in_schema=False)
 
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """A field of the form; ``chosen``: the column, counted from 1; 0 for none."""
+    """A field of the form; ``chosen``: the column number from 1; 0 for none."""
 
     name: str
     vector: str
@@ -45,10 +45,10 @@ class Choice:
 
 @dataclass(frozen=True, slots=True)
 class Offer:
-    """Columns that a person named before for files with the same header.
+    """Columns that were named before for files with the same header.
 
-    ``waiting``: how many other recordings with this header wait for their columns. ``is_unnamed``: no line of
-    the file names its columns, so that they are offered again for every file.
+    ``waiting``: how many other recordings with this header need columns. ``is_unnamed``: the file has no
+    column names, so the columns are offered for every file instead of being applied automatically.
     """
 
     header: str
@@ -59,8 +59,8 @@ class Offer:
 
 
 @router.get("/analyses/{analysis_id}/columns")
-def ask_columns(analysis_id: str, page: UsedPage) -> Response:
-    """Ask which column is what, with the first rows and a proposal by their names."""
+def show_columns(analysis_id: str, page: UsedPage) -> Response:
+    """Ask for the meaning of the columns, with the first rows and a proposal from the column names."""
     services = page.services
     job = services.store.get(analysis_id)
     with borrow_recording(services.storage, job.recording_id, job.sha256) as log:
@@ -90,8 +90,8 @@ def ask_columns(analysis_id: str, page: UsedPage) -> Response:
 
 
 @router.post("/analyses/{analysis_id}/columns")
-def take_columns(analysis_id: str, page: UsedPage, form: UsedForm) -> Response:
-    """Keep the chosen columns for the header, and analyse the recording by them; others too, where asked."""
+def save_columns(analysis_id: str, page: UsedPage, form: UsedForm) -> Response:
+    """Store the columns for the header and analyse the recording and, if requested, other waiting ones."""
     services = page.services
     job = services.store.get(analysis_id)
     profile, header = write_profile(read_profile(form)), _read_header(form)
@@ -107,7 +107,7 @@ def take_columns(analysis_id: str, page: UsedPage, form: UsedForm) -> Response:
 
 @router.post("/analyses/{analysis_id}/columns/use")
 def use_columns(analysis_id: str, page: UsedPage, form: UsedForm) -> Response:
-    """Use the columns named before, for this file, for all that wait, and from now on."""
+    """Use the stored columns for this file, for all waiting files, and for future files."""
     header, services = _read_header(form), page.services
     job, mapping = services.store.get(analysis_id), services.mappings.get(header)
     check_queue(services, 1 + services.mappings.count_waiting(header))
@@ -117,13 +117,13 @@ def use_columns(analysis_id: str, page: UsedPage, form: UsedForm) -> Response:
 
 
 def name_columns(columns: Sequence[str]) -> str:
-    """Name a mapping by the columns of its header, never by a file: a purged recording leaves no trace."""
+    """Name a mapping by its columns and not by a file name, so that a purged recording leaves no trace."""
     named = ", ".join(filter(None, columns))
-    return cut_text(clean_text(named), LONGEST_NAME) or f"({len(columns)})"
+    return cut_text(clean_text(named), MAX_NAME_LENGTH) or f"({len(columns)})"
 
 
 def find_offer(page: Page, job: Job, header: str) -> Offer | None:
-    """Return the columns that were named for a header, unless the analysis has used them already."""
+    """Return the stored columns of a header, unless the analysis has already used them."""
     mapping = page.services.mappings.find(header) if header else None
     if mapping is None or mapping.profile == job.request.profile:
         return None
@@ -137,7 +137,7 @@ def find_offer(page: Page, job: Job, header: str) -> Offer | None:
 
 
 def _count_others(services: Services, job: Job, header: str) -> int:
-    """Count the other recordings with a header that wait for their columns."""
+    """Count the other recordings with a header that need columns."""
     return max(0, services.mappings.count_waiting(header) - (job.state is JobState.FAILED)) if header else 0
 
 
@@ -149,7 +149,7 @@ def _read_header(form: Form) -> str:
 
 
 def read_profile(form: Form) -> dict[str, Any]:
-    """Read the profile of the form for :func:`fusion.readers.parse_profile`. Raises BadParameter."""
+    """Build the profile of the form for :func:`fusion.readers.parse_profile`. Raises BadParameter."""
     names = form.get("column", [])
     stated: dict[str, Any] = {name: first(form, name) for name in UNITS if first(form, name)}
     if rate := first(form, "rate_hz"):
@@ -173,7 +173,7 @@ def read_profile(form: Form) -> dict[str, Any]:
 
 
 def _read_column(text: str, name: str, names: Sequence[str]) -> int | str:
-    """Read the number of a column; gives its name where no other column has it."""
+    """Parse a column number; return the column's name if it is unique."""
     if not text.isdecimal() or not 1 <= int(text) <= 1000:
         raise BadParameter(name=name, value=text[:60], allowed="1 … 1000")
     number = int(text)
@@ -182,18 +182,18 @@ def _read_column(text: str, name: str, names: Sequence[str]) -> int | str:
 
 
 def _find_column(place: int | str | None, columns: Sequence[str]) -> int:
-    """Return the number of a column, which a proposal names where its name is its own."""
+    """Return the number of a column that is given by number or name; 0 for none."""
     if isinstance(place, str):
         return columns.index(place) + 1 if place in columns else 0
     return place or 0
 
 
-# The columns that were named, by header: listed, renamed, forgotten.
+# Column mappings: list, rename and delete.
 
 
 @router.get("/columns")
 def list_mappings(page: UsedPage) -> Response:
-    """List the columns that were named."""
+    """List the column mappings."""
     rows = [
         (mapping, format_moment(mapping.created_at), format_columns(mapping.profile, page.language))
         for mapping in page.services.mappings.find_all()
@@ -203,7 +203,7 @@ def list_mappings(page: UsedPage) -> Response:
 
 @router.post("/columns/{header}")
 def change_mapping(header: str, page: UsedPage, form: UsedForm) -> Response:
-    """Rename, or say whether further files are read so unasked (a plain form, so that it needs no script)."""
+    """Rename a mapping, or set whether further files are read without asking (a form without scripts)."""
     values: dict[str, str | int] = {"is_confirmed": int(bool(first(form, "everywhere")))}
     if name := clean_text(first(form, "name")):
         values["name"] = name
@@ -213,6 +213,6 @@ def change_mapping(header: str, page: UsedPage, form: UsedForm) -> Response:
 
 @router.post("/columns/{header}/delete")
 def forget_mapping(header: str, page: UsedPage) -> Response:
-    """Forget the columns of a header; the reports made by them stay."""
+    """Delete the columns of a header; reports that used them stay."""
     page.services.mappings.drop(header)
     return page.go("/columns")

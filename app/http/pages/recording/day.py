@@ -1,6 +1,6 @@
-"""The day of one analysis on its page: its curve, its diary, its corrections and the questions about it.
+"""The day of one analysis: its curve, its diary, its corrections and the open questions.
 
-The clock of the day comes first, then the form of corrections, the routes, and what the page shows.
+The clock of the day comes first, then the correction form, the routes, and the view for the page.
 """
 
 import csv
@@ -41,24 +41,24 @@ from fusion.exposure.periods import place_diary, place_moment
 from fusion.pose.rules import RULES, score_still_period, window_rejection_reason
 from fusion.recording import MICROSECONDS
 
-# Moments of a recording as people type and read them: on the device's clock, or in seconds without one.
+# Times of a recording as typed and shown: on the device's clock, or in seconds without one.
 
 
 DAY_S = 86400.0
 SHOWN_US = 10_000
-"""Moments are shown to the hundredth of a second, so that they may be read this much aside."""
+"""Times are shown in hundredths of a second, so a typed time may be outside the recording by this much."""
 
 
 @dataclass(frozen=True, slots=True)
 class DayClock:
-    """When a recording began, and how long it is."""
+    """The start and duration of a recording."""
 
     start: datetime | None
     duration_us: int
 
     @classmethod
     def of(cls, facts: Mapping[str, Any]) -> "DayClock":
-        """Take it from the facts of a day file."""
+        """Build the clock from the facts of a day file."""
         start = datetime.fromisoformat(facts["start"]) if facts["start"] else None
         return cls(start, int(facts["duration_us"]))
 
@@ -69,11 +69,11 @@ class DayClock:
 
     @property
     def needs_date(self) -> bool:
-        """Whether an hour alone may mean two days."""
+        """Whether a time of day without a date can be ambiguous."""
         return self.duration_s >= DAY_S
 
     def format(self, elapsed_s: float) -> str:
-        """Write a moment so that :meth:`read` gives it back, to the hundredth of a second."""
+        """Format a time so that :meth:`read` returns it, to a hundredth of a second."""
         if self.start is None:
             return f"{elapsed_s:.2f}".rstrip("0").rstrip(".")
         moment = self.start + timedelta(seconds=round(elapsed_s, 2))
@@ -81,11 +81,11 @@ class DayClock:
         return moment.strftime("%Y-%m-%d %H:%M:%S" if self.needs_date else "%H:%M:%S") + hundredths
 
     def format_bounds(self) -> str:
-        """Write from when to when a moment may be."""
+        """Format the allowed range of times."""
         return f"{self.format(0.0)} … {self.format(self.duration_s)}"
 
     def read(self, text: str, name: str) -> float:
-        """Read a moment that a person typed, in seconds from the first sample. Raises BadParameter."""
+        """Parse a typed time, in seconds from the first sample. Raises BadParameter."""
         clock, seconds = ("", text) if self.start is None else (text, "")
         try:
             moment = read_moment(0, clock, seconds)
@@ -99,7 +99,7 @@ class DayClock:
 
 @dataclass(frozen=True, slots=True)
 class PeriodRow:
-    """A period of the diary as the form shows it: its clock times can be typed again."""
+    """A period of the diary in the form; its times can be typed again."""
 
     kind: str
     label: str
@@ -108,7 +108,7 @@ class PeriodRow:
 
 
 def place_rows(entries: Sequence[DiaryEntry], clock: DayClock) -> list[PeriodRow]:
-    """Return the rows of a diary as the form shows them. Raises UnusableDiary."""
+    """Return the rows of a diary for the form. Raises UnusableDiary."""
     return [
         PeriodRow(
             period.kind,
@@ -123,11 +123,11 @@ def place_rows(entries: Sequence[DiaryEntry], clock: DayClock) -> list[PeriodRow
 # Corrections on the page of an analysis: arm, pose, window, periods of the day.
 
 NO_POSE = "axis"
-"""What the form says in place of a pose where none was held."""
+"""The form's value in place of a pose if none was held."""
 Window = tuple[float, float]
 COLUMNS = ("start", "end", "kind", "label")
 SECONDS = ("start_s", "end_s", "kind", "label")
-"""The columns of the diary of a recording without a clock; the fields of the form are always COLUMNS."""
+"""The diary columns of a recording without a clock; the form always uses COLUMNS."""
 BOM = "\ufeff"
 
 T = TypeVar("T", bound=str)
@@ -136,7 +136,7 @@ T = TypeVar("T", bound=str)
 def correct_request(
     before: ReportRequest, form: Form, clock: DayClock, used_s: tuple[Window, ...] = ()
 ) -> ReportRequest:
-    """Return the request of the next analysis; ``used_s``: the windows that the one before used.
+    """Return the corrected request; ``used_s`` are the windows that the previous analysis used.
 
     Raises BadParameter, UnusableDiary or UnusableCalibration.
     """
@@ -150,7 +150,7 @@ def correct_request(
         typed = first(form, "subject")[:60]
         raise BadParameter(name="subject", value=typed, allowed=SUBJECT_HINT) from None
     diary = read_rows(form, clock)
-    place_rows(diary, clock)  # so that a row that cannot be placed is refused at once
+    place_rows(diary, clock)  # raises if a row cannot be placed
     sides: tuple[Side, ...] = get_args(Side)
     held: tuple[PoseHeld, ...] = get_args(PoseHeld)
     return replace(
@@ -166,9 +166,9 @@ def correct_request(
 
 
 def read_rows(form: Form, clock: DayClock) -> tuple[DiaryEntry, ...]:
-    """Return the periods of the form; rows without a time are left aside.
+    """Return the periods of the form; rows without a start are ignored.
 
-    Raises UnusableDiary, with the row as ``line``, counted from 1 with the heading.
+    Raises UnusableDiary; its ``line`` counts rows from 1, including the heading.
     """
     rows = [
         row for row in zip_longest(*(form.get(name, []) for name in COLUMNS), fillvalue="") if row[0].strip()
@@ -177,7 +177,7 @@ def read_rows(form: Form, clock: DayClock) -> tuple[DiaryEntry, ...]:
 
 
 def write_csv(rows: Sequence[tuple[str, ...]], clock: DayClock, *, bom: str = "") -> bytes:
-    """Write rows of start, end, kind, label as a diary that we read again."""
+    """Format rows of start, end, kind, label as a diary that can be read again."""
     text = io.StringIO(newline="")
     writer = csv.writer(text, delimiter=";")
     writer.writerows([COLUMNS if clock.start else SECONDS, *rows])
@@ -187,7 +187,7 @@ def write_csv(rows: Sequence[tuple[str, ...]], clock: DayClock, *, bom: str = ""
 def _read_pose(
     before: ReportRequest, form: Form, clock: DayClock, used_s: tuple[Window, ...]
 ) -> ReportRequest:
-    """Read how the sensor is tied to the arm: by an axis that was strapped along it, or by a pose."""
+    """Parse the calibration: by an axis along the arm, or by a pose."""
     if first(form, "pose") == NO_POSE:
         return replace(before, calibration_windows_s=(), arm_axis=_choose_axis(first(form, "axis")))
     poses: tuple[Pose, ...] = get_args(Pose)
@@ -196,13 +196,13 @@ def _read_pose(
     if pose == "two-point":
         windows_s = [*windows_s[:1], *_read_windows(form, "level", clock)]
     elif windows_s[:1] == [None] and any(windows_s) and used_s:
-        windows_s[0] = used_s[0]  # held again, besides the one that the software found
+        windows_s[0] = used_s[0]  # in addition to the window that the software found
     given_s = tuple(window_s for window_s in windows_s if window_s is not None)
     return replace(before, pose=pose, calibration_windows_s=given_s, arm_axis=None)
 
 
 def _read_windows(form: Form, name: str, clock: DayClock) -> list[Window | None]:
-    """Read the windows that were typed; None for an empty one, which leaves the choice to the software."""
+    """Parse the typed windows; None for an empty one, which the software then selects."""
     windows_s: list[Window | None] = []
     for pair in zip_longest(form.get(f"{name}_start", []), form.get(f"{name}_end", []), fillvalue=""):
         typed = [moment.strip() for moment in pair]
@@ -220,7 +220,7 @@ def _read_windows(form: Form, name: str, clock: DayClock) -> list[Window | None]
 
 
 def _read_times(text: str, name: str, clock: DayClock) -> tuple[float, ...]:
-    """Read moments at which the sensor slipped, or did not, with ";" between them."""
+    """Parse times at which the sensor did or did not slip, separated by ";"."""
     return tuple(clock.read(moment.strip(), name) for moment in text.split(";") if moment.strip())
 
 
@@ -238,41 +238,41 @@ def _choose(allowed: tuple[T, ...], text: str, name: str) -> T:
     raise BadParameter(name=name, value=text[:60], allowed=", ".join(allowed))
 
 
-MOST_POINTS = 4000
-MOST_SPANS = 200
-LATEST_S = 1e8
+MAX_POINTS = 4000
+MAX_SPANS = 200
+MAX_TIME_S = 1e8
 
 router = APIRouter(include_in_schema=False, prefix="/analyses/{analysis_id}")
-Second = Annotated[float, Query(ge=0, le=LATEST_S)]
+Second = Annotated[float, Query(ge=0, le=MAX_TIME_S)]
 
 
 class Piece(BaseModel):
-    """A stretch of a curve, and into how many pieces it is cut."""
+    """A time range of a curve, and the number of pieces."""
 
-    from_s: Annotated[float, Field(ge=0, le=LATEST_S)]
-    to_s: Annotated[float, Field(ge=0, le=LATEST_S)]
-    points: Annotated[int, Field(ge=1, le=MOST_POINTS)] = 1200
+    from_s: Annotated[float, Field(ge=0, le=MAX_TIME_S)]
+    to_s: Annotated[float, Field(ge=0, le=MAX_TIME_S)]
+    points: Annotated[int, Field(ge=1, le=MAX_POINTS)] = 1200
 
 
 @router.get("/curve")
 def curve(analysis_id: str, page: UsedPage, piece: Annotated[Piece, Query()]) -> Response:
-    """Return the lowest and highest angle in each of about ``points`` pieces of a stretch."""
-    return cut_curve(_find_day_of(page, analysis_id)[1], piece)
+    """Return the lowest and highest angle in each of about ``points`` pieces of a time range."""
+    return cut_curve(_load_day_of(page, analysis_id)[1], piece)
 
 
 def cut_curve(day: DayFile, piece: Piece) -> Response:
-    """Answer with a stretch of a curve."""
+    """Return a time range of a curve."""
     stretches = [asdict(stretch) for stretch in day.cut(piece.from_s, piece.to_s, piece.points)]
     return JSONResponse({"stretches": stretches})
 
 
 @router.get("/stillness")
 def stillness(analysis_id: str, page: UsedPage, start_s: Second, end_s: Second) -> dict[str, Any]:
-    """Return how still the arm was in a window, and why the window would be refused.
+    """Return how still the arm was in a window, and why the calibration would reject the window.
 
-    ``score``: 0 to 1, as the calibration scores it, null in a hole; ``why``: a term of E-CALIBRATION or "".
+    ``score``: 0 to 1 as in the calibration, null in a gap; ``why``: a reason of E-CALIBRATION or "".
     """
-    quiet = _find_day_of(page, analysis_id)[1].measure_quiet(start_s, end_s)
+    quiet = _load_day_of(page, analysis_id)[1].measure_quiet(start_s, end_s)
     if quiet is None:
         return {"score": None, "why": "short" if end_s - start_s < RULES.shortest_window_s else "hole"}
     gravity_g, sd_g = quiet
@@ -287,41 +287,41 @@ def stillness(analysis_id: str, page: UsedPage, start_s: Second, end_s: Second) 
 def share(
     analysis_id: str,
     page: UsedPage,
-    span: Annotated[list[str], Query(min_length=1, max_length=MOST_SPANS)],
+    span: Annotated[list[str], Query(min_length=1, max_length=MAX_SPANS)],
 ) -> dict[str, Any]:
-    """Return the time above 60 deg in stretches, each ``start,end`` in s, as of a task of the diary."""
-    _, day = _find_day_of(page, analysis_id)
+    """Return the time above 60 deg in time ranges, each ``start,end`` in s, as for a task of the diary."""
+    _, day = _load_day_of(page, analysis_id)
     valid_s = above_s = 0.0
     for text in span:
         try:
             start_s, end_s = (float(part) for part in text.split(","))
         except ValueError:
             start_s = end_s = 0.0
-        if not 0.0 <= start_s < end_s <= LATEST_S:
+        if not 0.0 <= start_s < end_s <= MAX_TIME_S:
             raise BadParameter(name="span", value=text[:60], allowed="start,end (s)")
         valid, above = day.measure_above(start_s, end_s, MAIN_THRESHOLD_DEG)
         valid_s, above_s = valid_s + valid, above_s + above
     percent = 100.0 * above_s / valid_s if valid_s else None
-    told = (format_duration(above_s, page.language), format_percent(percent, page.language))
-    return {"percent": percent, "words": "{} ({})".format(*told) if valid_s else told[1]}
+    shown = (format_duration(above_s, page.language), format_percent(percent, page.language))
+    return {"percent": percent, "words": "{} ({})".format(*shown) if valid_s else shown[1]}
 
 
 @router.post("/again")
 def analyse_again(analysis_id: str, page: UsedPage, form: UsedForm) -> Response:
-    """Analyse the recording once more, as corrected on the page; the earlier analysis stays as it is."""
-    job, day = _find_day_of(page, analysis_id)
+    """Analyse the recording again with the corrections of the page; the earlier analysis does not change."""
+    job, day = _load_day_of(page, analysis_id)
     used_s = tuple((start_s, end_s) for start_s, end_s, *_ in day.facts["calibration"])
     return _add_again(job, correct_request(job.request, form, DayClock.of(day.facts), used_s), page)
 
 
 @router.post("/pose")
 def name_pose(analysis_id: str, page: UsedPage, form: UsedForm) -> Response:
-    """Analyse the recording once more, with one of the proposed stretches as the pose.
+    """Analyse the recording again with one of the proposed stretches as the pose.
 
-    A stretch after the sensor moved is a pose beside those before it; ``start`` states that the pose was held
-    at the start of wear.
+    A stretch after the sensor moved is added to the earlier poses; ``start`` states that the pose was held at
+    the start of wear.
     """
-    job, day = _find_day_of(page, analysis_id)
+    job, day = _load_day_of(page, analysis_id)
     facts, request = day.facts, job.request
     before_s = request.calibration_windows_s or tuple((a, b) for a, b, *_ in facts["calibration"])
     choices_s: dict[str, tuple[Window, ...]] = {START: ()}
@@ -340,8 +340,8 @@ def name_pose(analysis_id: str, page: UsedPage, form: UsedForm) -> Response:
 
 @router.post("/moved")
 def answer_move(analysis_id: str, page: UsedPage, form: UsedForm) -> Response:
-    """Analyse the recording once more, with the answer to whether the sensor moved on the arm."""
-    job, day = _find_day_of(page, analysis_id)
+    """Analyse the recording again with the answer whether the sensor moved on the arm."""
+    job, day = _load_day_of(page, analysis_id)
     middles_s = dict[str, float]()
     for place, (_, start_s, end_s, _) in enumerate(day.facts.get("moves", ())):
         middles_s |= dict.fromkeys((f"{place}-{YES}", f"{place}-{NO}"), float(round((start_s + end_s) / 2.0)))
@@ -360,7 +360,7 @@ def answer_move(analysis_id: str, page: UsedPage, form: UsedForm) -> Response:
 
 @router.post("/other-pose")
 def try_other_pose(analysis_id: str, page: UsedPage, form: UsedForm) -> Response:
-    """Analyse once more what no pose could be found for, by an axis, or else without the windows given."""
+    """Analyse again without the failed pose: by an axis, or without the windows that were set."""
     job = page.services.store.get(analysis_id)
     axis = _choose_axis(first(form, "axis")) if first(form, "axis") else None
     pose = "n-pose" if job.request.pose == "two-point" else job.request.pose
@@ -368,8 +368,8 @@ def try_other_pose(analysis_id: str, page: UsedPage, form: UsedForm) -> Response
     return _add_again(job, other, page)
 
 
-def say_whose(services: Services, job: Job, asked: ReportRequest, names: Sequence[str]) -> None:
-    """Write what is asked of these names (subject, side) on the recording, for its next analysis to know."""
+def update_description(services: Services, job: Job, asked: ReportRequest, names: Sequence[str]) -> None:
+    """Store the subject or side of a request on its recording, for later analyses."""
     row = services.recordings.get(job.recording_id)
     about = replace(row.about, **{name: getattr(asked, name) for name in names})
     if about != row.about:
@@ -378,8 +378,8 @@ def say_whose(services: Services, job: Job, asked: ReportRequest, names: Sequenc
 
 def _add_again(job: Job, corrected: ReportRequest, page: Page) -> Response:
     again = page.services.store.correct(job, corrected)
-    said = [name for name in ("subject", "side") if getattr(corrected, name) != getattr(job.request, name)]
-    say_whose(page.services, job, corrected, said)
+    changed = [name for name in ("subject", "side") if getattr(corrected, name) != getattr(job.request, name)]
+    update_description(page.services, job, corrected, changed)
     return page.go(f"/analyses/{again.id}?before={job.id}")
 
 
@@ -387,27 +387,27 @@ def _add_again(job: Job, corrected: ReportRequest, page: Page) -> Response:
 def import_diary(
     analysis_id: str, page: UsedPage, body: Annotated[bytes, Depends(read_body)]
 ) -> list[PeriodRow]:
-    """Read a diary as CSV and return its rows as the form shows them; nothing is changed."""
+    """Parse a diary as CSV and return its rows for the form; nothing is stored."""
     job = page.services.store.get(analysis_id)
-    return place_rows(read_diary(body), DayClock.of(find_day(page.services, job).facts))
+    return place_rows(read_diary(body), DayClock.of(load_day(page.services, job).facts))
 
 
 @router.post("/diary.csv")
 def export_diary(analysis_id: str, page: UsedPage, form: UsedForm) -> Response:
-    """Return the rows of the form as a diary, for another recording or another program."""
-    clock = DayClock.of(_find_day_of(page, analysis_id)[1].facts)
+    """Return the rows of the form as a diary file."""
+    clock = DayClock.of(_load_day_of(page, analysis_id)[1].facts)
     rows = place_rows(read_rows(form, clock), clock)
     body = write_csv([(row.start, row.end, row.kind, row.label) for row in rows], clock, bom=BOM)
     return respond_with_file(body, MEDIA_TYPES["csv"], "diary.csv")
 
 
-def _find_day_of(page: Page, analysis_id: str) -> tuple[Job, DayFile]:
+def _load_day_of(page: Page, analysis_id: str) -> tuple[Job, DayFile]:
     job = page.services.store.get(analysis_id)
-    return job, find_day(page.services, job)
+    return job, load_day(page.services, job)
 
 
-def find_day(services: Services, job: Job, name: str = DAY_NAME) -> DayFile:
-    """Open the day of a finished analysis, or one of the two curves of a comparison.
+def load_day(services: Services, job: Job, name: str = DAY_NAME) -> DayFile:
+    """Load the day of a finished analysis, or one of the two curves of a comparison.
 
     Raises NoSuchFile or ResultDamaged.
     """
@@ -417,16 +417,16 @@ def find_day(services: Services, job: Job, name: str = DAY_NAME) -> DayFile:
         return open_day(path)
 
 
-# What the page shows of a day: its form, the questions about it, and its hours.
+# The view of a day: its form, the open questions, and its hours.
 
 STILL_KINDS = {"": "still", "pose": "still", "repeat": "repeat"}
-"""What a still stretch is proposed as; days of earlier versions proposed poses alone."""
-MOST_PROPOSED = 5
+"""The proposal for each still stretch; days of earlier versions contain only proposals of poses."""
+MAX_PROPOSED = 5
 
 
 @dataclass(frozen=True, slots=True)
 class WindowRow:
-    """A calibration window as the form shows it: the window asked for, and the one the software used."""
+    """A calibration window in the form: the requested window, and the one the software used."""
 
     start: str = ""
     end: str = ""
@@ -436,7 +436,7 @@ class WindowRow:
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """A stretch that a person may accept."""
+    """A proposed time range."""
 
     kind: str
     start: str
@@ -446,9 +446,9 @@ class Proposal:
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """An answer: ``value`` as it is sent, ``label`` as it reads.
+    """An answer: ``value`` is sent, ``label`` is shown.
 
-    Of a stretch also ``start`` and ``end``, and its ``name`` on the curve.
+    For a time range also ``start`` and ``end``, and its ``name`` on the curve.
     """
 
     value: str
@@ -460,9 +460,9 @@ class Choice:
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """What only a person knows.
+    """A question that only a person can answer.
 
-    ``action`` and ``field`` send the answer; ``start`` to ``end`` is the time that it is about.
+    ``action`` and ``field`` send the answer; ``start`` to ``end`` is the time range in question.
     """
 
     key: str
@@ -476,7 +476,7 @@ class Question:
 
 
 def build_day(day: DayFile, request: ReportRequest, language: Language) -> dict[str, Any]:
-    """Build everything that the timeline's part of the page needs of a day and of its request."""
+    """Build the view of a day and its request for the timeline."""
     clock, words = DayClock.of(day.facts), load_wording(language, "day")
     names = words["kind_name"]
     count = 1 if request.pose == "two-point" else max(1, len(request.calibration_windows_s))
@@ -501,58 +501,58 @@ def build_day(day: DayFile, request: ReportRequest, language: Language) -> dict[
 def _build_axis(
     facts: Mapping[str, Any], request: ReportRequest, words: Words, language: Language
 ) -> dict[str, Any]:
-    """Return which axis was ``asked`` ("" for none), what the form offers, and which was ``nearest``.
+    """Return the ``asked`` axis ("" for none), the ``choices`` of the form, and the ``nearest`` axis.
 
-    ``drawing`` names the drawing of the sensor, ``where`` says how its axes lie.
+    ``drawing`` names the drawing of the sensor, ``where`` describes its axes.
     """
     entry, device = words["along"], facts["device"]
     drawing = device if device in entry["where"] else "other"
     nearest, apart_deg = (None if request.arm_axis else facts.get("nearest_axis")) or ("", 0.0)
-    told = {"axis": format_axis(nearest), "apart": format_angle(apart_deg, language)}
+    values = {"axis": format_axis(nearest), "apart": format_angle(apart_deg, language)}
     return {
         "asked": request.arm_axis or "",
         "choices": list_axes(),
         "drawing": drawing,
         "where": str(entry["where"][drawing]),
-        "nearest": fill(entry["nearest"], told) if nearest else "",
+        "nearest": fill(entry["nearest"], values) if nearest else "",
     }
 
 
 def list_axes() -> tuple[tuple[str, str], ...]:
-    """Return each axis that may lie along the arm, and how people read it."""
+    """Return each axis that may point along the arm, and its label."""
     return tuple((axis, format_axis(axis)) for axis in ARM_AXES)
 
 
 def format_axis(axis: str) -> str:
-    """Write a sensor's axis as people read it: "y", "−y"."""
+    """Format a sensor axis for display: "y", "−y"."""
     return axis.removeprefix("+").replace("-", "\u2212")
 
 
 # The questions of the page: when the pose was held, whether the sensor moved, which pose came after that.
 
 START = "start"
-"""In place of a stretch: the pose was held at the start of wear."""
+"""Answer instead of a stretch: the pose was held at the start of wear."""
 YES, NO = "yes", "no"
 """Whether the sensor moved on the arm."""
 
 
 def name_choice(start_s: float, end_s: float) -> str:
-    """Name a stretch in a form."""
+    """Return the value of a stretch in a form."""
     return f"{start_s:.2f}-{end_s:.2f}"
 
 
 def _list_questions(
-    facts: Mapping[str, Any], request: ReportRequest, words: Words, told: Clock
+    facts: Mapping[str, Any], request: ReportRequest, words: Words, report_clock: Clock
 ) -> Iterator[Question]:
-    """Yield what is open; a pose after a move is asked for once the one before it is confirmed.
+    """Yield the open questions; a pose after a move is asked for once the earlier pose is confirmed.
 
-    Of the stretches in which the pose may have been held, the first is the one in use.
+    The first of the stretches that may be the pose is the one in use.
     """
     clock, asked, unread = DayClock.of(facts), facts.get("asked"), facts.get("unread", ())
 
     def offer(key: str, start_s: float, end_s: float) -> Choice:
-        time = told.format(start_s, with_seconds=True)
-        length = format_duration(end_s - start_s, told.language)
+        time = report_clock.format(start_s, with_seconds=True)
+        length = format_duration(end_s - start_s, report_clock.language)
         label = fill(words[key], {"time": time, "length": length})
         shown = (clock.format(round(at_s)) for at_s in (start_s, end_s))
         return Choice(name_choice(start_s, end_s), label, fill(words["perhaps"], {"time": time}), *shown)
@@ -560,23 +560,26 @@ def _list_questions(
     if asked:
         leads = [str(words["which_not_held"])] if facts.get("not_held") else []
         if facts.get("needs_pose"):
-            apart = format_angle(facts.get("spread_deg", 0.0), told.language)
+            apart = format_angle(facts.get("spread_deg", 0.0), report_clock.language)
             leads.append(fill(words["which_apart"], {"apart": apart}))
         leads = leads or [str(words["which_lead"])]
-        leads += [fill(words["which_next"], {"time": told.format(start_s)}) for start_s, *_ in unread]
+        leads += [fill(words["which_next"], {"time": report_clock.format(start_s)}) for start_s, *_ in unread]
         choices = [offer("choice_used", *asked[0]), *(offer("choice", *other) for other in asked[1:])]
         if request.pose_held != "start" and not facts.get("not_held"):
             choices.insert(1, Choice(START, words["held_start"]))
         yield Question("which-pose", "pose", "choice", words["which"], " ".join(leads), tuple(choices))
     for number, (kind, start_s, end_s, apart_deg) in enumerate(facts.get("moves", ())):
-        span = {**told.format_span(start_s, end_s), "apart": format_angle(apart_deg, told.language)}
+        span = {
+            **report_clock.format_span(start_s, end_s),
+            "apart": format_angle(apart_deg, report_clock.language),
+        }
         heading, lead = (fill(words[key], span) for key in (kind, f"{kind}_lead"))
         yes, no = ("slipped", "no_slip") if kind == "slip" else ("moved", "same_place")
         answers = (Choice(f"{number}-{YES}", words[yes]), Choice(f"{number}-{NO}", words[no]))
         shown = (clock.format(round(at_s)) for at_s in (start_s, end_s))
         yield Question(f"move-{number}", "moved", "answer", heading, lead, answers, *shown)
     for number, (start_s, _, stills) in enumerate(() if asked else unread):
-        time = {"time": told.format(start_s)}
+        time = {"time": report_clock.format(start_s)}
         heading, lead = (fill(words[key], time) for key in ("which_after", "which_after_lead"))
         offers = tuple(offer("choice", *still) for still in stills)
         yield Question(f"pose-after-{number}", "pose", "choice", heading, lead, offers)
@@ -596,7 +599,7 @@ def _list_proposals(
         (start_s, end_s, STILL_KINDS["".join(kind)], format_number(score, 2, language))
         for start_s, end_s, score, *kind in facts["still"]
     ]
-    still = [*still[:MOST_PROPOSED], *(row for row in still[MOST_PROPOSED:] if row[2] == "repeat")]
+    still = [*still[:MAX_PROPOSED], *(row for row in still[MAX_PROPOSED:] if row[2] == "repeat")]
     not_worn = [(start_s, end_s, "not_worn", "") for start_s, end_s in facts["not_worn"]]
     for start_s, end_s, kind, score in (*still, *not_worn):
         shown = {"start": clock.format(round(start_s)), "end": clock.format(round(end_s)), "score": score}
@@ -604,9 +607,9 @@ def _list_proposals(
 
 
 def build_hours(results: Mapping[str, Any], language: Language) -> list[tuple[str, ...]]:
-    """Return the hours as rows of a table: hour, analysed, median, P90, time above 60 deg.
+    """Return the hours as table rows: hour, analysed, median, P90, time above 60 deg.
 
-    An hour of which nothing was analysed has no figures: the last, when a day ends just behind the full hour.
+    An hour without analysed time has no figures, such as the last if the day ends just after the full hour.
     """
     return [
         (

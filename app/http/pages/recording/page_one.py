@@ -1,4 +1,4 @@
-"""Page 1 of the report on the page of its recording, the moments to look at on the curve, several curves."""
+"""Page 1 of the report on its recording's page, highlights on the curve, and curves of several recordings."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime, time
 
 from app.errors import NoSuchFile
-from app.http.pages.recording.day import DayClock, find_day
+from app.http.pages.recording.day import DayClock, load_day
 from app.http.pages.rendering import Page
 from app.library.rows import Job
 from app.report.charts.day import WORST_WINDOW_S, build_timeline
@@ -20,20 +20,20 @@ from app.services import Services
 from app.store.day_file import DayFile
 from fusion.conventions import MAIN_THRESHOLD_DEG
 
-HIGHEST = 10
-LEAST_S = 0.5
-"""As of every episode (fusion.exposure.stays): shorter ones are none, shorter gaps do not end one."""
+MAX_EPISODES = 10
+MIN_EPISODE_S = 0.5
+"""As for every episode (fusion.exposure.stays): shorter stays do not count, shorter gaps do not end one."""
 AROUND_S = 5.0
-"""Shown before and after an episode."""
+"""Time shown before and after an episode."""
 
 
 Minutes = tuple[tuple[tuple[float, ...], ...], ...]
-"""Unbroken runs of minutes: start and end, s; P10, median and P90, deg."""
+"""Uninterrupted runs of minutes: start and end, s; P10, median and P90, deg."""
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
-    """A stretch to look at: its description, its mark on the curve, and the part that the curve shows."""
+class Highlight:
+    """A highlighted time range: its description, its mark on the curve, and the visible part of the curve."""
 
     words: str
     mark: str
@@ -44,21 +44,21 @@ class Look:
 
 @dataclass(frozen=True, slots=True)
 class PageOne:
-    """Page 1 of the report, and where to look: two stretches, then the highest episodes.
+    """Page 1 of the report, and highlights: two time ranges, then the highest episodes.
 
     ``minutes`` are those of the report's day, for the curve.
     """
 
     report: Report
-    looks: Sequence[Look] = ()
-    highest: Sequence[Look] = ()
+    looks: Sequence[Highlight] = ()
+    highest: Sequence[Highlight] = ()
     minutes: Minutes = ()
 
 
 def read_page_one(services: Services, job: Job, day: DayFile | None, language: Language) -> PageOne | None:
     """Build page 1 of a finished analysis; None if its results cannot be read. Raises ResultDamaged.
 
-    Without a day there is nothing to look at.
+    Without a day there are no highlights.
     """
     try:
         kept = decode_results(services.results.read(job, "results.json"))
@@ -67,7 +67,7 @@ def read_page_one(services: Services, job: Job, day: DayFile | None, language: L
     report = build_report(kept.findings, replace(kept.subject, reason=job.request.reason), language)
     if day is None:
         return PageOne(report)
-    looks, highest = _list_looks(kept.findings, day, language)
+    looks, highest = _list_highlights(kept.findings, day, language)
     return PageOne(report, looks, highest, list_minutes(kept.findings, language))
 
 
@@ -84,47 +84,53 @@ def list_minutes(findings: Findings, language: Language) -> Minutes:
     )
 
 
-def _list_looks(findings: Findings, day: DayFile, language: Language) -> tuple[list[Look], list[Look]]:
-    """List the 15 minutes with the most time above 60 deg and the longest stay; then the highest episodes."""
-    clock, told = DayClock.of(day.facts), Clock(findings.recording.start, language)
+def _list_highlights(
+    findings: Findings, day: DayFile, language: Language
+) -> tuple[list[Highlight], list[Highlight]]:
+    """Return the 15 minutes with most time above 60 deg and the longest stay; and the highest episodes."""
+    clock, report_clock = DayClock.of(day.facts), Clock(findings.recording.start, language)
     words = load_wording(language, "page")["page_one"]
 
-    def look(sentence: str, start_s: float, end_s: float, around_s: float, mark: str = "") -> Look:
+    def build_highlight(
+        sentence: str, start_s: float, end_s: float, around_s: float, mark: str = ""
+    ) -> Highlight:
         shown = max(start_s - around_s, 0.0), min(end_s + around_s, clock.duration_s)
-        return Look(sentence, mark, clock.format((start_s + end_s) / 2), *map(clock.format, shown))
+        return Highlight(sentence, mark, clock.format((start_s + end_s) / 2), *map(clock.format, shown))
 
     looks = []
     window = next((w for w in findings.exposure.peak_windows if w.length_s == WORST_WINDOW_S), None)
     if window is not None and window.start_s is not None and window.percent_above_60:
         start_s, end_s = window.start_s, window.start_s + window.length_s
         share = format_percent(window.percent_above_60, language)
-        facts = {"start": told.format(start_s), "end": told.format(end_s), "percent": share}
-        looks.append(look(fill(words["window"], facts), start_s, end_s, 60.0))
+        facts = {"start": report_clock.format(start_s), "end": report_clock.format(end_s), "percent": share}
+        looks.append(build_highlight(fill(words["window"], facts), start_s, end_s, 60.0))
     stays = next((e for e in findings.exposure.episodes if e.threshold_deg == MAIN_THRESHOLD_DEG), None)
     if stays is not None and stays.longest_s and stays.longest_start_s is not None:
         start_s, end_s = stays.longest_start_s, stays.longest_start_s + stays.longest_s
-        facts = {"time": told.format(start_s), "duration": format_duration(stays.longest_s, language)}
-        looks.append(look(fill(words["longest"], facts), start_s, end_s, 2 * AROUND_S))
+        facts = {"time": report_clock.format(start_s), "duration": format_duration(stays.longest_s, language)}
+        looks.append(build_highlight(fill(words["longest"], facts), start_s, end_s, 2 * AROUND_S))
     highest = []
-    for number, episode in enumerate(day.find_highest(float(MAIN_THRESHOLD_DEG), LEAST_S, HIGHEST), 1):
+    for number, episode in enumerate(
+        day.find_highest(float(MAIN_THRESHOLD_DEG), MIN_EPISODE_S, MAX_EPISODES), 1
+    ):
         facts = {
-            "time": told.format(episode.start_s),
+            "time": report_clock.format(episode.start_s),
             "angle": format_angle(episode.highest_deg, language),
             "duration": format_duration(episode.end_s - episode.start_s, language),
         }
         sentence = fill(words["episode"], facts)
-        highest.append(look(sentence, episode.start_s, episode.end_s, AROUND_S, str(number)))
+        highest.append(build_highlight(sentence, episode.start_s, episode.end_s, AROUND_S, str(number)))
     return looks, highest
 
 
-# Curves of several recordings above one another, moved together: both arms, two visits.
+# Curves of several recordings in one view that pan and zoom together: both arms, two visits.
 
 
 @dataclass(frozen=True, slots=True)
 class CurveView:
-    """One curve: its name, where its samples are, and by how many seconds it begins after the first.
+    """One curve: its name, the address of its samples, and its start in seconds after the earliest curve.
 
-    ``beside``: where the samples of another curve in the same drawing are; empty for none.
+    ``beside``: the address of another curve in the same drawing; "" for none.
     """
 
     name: str
@@ -135,14 +141,14 @@ class CurveView:
     beside: str = ""
 
 
-Laid = tuple[Job, str, float | None]
-"""An analysis, its name, and when it began, s; None: by its clock's time of the day."""
+PlacedCurve = tuple[Job, str, float | None]
+"""An analysis, its name, and its start, s; None: by the time of day of its clock."""
 
 
-def build_curves(page: Page, laid: Sequence[Laid]) -> tuple[CurveView, ...]:
+def build_curves(page: Page, laid: Sequence[PlacedCurve]) -> tuple[CurveView, ...]:
     """Build a curve for each analysis; none if one of them has no curve."""
     try:
-        clocks = [DayClock.of(find_day(page.services, job).facts) for job, _, _ in laid]
+        clocks = [DayClock.of(load_day(page.services, job).facts) for job, _, _ in laid]
     except NoSuchFile:
         return ()
     starts_s = []
@@ -155,7 +161,7 @@ def build_curves(page: Page, laid: Sequence[Laid]) -> tuple[CurveView, ...]:
     curves = []
     for (job, name, _), clock, start_s in zip(laid, clocks, starts_s, strict=True):
         minutes: Minutes = ()
-        with suppress(NoSuchFile, ValueError):  # results that cannot be read
+        with suppress(NoSuchFile, ValueError):  # unreadable results
             results = decode_results(page.services.results.read(job, "results.json"))
             minutes = list_minutes(results.findings, "en")
         address = f"{page.base}/analyses/{job.id}/curve"

@@ -1,4 +1,4 @@
-// The conclusion on the page of a recording: its text is kept until it is sent.
+// The conclusion form on a recording's page; its text is kept until it is sent.
 
 import { $ } from "./say.js";
 import { send } from "./send.js";
@@ -6,19 +6,19 @@ import { Unsent } from "./unsent.js";
 
 const form = $("conclude");
 
-function tell() {
+function serialize() {
   const { text, name } = form.elements;
   return JSON.stringify({ text: text.value, name: name?.value });
 }
 
-function restore(told) {
-  const { text, name } = JSON.parse(told);
+function restore(saved) {
+  const { text, name } = JSON.parse(saved);
   form.elements.text.value = text;
   if (form.elements.name && name !== undefined) form.elements.name.value = name;
 }
 
 if (form) {
-  new Unsent(form, tell, restore);
+  new Unsent(form, serialize, restore);
   form.addEventListener("submit", (event) => {
     event.preventDefault();
     const [lost, refused] = ["lost", "refused"].map((name) => form.querySelector(`[data-${name}]`));

@@ -1,4 +1,4 @@
-// The first page: files in, and what has become of them.
+// The first page: uploads and recordings.
 
 import { $, fill, say } from "./say.js";
 import { refresh, showTitle } from "./rows.js";
@@ -16,7 +16,7 @@ function showQueue() {
   showInterrupted();
 }
 
-// Uploads that a reload or a closed browser has cut: the same files, chosen again, go on where they stopped.
+// Show uploads that a reload or closed browser interrupted; selecting the same files again resumes them.
 function showInterrupted() {
   const names = listInterrupted().map(([, { name }]) => name);
   $("interrupted").hidden = !names.length;
@@ -28,21 +28,21 @@ function listInterrupted() {
   return Object.entries(recall()).filter(([, { name }]) => !going.has(name));
 }
 
-// What the server has whole, and analyses, needs nobody any more.
+// Forget uploads that are complete and whose analysis has started.
 async function forgetArrived() {
-  await Promise.all(listInterrupted().map(async ([print, { address }]) => (await queue.isBegun(address)) && forgetPrint(print)));
+  await Promise.all(listInterrupted().map(async ([print, { address }]) => (await queue.hasAnalysis(address)) && forgetPrint(print)));
   showInterrupted();
 }
 
-// The person wants them no more: neither the browser nor the server keeps anything of them.
-function leaveInterrupted() {
+// Discard the interrupted uploads in the browser and on the server.
+function discardInterrupted() {
   const left = Object.fromEntries(listInterrupted());
   write(Object.fromEntries(Object.entries(recall()).filter(([print]) => !left[print])));
-  for (const { address } of Object.values(left)) queue.leave(address);
+  for (const { address } of Object.values(left)) queue.discard(address);
   showInterrupted();
 }
 
-// A folder is a study by its name, unless another name was typed.
+// The name of a folder is the study name, unless another name was typed.
 function take({ files, ignored, folder }) {
   const chosen = new FormData(form);
   const study = chosen.get("study").trim() || (folder || "").slice(0, 100);
@@ -71,7 +71,7 @@ function listen() {
       if (name === "drop") take(await readDrop(event.dataTransfer));
     });
   }
-  $("interrupted").querySelector("button").addEventListener("click", leaveInterrupted);
+  $("interrupted").querySelector("button").addEventListener("click", discardInterrupted);
   $("retry-all").addEventListener("click", () => queue.retryAll());
   window.addEventListener("beforeunload", (event) => queue.isBusy && event.preventDefault());
 }

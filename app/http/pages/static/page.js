@@ -1,4 +1,4 @@
-// The page of one analysis: events as they come, with asking again as what is relied on.
+// The page of one analysis: server-sent events, with polling as a fallback.
 
 import { $ } from "./say.js";
 import { refresh } from "./rows.js";

@@ -1,4 +1,4 @@
-// A button that prints; without a script the browser's own menu does the same.
+// A print button; without scripts, the browser's menu prints the page.
 for (const button of document.querySelectorAll("[data-print]")) {
   button.hidden = false;
   button.addEventListener("click", () => window.print());

@@ -1,5 +1,5 @@
-// The list of analyses as the server has it: asked for again and again, so that any tab shows the same. Only
-// rows that have changed are replaced, and whoever has the focus keeps it.
+// The list of analyses, polled from the server so that all tabs show the same. Only changed rows are
+// replaced, and the focus does not move.
 
 import { $, say } from "./say.js";
 
@@ -8,9 +8,9 @@ const SLOW_MS = 5000;
 
 let timer = 0;
 let asked = 0;
-let shown = 0; // two questions may be under way at once: an older answer never takes back a newer one
+let shown = 0; // requests may overlap: an older response never replaces a newer one
 
-// On a phone what is asked less often is folded above the list, unless something is said in it.
+// On a phone, rarely used options are collapsed above the list, unless one of them is set.
 const narrow = window.matchMedia("(max-width: 44rem)");
 
 function fold() {
@@ -28,7 +28,7 @@ export async function refresh() {
   const turn = (asked += 1);
   try {
     const answer = await fetch($("rows").dataset.source, { headers: { Accept: "text/html", "X-Unattended": "1" } });
-    if (answer.status === 401) return location.reload(); // logged out meanwhile
+    if (answer.status === 401) return location.reload(); // signed out meanwhile
     if (!answer.ok) throw new Error(String(answer.status));
     const fresh = new DOMParser().parseFromString(await answer.text(), "text/html");
     if (turn > shown) show(fresh);
@@ -58,20 +58,20 @@ function show(fresh) {
   list.dataset.number = newList.dataset.number;
   if (list.querySelector(".row")) {
     empty?.remove();
-    openBench();
+    showTools();
   }
   $("rows").dispatchEvent(new Event("shown"));
   showTitle();
 }
 
-// What an empty list had no need of: search, groups, tables; the place to drop makes room.
-function openBench() {
+// Show the search, groups and tables that an empty list does not need, and shrink the upload area.
+function showTools() {
   for (const part of document.querySelectorAll("[data-later]")) part.hidden = false;
   $("bar")?.classList.add("is-bar");
   $("bench")?.classList.add("workbench");
 }
 
-// The groups with how many are in each now; a group that was empty comes.
+// Update the number in each group, and add groups that were empty.
 function showChips(fresh) {
   const [now, chips] = [fresh.getElementById("chips-now"), document.querySelector(".chips")];
   if (!now || !chips || chips.innerHTML.trim() === now.innerHTML.trim()) return;
@@ -80,7 +80,7 @@ function showChips(fresh) {
   if (place >= 0) chips.children[Math.min(place, chips.children.length - 1)].focus();
 }
 
-// Give the row to show: the old one where nothing has changed.
+// Return the row to show: the existing one if nothing has changed.
 function place(fresh) {
   const old = $(fresh.id);
   const copy = document.importNode(fresh, true);
@@ -92,9 +92,9 @@ function place(fresh) {
   return copy;
 }
 
-// "(3/12)" before the title while work goes on: uploads on this page and analyses on the server.
+// "(3/12)" in front of the title during uploads on this page and analyses on the server.
 const title = document.title;
-let own = []; // of each upload that is not over its name and the key of its row, "" until it is known
+let own = []; // name of each unfinished upload and the key of its row, "" until it is known
 let most = 0;
 
 export function showTitle(uploads = own) {

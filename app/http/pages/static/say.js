@@ -1,5 +1,4 @@
-// Small things that every page shares: telling a screen reader, waiting, copying a text, opening a chooser of
-// files.
+// Helpers that every page shares: screen reader messages, waiting, copying text, file pickers.
 
 export const $ = (id) => document.getElementById(id);
 
@@ -11,11 +10,11 @@ export function say(text) {
   const place = $("status");
   if (!place) return;
   place.textContent = "";
-  setTimeout(() => (place.textContent = text), 50); // so that the same text is told twice
+  setTimeout(() => (place.textContent = text), 50); // delayed, so that the same text is announced twice
 }
 
-// Wait, but no longer than until the network is back.
-export function rest(milliseconds) {
+// Wait, but only until the network is back.
+export function pause(milliseconds) {
   return new Promise((resolve) => {
     const timer = setTimeout(resolve, milliseconds);
     window.addEventListener("online", () => (clearTimeout(timer), resolve()), { once: true });
@@ -28,7 +27,7 @@ export async function copy(button) {
     button.textContent = button.dataset.done;
     say(button.dataset.done);
   } catch {
-    window.prompt(button.textContent, button.dataset.copy); // where the clipboard needs https
+    window.prompt(button.textContent, button.dataset.copy); // if the clipboard needs https
   }
 }
 

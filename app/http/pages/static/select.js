@@ -1,12 +1,12 @@
-// Choosing rows of the list: a click, Shift and a click, Shift and the arrows, all of the page, all that match.
-// What is chosen stays chosen while rows are replaced; the bar of acts shows itself while something is.
+// Selecting rows of the list: click, Shift and click, Shift and arrow keys, all on the page, all matches. The
+// selection is kept while rows are replaced; the action bar is visible while rows are selected.
 
 import { $, fill } from "./say.js";
 import { refresh } from "./rows.js";
 
 const [bar, rows] = [$("acts"), $("rows")];
 const chosen = new Set();
-let last = null; // the id of the row that was clicked last: Shift chooses from there
+let last = null; // id of the last clicked row, from which Shift selects
 let isEvery = false;
 
 const countAll = () => Number(rows.querySelector(".rows").dataset.number);
@@ -92,7 +92,7 @@ function listen() {
   });
 }
 
-// Act without leaving the list: what was done is told on it. Downloads, and a refusal, go the browser's way.
+// Run an action and show the result in the list. The browser handles downloads and refusals.
 async function act(event) {
   const { target, submitter } = event;
   const address = submitter?.getAttribute("formaction") || target.getAttribute("action");

@@ -1,4 +1,4 @@
-// Forms that are sent without leaving the page: what the server refuses is shown beside what was typed.
+// Send forms without leaving the page, and show a refusal next to the typed values.
 
 export async function send(form, button, { busy, lost, refused }) {
   const text = button.textContent;
@@ -15,7 +15,7 @@ export async function send(form, button, { busy, lost, refused }) {
   [button.disabled, button.textContent] = [false, text];
 }
 
-// The server answers with a page, of which the problem is shown.
+// The server responds with a page; show its problem.
 export function refuse(box, page) {
   const said = new DOMParser().parseFromString(page, "text/html").querySelector("[data-problem]");
   const parts = said ? [...document.importNode(said, true).children] : [];

@@ -1,16 +1,16 @@
-// The page of a study: its squares follow the analyses; a list of participants is sent, and what became of it
-// is told.
+// The page of a study: its squares follow the analyses; a list of participants is uploaded, and the result is
+// shown.
 
 import { $, fill } from "./say.js";
 
 const LOOK_MS = 3000;
 const KEPT = "acromion-participants";
 const form = $("participants");
-const told = $("list-told");
+const result = $("list-told");
 
-function tell(text) {
-  told.textContent = text;
-  told.hidden = !text;
+function showResult(text) {
+  result.textContent = text;
+  result.hidden = !text;
 }
 
 async function send(file) {
@@ -23,15 +23,15 @@ async function send(file) {
   location.reload();
 }
 
-// A refusal comes as a page of its own: what it says is shown here.
+// The server responds to a refusal with a page; show its problem here.
 function refuse(page) {
   const said = new DOMParser().parseFromString(page, "text/html").querySelector("[data-problem]");
-  told.hidden = false;
-  told.replaceChildren(...(said ? [...document.importNode(said, true).children] : [form.dataset.lost]));
+  result.hidden = false;
+  result.replaceChildren(...(said ? [...document.importNode(said, true).children] : [form.dataset.lost]));
 }
 
-// Whoever has the focus keeps it: only what has changed is replaced.
-async function look() {
+// Replace only changed parts, so that the focus does not move.
+async function poll() {
   if (!document.querySelector(".squares .is-queued, .squares .is-running")) return;
   const answer = await fetch(location.href, { headers: { Accept: "text/html", "X-Unattended": "1" } }).catch(() => null);
   if (answer?.ok) {
@@ -40,12 +40,12 @@ async function look() {
       if (old.innerHTML !== fresh[index].innerHTML) old.replaceChildren(...fresh[index].childNodes);
     });
   }
-  setTimeout(look, LOOK_MS);
+  setTimeout(poll, LOOK_MS);
 }
 
 form.hidden = false;
 form.addEventListener("submit", (event) => event.preventDefault());
 $("list").addEventListener("change", () => send($("list").files[0]));
-tell(sessionStorage.getItem(KEPT) || "");
+showResult(sessionStorage.getItem(KEPT) || "");
 sessionStorage.removeItem(KEPT);
-look();
+poll();

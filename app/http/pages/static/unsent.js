@@ -1,6 +1,6 @@
-// What a person entered in a form and did not send: the browser keeps it until it is sent, discarded or two
-// weeks old. Each account has its own entries, so that no other person who signs in here sees them; signing out
-// deletes them all (Clear-Site-Data).
+// Unsent changes in a form: the browser keeps them until they are sent, discarded or two weeks old. Each
+// account has separate entries, so that no other person who signs in here sees them; signing out deletes them
+// all (Clear-Site-Data).
 
 import { fill } from "./say.js";
 
@@ -8,12 +8,12 @@ const KEY = "acromion.unsent";
 const LONGEST_MS = 14 * 24 * 3600 * 1000;
 
 export class Unsent {
-  // tell() returns what the form says, as text; restore(text) writes it back.
-  constructor(form, tell, restore) {
-    Object.assign(this, { form, tell, restore });
+  // serialize() returns the content of the form as text; restore(text) writes it back.
+  constructor(form, serialize, restore) {
+    Object.assign(this, { form, serialize, restore });
     this.name = `${document.documentElement.dataset.account} ${form.dataset.keep}`;
     this.note = form.querySelector("[data-unsent]");
-    this.asServed = tell();
+    this.asServed = serialize();
     this.isKept = true;
     this.show();
     form.addEventListener("input", () => this.keep());
@@ -28,7 +28,7 @@ export class Unsent {
     try {
       this.restore(entry.text);
     } catch {
-      this.restore(this.asServed); // an earlier release wrote it
+      this.restore(this.asServed); // written by an earlier release
       return this.forget();
     }
     const when = new Date(entry.at).toLocaleString(document.documentElement.lang, { dateStyle: "medium", timeStyle: "short" });
@@ -39,12 +39,12 @@ export class Unsent {
   }
 
   get isChanged() {
-    return this.tell() !== this.asServed;
+    return this.serialize() !== this.asServed;
   }
 
   keep() {
     if (!this.isChanged) return this.forget();
-    const text = this.tell();
+    const text = this.serialize();
     this.isKept = writeEntries({ ...readEntries(), [this.name]: { at: Date.now(), text } });
   }
 
@@ -70,7 +70,7 @@ function readEntries() {
   }
 }
 
-// False if the browser stores nothing: it then asks before leaving the page.
+// Return false if the browser stores nothing; it then asks before leaving the page.
 function writeEntries(entries) {
   try {
     localStorage.setItem(KEY, JSON.stringify(entries));

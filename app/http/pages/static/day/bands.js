@@ -1,4 +1,4 @@
-// The stretches that a person can move: calibration windows and periods. The form's fields are the one truth.
+// The bands that a person can move: calibration windows and periods. Their state is in the form's fields.
 
 import { $, fill } from "../say.js";
 
@@ -10,7 +10,7 @@ export class Bands {
     this.last = this.snapshot();
   }
 
-  // Every band that has a start and an end: {row, kind, name, startS, endS}.
+  // Return every band with a start and an end: {row, kind, name, startS, endS}.
   list() {
     return [...this.windows(), ...this.periods()].filter((band) => band.endS > band.startS);
   }
@@ -29,7 +29,7 @@ export class Bands {
     });
   }
 
-  // What the form asks of each pose; without one, the axis.
+  // Return the kinds of fields for the selected pose; without a pose, the axis.
   kinds() {
     const pose = this.form.elements.pose.value;
     if (pose === "axis") return ["axis"];
@@ -51,11 +51,11 @@ export class Bands {
 
   move(row, startS, endS) {
     const [start, end] = row.querySelectorAll(".moment");
-    start.value = this.clock.tell(startS);
-    end.value = this.clock.tell(endS);
+    start.value = this.clock.format(startS);
+    end.value = this.clock.format(endS);
   }
 
-  // The pose held again, in a row of its own.
+  // Add a row for a repeated pose.
   repeat(start, end) {
     const row = $("repeat").content.firstElementChild.cloneNode(true);
     [row.querySelectorAll("input")[0].value, row.querySelectorAll("input")[1].value] = [start, end];
@@ -70,7 +70,7 @@ export class Bands {
     return row;
   }
 
-  // Buttons are named after what they act on, so that a list of buttons makes sense.
+  // Name each button after its row, so that a list of buttons is clear to a screen reader.
   name() {
     for (const { row, name } of [...this.windows(), ...this.periods()]) {
       for (const button of row.querySelectorAll("[data-do]")) {
@@ -92,7 +92,7 @@ export class Bands {
     return JSON.stringify({ ...Object.fromEntries(others), windows, rows });
   }
 
-  // Remember how it was before the change that has just been made.
+  // Store the state before the last change for undo.
   remember() {
     const now = this.snapshot();
     if (now !== this.last) this.past.push(this.last);

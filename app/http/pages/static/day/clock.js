@@ -1,8 +1,8 @@
-// Moments of the recording, between seconds and what people read and type. The server reads them again.
+// Convert between seconds and the times that people read and type. The server parses the times again.
 
 const DAY_S = 86400;
 const SECOND = "(?<second>[0-9]{2}(?:[.,][0-9]{1,6})?)";
-// 10:20, 10h20, 10.20 and 1020, as parse_clock in fusion/diary.py reads them.
+// 10:20, 10h20, 10.20 and 1020, as in parse_clock in fusion/diary.py.
 const SPELLINGS = [
   `(?<hour>[0-9]{1,2})\\s?:\\s?(?<minute>[0-9]{2})(?:\\s?:\\s?${SECOND})?`,
   `(?<hour>[0-9]{1,2})\\s?h(?:\\s?(?<minute>[0-9]{2})(?:\\s?(?:m|mn|min|:)\\s?${SECOND}\\s?s?|\\s?(?:m|mn|min))?)?`,
@@ -11,16 +11,16 @@ const SPELLINGS = [
 ].map((spelling) => new RegExp(`^(?:${spelling})$`, "i"));
 const DAY_FRACTION = /^(?:0?|[0-9]{5})[.,][0-9]+$/;
 
-// Seconds since midnight, or NaN for what is no clock time.
+// Return seconds since midnight, or NaN if the text is not a clock time.
 function readClock(text) {
-  const told = DAY_FRACTION.test(text) ? null : SPELLINGS.map((spelling) => spelling.exec(text)).find(Boolean);
-  if (!told) return NaN;
-  const [hour, minute, second] = ["hour", "minute", "second"].map((name) => Number((told.groups[name] || "0").replace(",", ".")));
+  const match = DAY_FRACTION.test(text) ? null : SPELLINGS.map((spelling) => spelling.exec(text)).find(Boolean);
+  if (!match) return NaN;
+  const [hour, minute, second] = ["hour", "minute", "second"].map((name) => Number((match.groups[name] || "0").replace(",", ".")));
   return hour < 24 && minute < 60 && second < 60 ? hour * 3600 + minute * 60 + second : NaN;
 }
 
 export class Clock {
-  // start: ISO 8601 or "" where the recording has no clock; dated: whether an hour alone may mean two days.
+  // start: ISO 8601, or "" if the recording has no clock; dated: whether a time without a date is ambiguous.
   constructor(start, durationS, dated) {
     this.durationS = durationS;
     this.dated = dated;
@@ -30,7 +30,7 @@ export class Clock {
     this.startS = parts ? Number(parts[2]) * 3600 + Number(parts[3]) * 60 + Number(parts[4]) : 0;
   }
 
-  tell(second, digits = 2) {
+  format(second, digits = 2) {
     const rounded = Math.round(second * 10 ** digits) / 10 ** digits;
     if (!this.hasClock) return String(rounded);
     const whole = this.startS + rounded;
@@ -42,28 +42,28 @@ export class Clock {
     return this.dated ? new Date(this.day + days * DAY_S * 1000).toISOString().slice(0, 10) + " " + time : time;
   }
 
-  // Seconds from the first sample, or NaN for what is no moment of this recording, or an hour of two of its days.
+  // Return seconds from the first sample, or NaN if the time is outside the recording or ambiguous.
   read(text) {
-    const told = text.trim();
-    if (!this.hasClock) return /^[0-9]+([.,][0-9]+)?$/.test(told) ? this.check(Number(told.replace(",", "."))) : NaN;
-    const [, date, hour] = /^(?:(\d{4}-\d{2}-\d{2})[ T])?(.*)$/.exec(told);
+    const shown = text.trim();
+    if (!this.hasClock) return /^[0-9]+([.,][0-9]+)?$/.test(shown) ? this.check(Number(shown.replace(",", "."))) : NaN;
+    const [, date, hour] = /^(?:(\d{4}-\d{2}-\d{2})[ T])?(.*)$/.exec(shown);
     const second = readClock(hour.trim()) - this.startS;
     if (date) return this.check((Date.parse(date + "T00:00:00Z") - this.day) / 1000 + second);
     const places = [0, 1, 2].map((day) => this.check(second + day * DAY_S)).filter((place) => !Number.isNaN(place));
     return places.length && !(places[1] < this.durationS) ? places[0] : NaN;
   }
 
-  // What was typed, each moment of it as it was read; with ";" between them.
+  // Format typed times, separated by ";", as they were parsed.
   normalise(text) {
     if (!this.hasClock) return text;
-    return text.split(";").map((part) => (Number.isNaN(this.read(part)) ? part.trim() : this.tell(this.read(part)))).join("; ");
+    return text.split(";").map((part) => (Number.isNaN(this.read(part)) ? part.trim() : this.format(this.read(part)))).join("; ");
   }
 
   check(second) {
     return second >= -0.01 && second <= this.durationS + 0.01 ? Math.min(Math.max(second, 0), this.durationS) : NaN;
   }
 
-  // At most so many round moments of a view, for the axis: [second, text].
+  // Return at most `most` round times of a view for the axis: [second, text].
   marks(fromS, toS, most) {
     const steps = [0.01, 0.05, 0.1, 0.5, 1, 2, 5, 10, 30, 60, 120, 300, 600, 1800, 3600, 7200, 14400, 43200, 86400];
     const step = steps.find((candidate) => (toS - fromS) / candidate <= most) || 86400;
@@ -74,9 +74,9 @@ export class Clock {
   }
 
   mark(second, step) {
-    const told = this.tell(second);
-    if (!this.hasClock || step < 60) return told;
-    return told.replace(/:\d\d(\.\d+)?$/, "").slice(step >= DAY_S ? 0 : this.dated ? 5 : 0);
+    const shown = this.format(second);
+    if (!this.hasClock || step < 60) return shown;
+    return shown.replace(/:\d\d(\.\d+)?$/, "").slice(step >= DAY_S ? 0 : this.dated ? 5 : 0);
   }
 }
 

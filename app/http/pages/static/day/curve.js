@@ -1,5 +1,6 @@
-// Draws the part of the curve that is in view, with the bands behind it. From half an hour on these are the
-// minutes of the report; closer, the server sends lowest and highest values for as many columns as the screen has.
+// Draw the visible part of the curve, with the bands behind it. A view of half an hour or more shows the
+// minutes of the report; a closer view shows the lowest and highest values per screen column, from the
+// server.
 
 /* global Plotly */
 
@@ -8,20 +9,20 @@ const GUIDES_DEG = [30, 60, 90];
 const POINTS = 1000;
 const MARK_PX = 85;
 const TOP_DEG = 180;
-const MARKS_DEG = 42; // room above it for the numbers of the episodes, so that they hide no name
+const MARKS_DEG = 42; // room above for the episode numbers, so that they cover no name
 const MINUTES_FROM_S = 1800;
 
 export class Curve {
-  // beside: where the values of a second line are, "" for none.
+  // beside: the address of a second line's values; "" for none.
   constructor(place, address, clock, view, minutes, beside = "") {
     Object.assign(this, { place, clock, view, addresses: [address, beside].filter(Boolean) });
-    this.minutes = minutes.length ? trace(minutes) : null; // none: the samples at any width
+    this.minutes = minutes.length ? trace(minutes) : null; // null: draw samples at any zoom
     this.asked = 0;
     this.values = { x: [], y: [] };
     this.others = [];
   }
 
-  // Fetch what is in view and a little around it; answers that come late are dropped.
+  // Fetch the visible part and its surroundings; late responses are dropped.
   async load() {
     const ticket = ++this.asked;
     const around = this.view.spanS / 2;
@@ -32,7 +33,7 @@ export class Curve {
     return ticket === this.asked;
   }
 
-  // Layout only: quick enough for every step of a movement.
+  // Update only the layout, which is fast enough for every step of a drag.
   draw(bands, chosen, points = []) {
     const marks = this.clock.marks(this.view.fromS, this.view.toS, Math.max(2, Math.floor(this.widthPx() / MARK_PX)));
     const axis = { zeroline: false, color: ink("--soft"), gridcolor: ink("--line"), fixedrange: true };
@@ -72,7 +73,7 @@ export class Curve {
     }));
   }
 
-  // Numbers of the episodes to look at, each at its moment.
+  // Place the episode numbers at their times.
   point(points) {
     const { fromS, toS } = this.view;
     const inView = points.filter(({ atS }) => atS >= fromS && atS <= toS).sort((one, other) => one.atS - other.atS);
@@ -90,7 +91,7 @@ export class Curve {
     return this.view.fromS + ((clientX - left) / this.widthPx()) * this.view.spanS;
   }
 
-  // Where a moment is, in px from the left of the box; null outside the view.
+  // Return the position of a time, in px from the left of the box; null outside the view.
   pixelOf(second) {
     const part = (second - this.view.fromS) / this.view.spanS;
     return part < -1e-9 || part > 1 + 1e-9 ? null : MARGIN.l + part * this.widthPx();
@@ -118,7 +119,7 @@ function join(stretches) {
   return { x, y };
 }
 
-// The outline of P10 to P90 and the median of unbroken runs, a step for each minute.
+// Return the P10 to P90 band and the median of uninterrupted runs, with a step for each minute.
 function trace(runs) {
   const band = { x: [], y: [] }, median = { x: [], y: [] };
   for (const run of runs) {
@@ -148,7 +149,7 @@ export function ink(name) {
   return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 }
 
-// Plotly reads a little markup in texts; a person's text is only ever text.
+// Escape text, because Plotly interprets markup.
 function safe(text) {
   return text.replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
 }

@@ -1,4 +1,4 @@
-// Several curves above one another, moved together: both arms, two visits, a sensor and its reference.
+// Several curves that pan and zoom together: both arms, two visits, a sensor and its reference.
 
 import { $, fill } from "../say.js";
 import { Clock } from "./clock.js";
@@ -8,7 +8,7 @@ import { View } from "./view.js";
 
 const REST_MS = 60;
 
-// One view for all, seen from a recording that begins so many seconds after the first.
+// The shared view, shifted for a recording that starts byS seconds after the first.
 class ShiftedView {
   constructor(view, byS) {
     Object.assign(this, { view, byS });
@@ -71,7 +71,7 @@ class Curves {
     return Promise.all(this.curves.map((curve) => curve.load()));
   }
 
-  // The view has moved: draw at once what is here, fetch what is not as soon as it rests.
+  // After a move, draw available data at once, and fetch the rest when the view stops moving.
   moved() {
     const began = performance.now();
     requestAnimationFrame(() => {
@@ -86,7 +86,7 @@ class Curves {
     for (const curve of this.curves) curve.draw([], null);
     const [{ clock, view }] = this.curves;
     const digits = view.spanS < 10 ? 2 : 0;
-    $("view").textContent = fill($("view").dataset.text, { start: clock.tell(view.fromS, digits), end: clock.tell(view.toS, digits) });
+    $("view").textContent = fill($("view").dataset.text, { start: clock.format(view.fromS, digits), end: clock.format(view.toS, digits) });
   }
 }
 

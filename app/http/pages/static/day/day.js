@@ -1,4 +1,4 @@
-// The day of an analysis: puts clock, bands, view, curve and handles together, and listens.
+// The day of an analysis: connects clock, bands, view, curve and handles, and handles events.
 
 import { $, fill, say } from "../say.js";
 import { Bands } from "./bands.js";
@@ -40,7 +40,7 @@ export class Day {
     this.changed(true);
   }
 
-  // The view has moved: draw at once what is here, fetch what is not as soon as it rests.
+  // After a move, draw available data at once, and fetch the rest when the view stops moving.
   moved() {
     const began = performance.now();
     requestAnimationFrame(() => {
@@ -65,10 +65,10 @@ export class Day {
     this.handles.draw();
     const { fromS, toS } = this.view;
     const digits = this.view.spanS < 10 ? 2 : 0;
-    $("view").textContent = fill($("view").dataset.text, { start: this.clock.tell(fromS, digits), end: this.clock.tell(toS, digits) });
+    $("view").textContent = fill($("view").dataset.text, { start: this.clock.format(fromS, digits), end: this.clock.format(toS, digits) });
   }
 
-  // A band has changed, by hand, by key or by typing.
+  // Handle a changed band: by mouse, key or typing.
   changed(isDone) {
     this.draw();
     clearTimeout(this.scoring);
@@ -79,7 +79,7 @@ export class Day {
     this.unsent.keep();
   }
 
-  // The fields were set to an earlier state.
+  // Handle fields that undo has restored.
   restored() {
     this.bands.chosen = null;
     this.bands.name();
@@ -87,14 +87,14 @@ export class Day {
     this.unsent.keep();
   }
 
-  // How still each window is, and what each task adds up to: while a band is moved, too.
+  // Update the stillness of each window and the time of each task, also during a drag.
   measure() {
     for (const band of this.bands.windows()) this.score(band);
     this.tasks.draw();
     this.block();
   }
 
-  // Nothing is sent that the server would refuse.
+  // Disable the button while the server would refuse the form.
   block() {
     const windows = this.bands.windows().map(({ row }) => row);
     const isBad = windows.some((row) => row.dataset.why) || Boolean(this.bands.form.querySelector(".moment[aria-invalid=true]"));
@@ -105,26 +105,26 @@ export class Day {
     const place = row.querySelector("[data-stillness]");
     const ticket = (row.ticket = (row.ticket || 0) + 1);
     const isTyped = [...row.querySelectorAll("input")].some((field) => field.value.trim());
-    let told = "", why = isTyped && !(endS > startS) ? "short" : "";
+    let shown = "", why = isTyped && !(endS > startS) ? "short" : "";
     if (endS > startS) {
       const query = new URLSearchParams({ start_s: startS, end_s: endS });
-      const answer = await fetch(`${this.box.dataset.stillness}?${query}`).catch(() => null); // no network: nothing is said of stillness
+      const answer = await fetch(`${this.box.dataset.stillness}?${query}`).catch(() => null); // offline: show no stillness
       const { score, why: refused } = answer?.ok ? await answer.json() : {};
-      if (answer?.ok) told = this.tellStillness(score, refused);
+      if (answer?.ok) shown = this.formatStillness(score, refused);
       why = isTyped ? refused || "" : "";
     }
-    if (ticket !== row.ticket) return; // a later answer is on its way
-    place.textContent = told;
+    if (ticket !== row.ticket) return; // a newer request is in progress
+    place.textContent = shown;
     row.dataset.why = why;
     this.block();
   }
 
-  tellStillness(score, why) {
+  formatStillness(score, why) {
     if (why) return fill(this.words.unusable, { why: this.words.why[why] });
     if (score === null) return this.words.none;
-    const told = score.toLocaleString(document.documentElement.lang, { minimumFractionDigits: 2, maximumFractionDigits: 2 });
+    const shown = score.toLocaleString(document.documentElement.lang, { minimumFractionDigits: 2, maximumFractionDigits: 2 });
     const judged = score >= 0.5 ? this.words.good : score >= 0.2 ? this.words.fair : this.words.bad;
-    return `${fill(this.words.stillness, { score: told })}, ${judged}`;
+    return `${fill(this.words.stillness, { score: shown })}, ${judged}`;
   }
 
   choose(row) {

@@ -1,4 +1,4 @@
-// The form beside the curve: rows come and go, proposals are accepted, a diary is imported, all can be undone.
+// The correction form: add and remove rows, accept proposals, import a diary, undo.
 
 import { $, fill, say } from "../say.js";
 import { refuse, send } from "../send.js";
@@ -11,7 +11,7 @@ export function listenToForm(day) {
   const { bands } = day;
   const form = bands.form;
   const empty = [...$("periods").rows].find((row) => !row.querySelector("[name=start]").value);
-  if (empty) empty.remove(); // it serves those without a script
+  if (empty) empty.remove(); // only needed without scripts
   for (const row of form.querySelectorAll("#repeats .window")) if (!row.querySelector("input").value) row.remove();
   bands.last = bands.snapshot();
   form.addEventListener("change", ({ target }) => {
@@ -21,7 +21,7 @@ export function listenToForm(day) {
   form.addEventListener("click", (event) => act(day, event.target.closest("button")));
   form.addEventListener("focusin", (event) => chooseOf(day, event.target));
   form.addEventListener("submit", (event) => sendForm(day, event));
-  day.unsent = new Unsent(form, () => bands.snapshot(), (told) => bands.restore(told));
+  day.unsent = new Unsent(form, () => bands.snapshot(), (text) => bands.restore(text));
   for (const answers of document.querySelectorAll(".question form")) answers.addEventListener("submit", (event) => holdBack(day, event));
   $("import").addEventListener("change", () => importDiary(day));
   document.addEventListener("keydown", (event) => {
@@ -36,7 +36,7 @@ export function listenToForm(day) {
   }
 }
 
-// Of a window whose one end is typed the other is sent as it is shown.
+// If only one end of a window is typed, fill in the other as shown.
 function complete(form) {
   for (const row of form.querySelectorAll(".window")) {
     const ends = [...row.querySelectorAll("input")];
@@ -66,18 +66,18 @@ function add(day) {
   const { fromS, toS, spanS } = day.view;
   const half = Math.max(Math.round((spanS * NEW_PART) / 2), 1);
   const middle = Math.round((fromS + toS) / 2);
-  const row = day.bands.add($("add-kind").value, "", day.clock.tell(Math.max(0, middle - half)), day.clock.tell(Math.min(day.view.durationS, middle + half)));
+  const row = day.bands.add($("add-kind").value, "", day.clock.format(Math.max(0, middle - half)), day.clock.format(Math.min(day.view.durationS, middle + half)));
   day.choose(row);
   day.changed(true);
   say(fill(day.words.added, { name: day.bands.find(row).name }));
   row.querySelector("[name=label]").focus();
 }
 
-// The pose held again, in the middle of what is in view.
+// Add a repeated pose in the middle of the view.
 function holdAgain(day) {
   const middle = Math.round((day.view.fromS + day.view.toS) / 2);
   const [startS, endS] = [middle - POSE_S / 2, middle + POSE_S / 2];
-  const row = day.bands.repeat(day.clock.tell(Math.max(0, startS)), day.clock.tell(Math.min(day.view.durationS, endS)));
+  const row = day.bands.repeat(day.clock.format(Math.max(0, startS)), day.clock.format(Math.min(day.view.durationS, endS)));
   day.changed(true);
   say(fill(day.words.added, { name: day.words.again }));
   row.querySelector("input").focus();
@@ -121,7 +121,7 @@ function undo(day) {
   say(day.words.undone);
 }
 
-// An answer makes a new version, to which unsent changes would not belong: they are sent or discarded first.
+// An answer makes a new version, so unsent changes must be sent or discarded first.
 function holdBack(day, event) {
   if (!day.unsent.isChanged) return;
   event.preventDefault();
@@ -148,7 +148,7 @@ async function importDiary(day) {
 }
 
 function sendForm(day, event) {
-  if (event.submitter && "plain" in event.submitter.dataset) return; // a download, as the browser does it
+  if (event.submitter && "plain" in event.submitter.dataset) return; // a download, left to the browser
   event.preventDefault();
   complete(day.bands.form);
   send(day.bands.form, $("again"), { busy: day.words.busy, lost: $("day-lost"), refused: $("refused") });

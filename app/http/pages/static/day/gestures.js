@@ -1,14 +1,14 @@
-// How a person moves along a curve: buttons, keys, wheel, drag and two fingers.
+// Navigation of a curve: buttons, keys, wheel, drag and two fingers.
 
 const STILL_PX = 4;
 
-// The buttons above the curve, or above several of one view.
+// The buttons above one or several curves.
 export function listenToView(view) {
   const acts = list(view);
   for (const button of document.querySelectorAll("[data-view]")) button.addEventListener("click", acts[button.dataset.view]);
 }
 
-// onPoint(second): a click or a tap that moves nothing.
+// onPoint(second) is called for a click or tap without a drag.
 export function listenToMoves(curve, onPoint = () => {}) {
   listenToKeys(curve);
   listenToPointer(curve, onPoint);
@@ -30,7 +30,7 @@ function listenToKeys({ place, view }) {
 
 function listenToPointer(curve, onPoint) {
   const { place, view } = curve;
-  const fingers = new Map(); // where each finger is; two of them pinch
+  const fingers = new Map(); // position of each finger; two fingers pinch
   let grabbed = null;
   place.addEventListener("wheel", (event) => {
     event.preventDefault();
@@ -54,7 +54,7 @@ function listenToPointer(curve, onPoint) {
   });
 }
 
-// Two fingers: what lies between them stays between them.
+// Zoom so that the time range between the two fingers stays between them.
 function pinch(curve, fingers, event) {
   const spread = () => Math.max(10, Math.abs([...fingers.values()][0] - [...fingers.values()][1]));
   const before = spread();

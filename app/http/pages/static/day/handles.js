@@ -1,4 +1,5 @@
-// The two ends of the chosen band, as sliders: dragged, or moved by the arrows (1 s; with Shift 1 min).
+// The two ends of the selected band as sliders: dragged, or moved with the arrow keys (1 s; with Shift 1
+// min).
 
 import { $, fill } from "../say.js";
 
@@ -56,7 +57,7 @@ export class Handles {
       handle.style.left = `${pixel}px`;
       handle.setAttribute("aria-label", fill(handle.dataset.name, { name: band.name }));
       for (const [name, value] of [["min", 0], ["max", Math.round(this.view.durationS)], ["now", Math.round(second)]]) handle.setAttribute("aria-value" + name, value);
-      handle.setAttribute("aria-valuetext", this.bands.clock.tell(second));
+      handle.setAttribute("aria-valuetext", this.bands.clock.format(second));
     }
   }
 }

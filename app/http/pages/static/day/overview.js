@@ -1,4 +1,4 @@
-// The whole day as a thin strip, with a frame around the part in view; a click or a drag moves the view.
+// The whole day as a thin strip, with a frame around the visible part; a click or drag moves the view.
 
 import { ink } from "./curve.js";
 

@@ -1,4 +1,4 @@
-// What each task adds up to as it is drawn: its time above 60 deg, from the curve's own rows.
+// Time above 60 deg of each task, computed by the server while the task is drawn.
 
 const KINDS = ["task", "seated", "supported"];
 
@@ -15,15 +15,15 @@ export class Tasks {
       if (KINDS.includes(kind) && endS > startS) named.set(name, [...(named.get(name) || []), `${startS},${endS}`]);
     }
     const rows = await Promise.all([...named].map(([name, spans]) => this.ask(name, spans)));
-    if (ticket !== this.asked) return; // drawn anew meanwhile
-    const told = rows.filter(Boolean).sort((one, other) => other.percent - one.percent);
-    this.place.querySelector("ol").replaceChildren(...told.map(bar));
-    this.place.hidden = !told.length;
+    if (ticket !== this.asked) return; // redrawn meanwhile
+    const shown = rows.filter(Boolean).sort((one, other) => other.percent - one.percent);
+    this.place.querySelector("ol").replaceChildren(...shown.map(bar));
+    this.place.hidden = !shown.length;
   }
 
   async ask(name, spans) {
     const query = new URLSearchParams(spans.map((span) => ["span", span]));
-    const answer = await fetch(`${this.place.dataset.share}?${query}`).catch(() => null); // no network: no bar
+    const answer = await fetch(`${this.place.dataset.share}?${query}`).catch(() => null); // offline: show no bar
     return answer?.ok ? { name, ...(await answer.json()) } : null;
   }
 }

@@ -1,4 +1,4 @@
-// Which part of the day is in view: zooming and moving, within the recording.
+// The visible part of the day: zoom and move within the recording.
 
 const CLOSEST_S = 0.2;
 
@@ -32,7 +32,7 @@ export class View {
     this.set(0, this.durationS);
   }
 
-  // Bring a band into view, with as much around it as it is long.
+  // Show a band, with a margin of twice its length on each side.
   show(startS, endS) {
     if (startS >= this.fromS && endS <= this.toS && endS - startS > this.spanS / 20) return;
     const around = Math.max(endS - startS, 2);

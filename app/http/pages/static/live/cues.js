@@ -1,4 +1,4 @@
-// Cues: a tone, a vibration. Quiet unless asked for, and silent while paused.
+// Cues by tone and vibration. They are off by default, and silent while paused.
 
 const TONE_HZ = 660, TONE_S = 0.3, LOUDNESS = 0.25;
 const PULSES_MS = [200, 120, 200];
@@ -10,7 +10,7 @@ export class Cues {
     this.given = 0;
   }
 
-  // Browsers let a page sound only after a click: this is called by one.
+  // Browsers allow sound only after a click; a click calls this method.
   choose(ways) {
     this.ways = ways;
     sessionStorage.setItem(KEPT, JSON.stringify(ways));
@@ -23,7 +23,7 @@ export class Cues {
     this.sound.resume();
   }
 
-  give() {
+  notify() {
     this.given += 1;
     if (this.ways.includes("tone")) this.play();
     if (this.ways.includes("vibration")) navigator.vibrate?.(PULSES_MS);

@@ -1,4 +1,4 @@
-// The strip of the last minute and the arm.
+// The chart of the last minute, and the arm.
 
 const SECONDS = 60, TOP_DEG = 180, FOOT_DEG = -6, LINES_DEG = [30, 60, 90];
 const LONGEST_STEP_S = 0.2;
@@ -45,7 +45,7 @@ export class Strip {
     });
   }
 
-  // A hole stays a hole: no line goes over it.
+  // Draw the curve; gaps stay empty.
   drawCurve(pen, style, x, y) {
     pen.strokeStyle = style.getPropertyValue("--curve");
     pen.lineWidth = 2.5;

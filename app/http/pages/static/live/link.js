@@ -1,4 +1,4 @@
-// The link to the server: it comes back by itself, to the same session, and knows the server's clock.
+// The connection to the server: it reconnects to the same session, and knows the server's clock.
 
 const KEPT = "acromion-live";
 const FIRST_WAIT_MS = 250, LONGEST_WAIT_MS = 4000, PING_MS = 2000, EARLY_PING_MS = 200, GOOD_MS = 50, SLACK_MS = 5;
@@ -9,12 +9,12 @@ export class Link {
     Object.assign(this, { address, language, take, session: null, waitMs: FIRST_WAIT_MS, offsetMs: 0, quickestMs: Infinity, kept: [], keptBytes: 0, isKnown: false, isOver: true });
   }
 
-  // The session that was open when the page was left or reloaded.
+  // Return the session that was open when the page was left or reloaded.
   static remembered() {
     return sessionStorage.getItem(KEPT);
   }
 
-  // Bytes of a sensor: sent, or kept while the link is lost. What is more than a minute's is a hole.
+  // Send bytes of a sensor, or keep the last minute of them while the connection is lost.
   push(bytes) {
     if (this.isOpen && this.isKnown && this.socket.bufferedAmount < MOST_BUFFERED) {
       this.socket.send(bytes);
@@ -48,10 +48,10 @@ export class Link {
       this.waitMs = FIRST_WAIT_MS;
       this.send(first);
       this.ping();
-      if (first.source === "lines") this.flush(); // the server learns header and rate from them
+      if (first.source === "lines") this.flush(); // the server reads header and rate from them
     };
-    this.socket.onmessage = (event) => this.hear(JSON.parse(event.data));
-    this.socket.onclose = () => this.lose();
+    this.socket.onmessage = (event) => this.handleMessage(JSON.parse(event.data));
+    this.socket.onclose = () => this.handleClose();
   }
 
   send(message) {
@@ -69,10 +69,10 @@ export class Link {
     this.timer = setTimeout(() => this.ping(), waitMs);
   }
 
-  hear(message) {
+  handleMessage(message) {
     if (message.type === "pong") {
       const nowMs = performance.timeOrigin + performance.now(), tookMs = nowMs - message.sent_ms;
-      if (tookMs > this.quickestMs + SLACK_MS) return; // a slow answer tells the clock badly
+      if (tookMs > this.quickestMs + SLACK_MS) return; // a slow response gives an inaccurate clock offset
       this.quickestMs = Math.min(tookMs, this.quickestMs);
       this.offsetMs = message.server_s * 1000 - (message.sent_ms + nowMs) / 2;
       return;
@@ -86,7 +86,7 @@ export class Link {
     this.take(message);
   }
 
-  // Milliseconds since a moment of the server's clock.
+  // Return the milliseconds since a time on the server's clock.
   since(serverS) {
     return performance.timeOrigin + performance.now() + this.offsetMs - serverS * 1000;
   }
@@ -97,7 +97,7 @@ export class Link {
     clearTimeout(this.timer);
   }
 
-  lose() {
+  handleClose() {
     this.isKnown = false;
     clearTimeout(this.timer);
     if (this.isOver) return;

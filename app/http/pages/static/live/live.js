@@ -1,6 +1,6 @@
-// The live page: start a session, show it, stop it. The server holds the session; this page only shows it.
+// The live page: start, show and stop a session. The session runs on the server.
 
-import { $, fill, rest, say } from "../say.js";
+import { $, fill, pause, say } from "../say.js";
 import { Cues } from "./cues.js";
 import { Strip, turnArm } from "./draw.js";
 import { Link } from "./link.js";
@@ -69,7 +69,7 @@ function draw() {
   if (type === "update") measure(cameS);
 }
 
-// From the frames' arrival at the server to the picture that follows this one.
+// Measure the time from the arrival of frames at the server to the next drawn picture.
 function measure(cameS) {
   requestAnimationFrame(() => {
     state.latencies.push(link.since(cameS));
@@ -93,7 +93,7 @@ function showPose(status) {
 }
 
 function showCue(message) {
-  cues.give();
+  cues.notify();
   $("cue").textContent = fill(texts.cue[message.kind], { angle: message.angle_deg, limit: message.limit });
   $("cue").hidden = false;
   clearTimeout(state.cueTimer);
@@ -115,7 +115,7 @@ function end(message) {
   $("report").hidden = !message.analysis;
   if (message.analysis) $("report").href = `${base}/analyses/${message.analysis}`;
   $("difference").hidden = true;
-  if (message.analysis) tellDifference(link.session);
+  if (message.analysis) showDifference(link.session);
   if (document.fullscreenElement) document.exitFullscreen();
   $("end").scrollIntoView({ block: "nearest" });
   say($("ended-words").textContent);
@@ -126,8 +126,8 @@ function describeEnd(message) {
   return message.analysis ? texts.kept : texts.played;
 }
 
-// One line on how live and report differ, once the report is made.
-async function tellDifference(session) {
+// Show the difference between live angles and report, once the report exists.
+async function showDifference(session) {
   for (let tries = 0; tries < MOST_TRIES && !$("end").hidden; tries++) {
     const answer = await fetch(`${base}/api/v1/live/${session}/difference?lang=${language}`).catch(() => null);
     if (answer?.ok) {
@@ -135,7 +135,7 @@ async function tellDifference(session) {
       $("difference").hidden = false;
       return;
     }
-    await rest(TRY_MS);
+    await pause(TRY_MS);
   }
 }
 
@@ -179,18 +179,19 @@ async function listRecordings() {
       $("recordings").append(new Option(name, item.id, item.id === wanted, item.id === wanted));
     }
   } catch {
-    // the demonstration can be played without them
+    // the demonstration works without recordings
   }
   $("recordings").hidden = !$("recordings").children.length;
   showAsked();
 }
 
-// What is asked of a sensor is not asked of a replay.
+// Return the kind of the selected source: demo, recording or a kind of sensor.
 function readKind() {
   const option = $("source").selectedOptions[0];
   return option.dataset.kind ?? (option.value === "demo" ? "demo" : "recording");
 }
 
+// Show only the fields that apply to the kind of source.
 function showAsked() {
   const isSensor = !["demo", "recording"].includes(readKind());
   for (const part of form.querySelectorAll("[data-for]")) part.hidden = (part.dataset.for === "sensor") !== isSensor;
@@ -214,7 +215,7 @@ function readSource() {
 const KIND = "acromion-live-kind";
 let sensor = null;
 
-// A sensor is opened by the click that starts, for browsers ask the person first.
+// Open the sensor in the click handler of the start button, because browsers ask for permission there.
 async function openSensor(kind) {
   sensor = await SENSORS[kind].open((bytes) => link.push(bytes), failSensor);
   sessionStorage.setItem(KIND, kind);
@@ -278,7 +279,7 @@ document.addEventListener("keydown", (event) => {
   const button = { p: "redo", s: "stop", f: "wide", c: "quiet" }[event.key.toLowerCase()];
   if (button && !$(button).hidden) $(button).click();
 });
-// An angle that is no longer fed is shown as old.
+// Mark the angle as outdated if no new one arrives.
 setInterval(() => {
   if (!$("session").hidden && performance.now() - state.shownAt > OLD_MS) $("angle").parentElement.classList.add("is-old");
 }, OLD_MS / 2);

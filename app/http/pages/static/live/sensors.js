@@ -1,5 +1,5 @@
-// Sensors that the browser itself reads: a board by Web Serial or Web Bluetooth, the phone's own. Each sends
-// lines, as a board on a serial port does; the server reads them by the same rules.
+// Sensors that the browser reads: a board by Web Serial or Web Bluetooth, and the phone's own. They send
+// lines like a board on a serial port, and the server parses them in the same way.
 
 const BAUD = 115_200;
 const UART = "6e400001-b5a3-f393-e0a9-e50e24dcca9e", UART_NOTIFY = "6e400003-b5a3-f393-e0a9-e50e24dcca9e";
@@ -13,8 +13,8 @@ export const SENSORS = {
   bluetooth: { isThere: () => "bluetooth" in navigator, open: openBluetooth },
 };
 
-// The sensors of the Generic Sensor API: one right-handed frame, known units. Other browsers' motion events
-// differ in sign and order of axes, so that they are not used.
+// The Generic Sensor API has a right-handed frame and known units. Motion events of other browsers are not
+// used, because their axes differ in sign and order.
 async function openPhone(send, fail) {
   const accelerometer = new Accelerometer({ frequency: PHONE_HZ }), gyroscope = new Gyroscope({ frequency: PHONE_HZ });
   const encoder = new TextEncoder();

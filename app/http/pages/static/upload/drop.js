@@ -1,8 +1,9 @@
-// Files that are dropped or chosen, and whole folders of them.
+// Dropped or selected files and folders.
 
 const ACCEPTED = /\.(gt3x|cwa|csv|gz|zip|dat|txt|bin|parquet|mvnx)$/i;
 
-// Give every file of a drop, also those inside folders: {files, ignored, folder}; the folder's name if it is one.
+// Return all files of a drop, including those in folders: {files, ignored, folder}; folder: its name if it is
+// one.
 export async function readDrop(transfer) {
   const entries = [...transfer.items].map((item) => item.webkitGetAsEntry?.()).filter(Boolean);
   const loose = [...transfer.files];
@@ -11,7 +12,7 @@ export async function readDrop(transfer) {
   return { ...keepRecordings((await Promise.all(entries.map(walk))).flat()), folder };
 }
 
-// Of a folder only what can be a recording is taken; a file that was chosen by itself always is.
+// Keep only files of a folder that can be recordings; individually selected files are always kept.
 export function keepRecordings(files) {
   const kept = files.filter((file) => ACCEPTED.test(file.name) && !/^(\.|~\$)/.test(file.name));
   kept.sort((one, other) => one.name.localeCompare(other.name, undefined, { numeric: true }));
@@ -25,7 +26,7 @@ async function walk(entry) {
   for (;;) {
     const some = await new Promise((resolve) => reader.readEntries(resolve, () => resolve([])));
     if (!some.length) break;
-    found.push(...some); // a reader gives at most a hundred at a time
+    found.push(...some); // a reader returns at most 100 entries at a time
   }
   return (await Promise.all(found.map(walk))).flat();
 }

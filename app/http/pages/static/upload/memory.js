@@ -1,5 +1,5 @@
-// Which uploads are half done, and what was said of each, so that the same file chosen again goes on where it
-// stopped. The browser keeps it until the analysis is asked for; the bytes themselves are on the server.
+// Interrupted uploads and their descriptions, so that selecting the same file again resumes its upload. The
+// browser keeps them until the analysis is requested; the bytes are on the server.
 
 const KEY = "acromion.uploads";
 
@@ -15,11 +15,11 @@ export function recall() {
   }
 }
 
-// told: {address} and what a person says of the file.
-export function remember(file, told) {
+// about: {address} and the description of the file.
+export function remember(file, about) {
   const print = fingerprint(file);
   const kept = recall();
-  write({ ...kept, [print]: { ...kept[print], name: file.name, ...told } });
+  write({ ...kept, [print]: { ...kept[print], name: file.name, ...about } });
 }
 
 export function forget(file) {
@@ -36,6 +36,6 @@ export function write(kept) {
   try {
     localStorage.setItem(KEY, JSON.stringify(kept));
   } catch {
-    // private browsing: an upload then starts anew after a reload
+    // private browsing: an upload cannot resume after a reload
   }
 }

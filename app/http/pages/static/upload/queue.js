@@ -1,11 +1,11 @@
-// All chosen files: three on their way at a time, the others wait. The analysis of each is declared when its
-// upload begins, and starts with the last byte, whether or not this page is still open.
+// All selected files: three upload at a time, the others wait. The analysis of each file is declared when its
+// upload starts, and begins with the last byte even if this page is closed.
 
-import { $, fill, rest, say } from "../say.js";
+import { $, fill, pause, say } from "../say.js";
 import { forget, recall, fingerprint } from "./memory.js";
 import { Row } from "./row.js";
-import { giveUp, Refusal, TUS, TusUpload } from "./tus.js";
-import { tellSize } from "./sizes.js";
+import { deleteUpload, Refusal, TUS, TusUpload } from "./tus.js";
+import { formatSize } from "./sizes.js";
 
 const AT_ONCE = 3;
 const LOOK_MS = 400;
@@ -18,14 +18,14 @@ export class Queue {
     Object.assign(this, { api, onChange, onAdded, waiting: [], going: new Set(), all: new Set() });
   }
 
-  add(files, wishes) {
+  add(files, values) {
     for (const file of files) {
       const entry = { file };
-      const kept = recall()[fingerprint(file)] || {}; // said before a reload
-      const said = { subject: wishes.subject || kept.subject || "", side: wishes.side || kept.side || "" };
-      entry.study = wishes.study || kept.study || "";
-      entry.held = wishes.held || kept.held || ""; // "start": the pose was held at the start of wear
-      entry.row = new Row(file, said, { cancel: () => this.cancel(entry), retry: () => this.retry(entry), remove: () => this.remove(entry) });
+      const kept = recall()[fingerprint(file)] || {}; // stated before a reload
+      const stated = { subject: values.subject || kept.subject || "", side: values.side || kept.side || "" };
+      entry.study = values.study || kept.study || "";
+      entry.held = values.held || kept.held || ""; // "start": the pose was held at the start of wear
+      entry.row = new Row(file, stated, { cancel: () => this.cancel(entry), retry: () => this.retry(entry), remove: () => this.remove(entry) });
       this.all.add(entry);
       this.waiting.push(entry);
     }
@@ -36,8 +36,8 @@ export class Queue {
     return this.going.size + this.waiting.length > 0;
   }
 
-  // Of each file that is not refused nor here already: its name, and the key of its row in the list, "" before
-  // that is known (the analysis may begin before the page hears of the recording).
+  // For each file that is neither refused nor complete: its name and the key of its row in the list. The key
+  // is "" until it is known; the analysis may start before the page receives the recording's id.
   get open() {
     return [...this.all].filter(({ row }) => !row.isOver).map((entry) => ({ key: entry.key || "", name: entry.file.name }));
   }
@@ -53,17 +53,17 @@ export class Queue {
     if (file.size > Number(words.maxBytes)) return this.refuseLarge(entry);
     this.going.add(entry);
     row.show("uploading");
-    row.part(".asked").addEventListener("change", () => this.tell(entry));
-    entry.upload = new TusUpload(file, row.wishes(), { study: entry.study, held: entry.held }, this.api + "/uploads", {
+    row.part(".asked").addEventListener("change", () => this.sendChanges(entry));
+    entry.upload = new TusUpload(file, row.description(), { study: entry.study, held: entry.held }, this.api + "/uploads", {
       progress: (bytes) => (row.state === "lost" && row.show("uploading"), row.progress(bytes)),
-      piece: () => this.look(entry),
-      smaller: (bytes) => row.note(fill(words.smaller, { size: tellSize(bytes, row.units) })),
+      piece: () => this.inspect(entry),
+      smaller: (bytes) => row.note(fill(words.smaller, { size: formatSize(bytes, row.units) })),
       waiting: () => row.show("lost"),
-      resumed: () => this.tell(entry),
+      resumed: () => this.sendChanges(entry),
     });
     try {
       const recordingId = await entry.upload.send();
-      await this.persist(entry, () => this.hand(entry, recordingId));
+      await this.retryWhileOffline(entry, () => this.complete(entry, recordingId));
     } catch (error) {
       if (!entry.upload.stopped) error instanceof Refusal ? row.refuse(error.problem) : row.loseNetwork();
     }
@@ -71,46 +71,47 @@ export class Queue {
     this.next();
   }
 
-  // What is said while the file comes is told to the server at once, for its analysis begins by itself.
-  tell({ file, row, upload }) {
-    const { subject, side } = row.wishes();
+  // Send description changes during the upload at once, because the analysis starts by itself.
+  sendChanges({ file, row, upload }) {
+    const { subject, side } = row.description();
     const body = JSON.stringify({ file_name: file.name, subject, side: side || null });
     if (upload.address) fetch(upload.address + "/words", { method: "PUT", headers: { "Content-Type": "application/json" }, body }).catch(() => null);
   }
 
-  // A network that is lost when all bytes are safe loses nothing: the server is asked until it answers.
-  async persist(entry, act) {
+  // Repeat the request until the server responds, so that a lost network after the last byte loses nothing.
+  async retryWhileOffline(entry, act) {
     for (let tries = 1; ; tries += 1) {
       try {
         return await act();
       } catch (error) {
         if (error instanceof Refusal || tries > MOST_TRIES || entry.isCancelled) throw error;
         entry.row.show("lost");
-        await rest(Math.min(500 * 2 ** tries, LONGEST_PAUSE_MS));
+        await pause(Math.min(500 * 2 ** tries, LONGEST_PAUSE_MS));
       }
     }
   }
 
   refuseLarge({ row, file }) {
     const { tooBig, tooBigDetail, tooBigFix, maxBytes } = row.words;
-    const facts = { size: tellSize(file.size, row.units), max: tellSize(Number(maxBytes), row.units) };
+    const facts = { size: formatSize(file.size, row.units), max: formatSize(Number(maxBytes), row.units) };
     row.refuse({ title: tooBig, detail: fill(tooBigDetail, facts), fix: tooBigFix, code: "E-BIG", retryable: false });
   }
 
-  // Ask what the first bytes show, until they show it.
-  async look(entry) {
+  // Poll the inspection of the first bytes until it has a result.
+  async inspect(entry) {
     if (entry.looked) return;
     entry.looked = true;
     for (let k = 0; k < MOST_LOOKS && !entry.upload.stopped; k += 1) {
       const answer = await fetch(entry.upload.address + "/inspection").catch(() => null);
       if (answer && answer.status >= 400) return this.warn(entry, answer);
       const found = answer ? await answer.json() : {};
-      if (found.device) return entry.row.understand(this.describe(found, entry.row.words));
+      if (found.device) return entry.row.showFacts(this.describe(found, entry.row.words));
       await new Promise((resolve) => setTimeout(resolve, LOOK_MS));
     }
   }
 
-  // No recording by its first bytes: said at once, so that nobody waits for the rest; the analysis will say more.
+  // Warn at once if the first bytes are not a recording, before the whole upload; the analysis will explain
+  // more.
   async warn({ row }, answer) {
     const { title, fix } = await answer.json().catch(() => ({}));
     if (answer.status === 422 && title) row.note(`${title}. ${fix}`);
@@ -124,18 +125,18 @@ export class Queue {
     return [device, rate, [start, zone].filter(Boolean).join(" ")].filter(Boolean).join(" · ");
   }
 
-  // The bytes are safe, and the analysis has begun, unless other bytes alike have one or no more may wait: then
-  // it is asked for here. Until it is known to be there, the file is remembered.
-  async hand(entry, recordingId) {
+  // Complete an upload. The analysis has usually started; if it has not (an identical one exists, or the
+  // queue was full), request it here. The file is remembered until the analysis exists.
+  async complete(entry, recordingId) {
     entry.key = `of-${recordingId}`;
     const recording = await this.get(`/recordings/${recordingId}`);
     const begun = (await this.get(`/analyses?recording_id=${recordingId}&limit=1`)).items[0];
     const upload = await this.get(`/uploads/${entry.upload.address.split("/").pop()}`);
-    if (upload.is_repeated) return this.handRepeated(entry, recordingId, begun, upload);
-    const { subject, side } = entry.row.wishes();
+    if (upload.is_repeated) return this.completeRepeated(entry, recordingId, begun, upload);
+    const { subject, side } = entry.row.description();
     const isAsSaid = subject === recording.subject && side === (recording.side || "");
     if (begun && isAsSaid) return this.added(entry);
-    if (begun) await this.send("POST", `/analyses/${begun.id}/cancel`); // what was said last came too late
+    if (begun) await this.send("POST", `/analyses/${begun.id}/cancel`); // the last changes were too late for it
     if (recording.duplicate_of) {
       const earlier = await this.get(`/analyses?recording_id=${recording.duplicate_of}&limit=1`);
       if (earlier.items.some(({ state }) => !["failed", "cancelled"].includes(state))) {
@@ -153,8 +154,8 @@ export class Queue {
     this.added(entry);
   }
 
-  // The same file was sent before: its recording is never taken away here.
-  async handRepeated(entry, recordingId, begun, upload) {
+  // Handle a file that was sent before: its recording is never deleted here.
+  async completeRepeated(entry, recordingId, begun, upload) {
     if (begun && begun.created_at >= upload.created_at) return this.added(entry);
     if (begun && !["failed", "cancelled"].includes(begun.state)) {
       forget(entry.file);
@@ -171,15 +172,15 @@ export class Queue {
     forget(entry.file);
   }
 
-  // For good; into the trash where somebody may not do that, or logged in too long ago.
+  // Delete permanently; use the trash if permission is missing or the password was entered too long ago.
   async erase(recordingId) {
     const address = `${this.api}/recordings/${recordingId}`;
     const answer = await fetch(`${address}?purge=true`, { method: "DELETE" });
     if (answer.status === 403) await fetch(address, { method: "DELETE" });
   }
 
-  // Whether an upload is whole and its analysis has begun.
-  async isBegun(address) {
+  // Return whether an upload is complete and its analysis has started.
+  async hasAnalysis(address) {
     if (!address) return false;
     const answer = await fetch(address, { method: "HEAD", headers: TUS }).catch(() => null);
     const recordingId = answer?.headers.get("Acromion-Recording");
@@ -187,11 +188,11 @@ export class Queue {
     return Boolean(found?.items.length);
   }
 
-  // Of an upload that nobody wants any more nothing is kept, nor the recording it became, unless that is analysed.
-  async leave(address) {
+  // Delete an unwanted upload, and its recording unless that is being analysed.
+  async discard(address) {
     const answer = await fetch(address, { method: "HEAD", headers: TUS }).catch(() => null);
     const recordingId = answer?.headers.get("Acromion-Recording");
-    await giveUp(address);
+    await deleteUpload(address);
     if (answer?.headers.get("Acromion-Repeated")) return;
     const found = recordingId && (await this.get(`/analyses?recording_id=${recordingId}&limit=1`).catch(() => null));
     if (!found || found.items.length) return;
@@ -205,8 +206,8 @@ export class Queue {
 
   async repeat(entry, recordingId) {
     const { row } = entry;
-    const said = Object.entries(row.wishes()).filter(([, value]) => value); // the rest is as it was
-    const settings = { ...this.settings(entry), ...Object.fromEntries(said) };
+    const stated = Object.entries(row.description()).filter(([, value]) => value); // the rest has not changed
+    const settings = { ...this.settings(entry), ...Object.fromEntries(stated) };
     try {
       await this.send("POST", "/analyses", { recording_ids: [recordingId], settings, again: true, study: entry.study });
       this.added(entry);
@@ -233,9 +234,9 @@ export class Queue {
   async send(method, path, body, more = {}) {
     const headers = { ...(body && { "Content-Type": "application/json" }), ...more };
     const answer = await fetch(this.api + path, { method, headers, body: body && JSON.stringify(body) });
-    const told = await answer.json();
-    if (!answer.ok) throw new Refusal(told);
-    return told;
+    const result = await answer.json();
+    if (!answer.ok) throw new Refusal(result);
+    return result;
   }
 
   cancel(entry) {

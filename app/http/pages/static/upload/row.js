@@ -1,24 +1,24 @@
-// One chosen file in the list, from waiting to handed over. Every text of a person is set as text.
+// One selected file in the list, from waiting to completed. User input is only set as text, never as HTML.
 
 import { $, fill, say } from "../say.js";
 import { remember } from "./memory.js";
-import { tellSize } from "./sizes.js";
+import { formatSize } from "./sizes.js";
 
 const DRAW_MS = 250;
 
 export class Row {
-  constructor(file, wishes, acts) {
+  constructor(file, description, acts) {
     this.file = file;
     this.words = $("upload").dataset;
     this.units = this.words.units.split(" ");
     this.item = $("upload").content.firstElementChild.cloneNode(true);
     this.part(".name").textContent = file.name;
-    this.part(".meta").textContent = tellSize(file.size, this.units);
-    this.part("[name=subject]").value = wishes.subject;
-    this.part("[name=side]").value = wishes.side;
+    this.part(".meta").textContent = formatSize(file.size, this.units);
+    this.part("[name=subject]").value = description.subject;
+    this.part("[name=side]").value = description.side;
     for (const [name, act] of Object.entries(acts)) this.part(`[data-do=${name}]`).addEventListener("click", act);
     for (const button of this.item.querySelectorAll("[data-do]")) button.setAttribute("aria-label", `${button.textContent}: ${file.name}`);
-    this.part(".asked").addEventListener("change", () => this.state === "waiting" || remember(file, this.wishes()));
+    this.part(".asked").addEventListener("change", () => this.state === "waiting" || remember(file, this.description()));
     $("uploads").append(this.item);
     this.show("waiting");
   }
@@ -27,8 +27,8 @@ export class Row {
     return this.item.querySelector(selector);
   }
 
-  // What was said of this file just now: it may be changed until the upload is done.
-  wishes() {
+  // Return the current description of this file; it can change until the upload is complete.
+  description() {
     return { subject: this.part("[name=subject]").value.trim(), side: this.part("[name=side]").value };
   }
 
@@ -48,19 +48,19 @@ export class Row {
     return this.state === "refused" || this.state === "duplicate";
   }
 
-  // Drawn a few times a second: the browser tells far more often, and drawing would slow the upload.
+  // Redraw only a few times a second, because drawing at every progress event would slow the upload.
   progress(bytes) {
     const isDue = bytes >= this.file.size || performance.now() - (this.drawnMs ?? -DRAW_MS) >= DRAW_MS;
     if (!isDue) return;
     this.drawnMs = performance.now();
     this.part("progress").value = this.file.size ? Math.floor((100 * bytes) / this.file.size) : 100;
-    this.part(".bar-word").textContent = `${tellSize(bytes, this.units)} / ${tellSize(this.file.size, this.units)}`;
+    this.part(".bar-word").textContent = `${formatSize(bytes, this.units)} / ${formatSize(this.file.size, this.units)}`;
   }
 
-  // What the first bytes and the last have shown: device, rate, start, end.
-  understand(told) {
-    this.part(".understood").textContent = told;
-    this.part(".understood").hidden = !told;
+  // Show the facts from the first and last bytes: device, rate, start, end.
+  showFacts(text) {
+    this.part(".understood").textContent = text;
+    this.part(".understood").hidden = !text;
   }
 
   note(text) {

@@ -1,16 +1,16 @@
-// One file to the server by tus 1.0: in pieces; of one that a lost network cuts what has arrived counts. A
-// piece that is refused as too large is halved; a lost network is waited for.
+// Upload one file by tus 1.0, in pieces. Bytes that arrived before the network was lost count; the upload
+// waits for the network. A piece that is refused as too large is halved.
 
 import { fingerprint, forget, recall, remember } from "./memory.js";
-import { rest } from "../say.js";
+import { pause } from "../say.js";
 
 const KIB = 1024;
-const FIRST_PIECE = 1024 * KIB; // small, so that the server soon sees what the file is
-const LARGEST_PIECE = 512 * 1024 * KIB; // what arrives of a piece that is cut counts, so that large ones cost nothing
+const FIRST_PIECE = 1024 * KIB; // small, so that the server can soon inspect the file
+const LARGEST_PIECE = 512 * 1024 * KIB; // received bytes of an interrupted piece count, so large pieces cost nothing
 const SMALLEST_PIECE = 512 * KIB;
-const PACKED_PIECE = 8192 * KIB; // a packed piece counts whole or not at all
-const FAST = 12e6; // bytes a second: on such a network packing only costs time
-const SLOW = 3e6; // so slow is the network itself; in between the first piece may have met a busy moment
+const PACKED_PIECE = 8192 * KIB; // a compressed piece counts only if it is complete
+const FAST = 12e6; // bytes per second; on a faster network compression only costs time
+const SLOW = 3e6; // below this the network itself is slow; above it the first piece may only have been delayed
 const PACKS_WELL = /\.(csv|tsv|txt|mvnx)$/i;
 const MOST_TRIES = 12;
 const LONGEST_PAUSE_MS = 20000;
@@ -27,11 +27,11 @@ class Lost extends Error {}
 
 export class TusUpload {
   // on: {progress(bytes), piece(), smaller(bytes), waiting(), resumed()}
-  constructor(file, words, wishes, root, on) {
-    Object.assign(this, { file, words, wishes, root, on, offset: 0, piece: LARGEST_PIECE, address: null, request: null, stopped: false, speed: {} });
+  constructor(file, words, options, root, on) {
+    Object.assign(this, { file, words, options, root, on, offset: 0, piece: LARGEST_PIECE, address: null, request: null, stopped: false, speed: {} });
   }
 
-  // Send the whole file; gives the id of the recording.
+  // Send the whole file and return the id of the recording.
   async send() {
     let tries = 0;
     for (;;) {
@@ -43,7 +43,7 @@ export class TusUpload {
         tries = this.offset > before ? 1 : tries + 1;
         if (tries > MOST_TRIES) throw error;
         this.on.waiting();
-        await rest(Math.min(500 * 2 ** tries, LONGEST_PAUSE_MS));
+        await pause(Math.min(500 * 2 ** tries, LONGEST_PAUSE_MS));
       }
     }
   }
@@ -57,7 +57,7 @@ export class TusUpload {
     return answer.recording;
   }
 
-  // Go on with an upload of this file that is known, or announce a new one.
+  // Resume a known upload of this file, or announce a new one.
   async find() {
     const known = this.address || recall()[fingerprint(this.file)]?.address;
     if (known) {
@@ -69,10 +69,10 @@ export class TusUpload {
       }
       forget(this.file);
     }
-    const answer = await this.ask("POST", this.root, { "Upload-Length": this.file.size, "Upload-Metadata": describe(this.file, { ...this.words, settings: declareAnalysis(this.wishes) }) });
+    const answer = await this.ask("POST", this.root, { "Upload-Length": this.file.size, "Upload-Metadata": describe(this.file, { ...this.words, settings: declareAnalysis(this.options) }) });
     if (answer.status !== 201) throw refuse(answer);
     this.address = this.root + "/" + answer.getResponseHeader("Location").split("/").pop();
-    remember(this.file, { address: this.address, ...this.wishes, ...this.words });
+    remember(this.file, { address: this.address, ...this.options, ...this.words });
     this.offset = 0;
     return { recording: null };
   }
@@ -94,11 +94,12 @@ export class TusUpload {
       this.on.smaller(this.piece);
       return { recording: null };
     }
-    if ([404, 409, 410, 423, 429].includes(answer.status)) throw new Lost(); // ask again where it stands
+    if ([404, 409, 410, 423, 429].includes(answer.status)) throw new Lost(); // ask for the offset and retry
     throw refuse(answer);
   }
 
-  // Tables are packed where the network is the slower part, each piece by itself: offsets stay those of the file.
+  // Compress tables if the network is slower than compression, each piece separately; offsets are in the
+  // original file.
   shouldPack() {
     const { plain, packed = Infinity } = this.speed;
     return this.packsWell && !this.isUnsure && plain < Math.min(FAST, packed);
@@ -108,7 +109,7 @@ export class TusUpload {
     return PACKS_WELL.test(this.file.name) && "CompressionStream" in window;
   }
 
-  // The first piece was neither fast nor slow: a larger one decides.
+  // The first piece was neither fast nor slow, so a larger one decides.
   get isUnsure() {
     return this.packsWell && this.offset === FIRST_PIECE && this.speed.plain >= SLOW && this.speed.plain < FAST;
   }
@@ -119,7 +120,7 @@ export class TusUpload {
     return { recording: answer.getResponseHeader("Acromion-Recording") };
   }
 
-  // size: how many bytes of the file the body is, where it is packed.
+  // size: how many bytes of the file a compressed body contains.
   ask(method, address, headers, body = null, size = 0) {
     return new Promise((resolve, reject) => {
       if (this.stopped) return reject(new Lost());
@@ -134,22 +135,22 @@ export class TusUpload {
     });
   }
 
-  // Stop at once; what has come is given up.
+  // Stop at once and delete the upload.
   stop() {
     this.stopped = true;
     this.request?.abort();
     forget(this.file);
-    return giveUp(this.address);
+    return deleteUpload(this.address);
   }
 }
 
-// Have the server drop what it holds of an upload: again and again, for it may still be taking the last piece
-// (423), or be out of reach.
-export async function giveUp(address) {
+// Ask the server to delete an upload. Retry, because it may still be writing the last piece (423) or be
+// offline.
+export async function deleteUpload(address) {
   for (let tries = 0; address && tries < MOST_TRIES; tries += 1) {
     const answer = await fetch(address, { method: "DELETE", headers: TUS }).catch(() => null);
     if (answer && answer.status !== 423) return;
-    await rest(Math.min(250 * 2 ** tries, LONGEST_PAUSE_MS));
+    await pause(Math.min(250 * 2 ** tries, LONGEST_PAUSE_MS));
   }
 }
 
@@ -162,7 +163,7 @@ function describe(file, words) {
   return said.map(([name, value]) => `${name} ${toBase64(value)}`).join(",");
 }
 
-// The analysis begins with the last byte, in the language of this page.
+// Declare the analysis, which starts with the last byte and uses the language of this page.
 function declareAnalysis({ study, held }) {
   return JSON.stringify({ lang: document.documentElement.lang, study, ...(held && { pose_held: held }) });
 }
