@@ -209,8 +209,8 @@ class Found:
 def find_recordings(paths: Iterable[Path], out: Path, without: Collection[Path] = ()) -> Found:
     """Find the recordings among paths and in folders, recursively.
 
-    The results folder is ignored, as are the files in ``without`` (diaries, lists) and the files that a
-    computer puts beside others.
+    The results folder is ignored, as are the files in ``without`` (diaries, lists) and sidecar files of the
+    operating system.
     """
     logs: dict[Path, None] = {}
     others = 0

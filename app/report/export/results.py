@@ -1,8 +1,8 @@
 """``results.json``: every figure of an analysis, and all other content of its report.
 
-The keys are public (docs/reference/dictionary.md). Numbers keep every digit, so that a report rendered again from the
-file is the same; tables and pages round them (:func:`app.report.figures.load_results`). A person's reason for
-a correction is not included.
+The keys are public (docs/reference/dictionary.md). Numbers keep every digit, so that a report rendered again
+from the file is the same; tables and pages round them (:func:`app.report.figures.load_results`). A person's
+reason for a correction is not included.
 """
 
 from __future__ import annotations

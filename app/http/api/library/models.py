@@ -217,7 +217,8 @@ class AnalysisOptions(BaseModel):
         None
     )
     sensor: Annotated[
-        str, Field(max_length=200, description="The sensor on the arm, if a table or zip has several.")
+        str,
+        Field(max_length=200, description="Which sensor of a table or archive of several is on the arm."),
     ] = ""
     date_order: Annotated[
         Literal["dmy", "mdy"] | None,
