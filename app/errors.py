@@ -387,6 +387,10 @@ class SecretUnreadable(AppError, code="E-SECRET", outcome=Outcome(503, 3), file=
     """The server secret is missing, or did not encrypt this second factor or webhook."""
 
 
+class StartSecretUnusable(ServerRefused, code="E-START-SECRET", file="path"):
+    """The secret of a server without accounts is empty, unreadable or not a secret."""
+
+
 class ResultDamaged(
     AppError,
     code="E-RESULT-DAMAGED",

@@ -73,7 +73,7 @@ from app.start_checks import (
     check_passwords,
 )
 from app.store.folder import FolderLock, check_folder, load_extra, open_storage
-from app.store.permissions import make_folder, restrict_permissions
+from app.store.permissions import create_file, make_folder, restrict_permissions
 from app.version import software_version
 from fusion.errors import FusionError
 
@@ -90,7 +90,8 @@ MAX_LIVE_MESSAGE_BYTES = 256 * 1024
 GRACE_S = 3
 BACKLOG = 2048
 TLS_CIPHERS = "ECDHE+AESGCM:ECDHE+CHACHA20"
-"""For TLS 1.2; uvicorn's default includes ciphers without forward secrecy."""
+"""Of TLS 1.2; uvicorn's own choice takes in those without forward secrecy."""
+OPENER = "open.html"
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 logger = logging.getLogger(__name__)
@@ -170,9 +171,7 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
     place = settings.host if is_socket else f"{host}:{listener.getsockname()[1]}"
     address = f"{'https' if settings.tls_cert else 'http'}://{place}/"
     gate: Gate = application.state.gate
-    opened = address
-    if gate.secret is not None and not gate.needs_accounts:  # single-use link that signs a browser in
-        opened += f"login/once/{gate.secret.make_address()}"
+    secret = None if gate.needs_accounts else gate.secret
     pool = WorkerPool(settings)
     pool.start()
     services: Services = application.state.services
@@ -181,16 +180,35 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
         watch = FolderWatch(Intake(services.store, services.storage, settings), settings.watch_dir)
         watch.start()
     logger.info("Acromion is at %s (data in %s)", address, settings.data_dir)
+    if secret is not None:
+        logger.info("open it once by %slogin/once/%s", address, secret.make_address())
+    opener = settings.data_dir / OPENER
     if open_browser:
-        threading.Timer(1.0, webbrowser.open, (opened,)).start()
-    elif opened != address:
-        logger.info("open this address; it works once: %s", opened)
+        place = (
+            address
+            if secret is None
+            else write_opener(opener, f"{address}login/once/{secret.make_address()}")
+        )
+        threading.Timer(1.0, webbrowser.open, (place,)).start()
     try:
         _Server(configure_server(application, settings)).run(sockets=[listener])
     finally:
         if watch is not None:
             watch.stop()
         pool.stop()
+        opener.unlink(missing_ok=True)
+
+
+def write_opener(path: Path, address: str) -> str:
+    """Return the URL of a file that leads a browser to an address.
+
+    The command line of the browser then shows the file only: other users of the computer can read command
+    lines, but not this file.
+    """
+    path.unlink(missing_ok=True)
+    with create_file(path) as file:
+        file.write(f'<!doctype html><meta http-equiv="refresh" content="0; url={address}">'.encode())
+    return path.resolve().as_uri()
 
 
 def _prepare_database(settings: Settings) -> None:

@@ -78,8 +78,8 @@ class Settings(BaseSettings):
     memory_limit_bytes
         Address space of one analysis (numba and BLAS map far more than they use).
     wall_limit_s, wall_limit_s_per_gb
-        Time limit for one analysis: the larger of the first and the second times the file size. An analysis
-        without progress is stopped after half of it.
+        Longest time for one analysis: the first, plus the second for each GB of the file. An analysis without
+        progress is stopped after half of it.
     min_body_rate_bytes_per_s, body_patience_s, header_patience_s
         A client that sends more slowly than this, for longer than this, is disconnected.
     webhooks_may_be_private
@@ -124,8 +124,8 @@ class Settings(BaseSettings):
     max_interruptions: int = 5
     max_put_backs: int = 20
     memory_limit_bytes: int = 6 * GIB
-    wall_limit_s: float = 600.0
-    wall_limit_s_per_gb: float = 1200.0
+    wall_limit_s: float = 300.0
+    wall_limit_s_per_gb: float = 3000.0
     min_body_rate_bytes_per_s: float = 10_000.0
     body_patience_s: float = 30.0
     header_patience_s: float = 10.0

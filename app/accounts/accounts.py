@@ -109,6 +109,8 @@ class AccountDatabase:
 
 IDLE_S = 30 * 60.0
 LONGEST_S = 12 * 3600.0
+CLOCK_SKEW_S = 300.0
+"""By how much the clocks of several servers may differ."""
 CONFIRMED_S = 10 * 60.0
 """Time after a sign-in or a confirmation during which an irreversible action needs no password."""
 MARKER = "has_accounts"
@@ -169,6 +171,7 @@ class AccountStore:
         self._marker = settings.data_dir / MARKER
         self.secrets = ServerSecret(settings.data_dir)
         self._looked_s, self._exist = -CHECK_PERIOD_S, False
+        self._ages = SessionAges()
 
     def exist(self) -> bool:
         """Return whether an account exists or ever existed; checked once a second until there is one."""
@@ -331,15 +334,15 @@ class AccountStore:
         """Return whether the person of a session confirmed the password recently."""
         query = select(sessions.c.confirmed_s).where(sessions.c.hash == subject.session)
         confirmed_s = self.database.read_value(query)
-        return confirmed_s is not None and self.clock() - confirmed_s < CONFIRMED_S
+        return confirmed_s is not None and -CLOCK_SKEW_S < self.clock() - confirmed_s < CONFIRMED_S
 
     def find_by_session(self, cookie: str, *, is_use: bool = True) -> Subject | None:
         """Find the subject of an active session; record its use if ``is_use``."""
         digest, now_s = hash_secret(cookie), self.clock()
         row = self.database.read_one(_select_sessions(now_s).where(sessions.c.hash == digest))
-        if row is None:
+        if row is None or self._ages.is_over(digest, now_s - row.began_s):
             return None
-        if is_use and now_s - row.used_s >= RECORD_PERIOD_S:
+        if is_use and abs(now_s - row.used_s) >= RECORD_PERIOD_S:
             with self.database.write() as connection:
                 connection.execute(update(sessions).where(sessions.c.hash == digest).values(used_s=now_s))
         permissions = collect_permissions(_read_roles(row.roles))
@@ -411,7 +414,10 @@ class AccountStore:
         if subject.kind == "token":
             query: Select[Any] = _select_tokens(self.clock()).where(tokens.c.id == subject.session)
         else:
-            query = _select_sessions(self.clock()).where(sessions.c.hash == subject.session)
+            now_s = self.clock()
+            query = _select_sessions(now_s).where(sessions.c.hash == subject.session)
+            row = self.database.read_one(query)
+            return row is not None and not self._ages.is_over(subject.session, now_s - row.began_s)
         return self.database.read_one(query) is not None
 
     def _insert_person(self, login: str, name: str, roles: Collection[Role], more: dict[str, str]) -> Person:
@@ -475,13 +481,38 @@ def check_login(login: str) -> str:
     return name
 
 
+class SessionAges:
+    """The ages of sessions by a clock that never jumps, since this process first saw each.
+
+    A wall clock that is set back makes a session young again; the age kept here does not shrink.
+    """
+
+    def __init__(self, now_s: Callable[[], float] = time.monotonic) -> None:
+        self._now_s = now_s
+        self._began_s: dict[str, float] = {}
+        self._turn = threading.Lock()
+
+    def is_over(self, session: str, age_s: float) -> bool:
+        """Return whether a session of this age by the wall clock has lasted :data:`LONGEST_S`."""
+        with self._turn:
+            now_s = self._now_s()
+            if session not in self._began_s:
+                self._began_s = {one: s for one, s in self._began_s.items() if now_s - s < 2 * LONGEST_S}
+            began_s = min(self._began_s.get(session, now_s - age_s), now_s - age_s)
+            self._began_s[session] = began_s
+            return now_s - began_s >= LONGEST_S
+
+
 def _is_active(now_s: float) -> tuple[Any, ...]:
-    return (sessions.c.used_s > now_s - IDLE_S, sessions.c.began_s > now_s - LONGEST_S)
+    """Select active sessions; one that begins in the future has an unknown age and has ended."""
+    is_known = sessions.c.began_s <= now_s + CLOCK_SKEW_S
+    return (sessions.c.used_s > now_s - IDLE_S, sessions.c.began_s > now_s - LONGEST_S, is_known)
 
 
 def _select_sessions(now_s: float) -> Select[Any]:
     """Select the active sessions with their people."""
-    joined = select(people, sessions.c.used_s).join(sessions, sessions.c.person_id == people.c.id)
+    asked = (sessions.c.used_s, sessions.c.began_s)
+    joined = select(people, *asked).join(sessions, sessions.c.person_id == people.c.id)
     return joined.where(*_is_active(now_s), people.c.ended_at.is_(None))
 
 

@@ -2,43 +2,60 @@
 
 import hmac
 import os
+import re
 import secrets
 import threading
+import time
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from app.accounts.accounts import AccountStore
 from app.accounts.subjects import AT_THE_MACHINE, MACHINE, Subject
+from app.errors import StartSecretUnusable
 from app.store.permissions import FILE_MODE, create_file
 
 FILE_NAME = "secret"
 SECRET_BYTES = 32
+WELL_FORMED = re.compile(r"[A-Za-z0-9_-]{32,}")
+ADMISSION_TERM_S = 12 * 3600
+"""How long a browser may use the server after it opened the address of a start."""
 
 
 @dataclass(slots=True)
 class StartSecret:
-    """The secret of a server without accounts, and the unused single-use links.
+    """The secret of a server without accounts, the unopened addresses, and the browsers that opened one.
 
-    It is in ``DATA/secret``, readable only by its owner, so that other users of the computer do not have it.
-    Scripts send it as ``Authorization: Bearer``. A browser opens a single-use link (``--open`` opens it, the
-    terminal prints it) and receives a cookie.
+    The secret is in ``DATA/secret``, readable by its owner only. Scripts send it as a
+    bearer token. A browser opens an address that works once and gets a random cookie. It is valid until the
+    server stops, at most :data:`ADMISSION_TERM_S`. ``now_s``: a clock that never jumps.
     """
 
     bearer: str
+    now_s: Callable[[], float] = time.monotonic
     _unopened: set[str] = field(default_factory=set)
+    _end_by_cookie: dict[str, float] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
-    @property
-    def cookie(self) -> str:
-        """Value of the browser's cookie: it opens the pages, but is not the secret."""
-        return hmac.digest(self.bearer.encode(), b"cookie", "sha256").hex()
+    def admit_browser(self) -> str:
+        """Return a new cookie for a browser."""
+        cookie = secrets.token_urlsafe(SECRET_BYTES)
+        with self._lock:
+            now_s = self.now_s()
+            self._end_by_cookie = {one: end for one, end in self._end_by_cookie.items() if end > now_s}
+            self._end_by_cookie[cookie] = now_s + ADMISSION_TERM_S
+        return cookie
+
+    def sign_out(self, cookie: str) -> None:
+        """End the validity of a browser's cookie."""
+        with self._lock:
+            self._end_by_cookie.pop(cookie, None)
 
     def matches(self, bearer: str, cookie: str) -> bool:
-        """Return whether a request contains the secret or the cookie."""
+        """Return whether a request brings the secret or a valid cookie."""
         by_secret = hmac.compare_digest(bearer.encode(), self.bearer.encode())
-        by_cookie = hmac.compare_digest(cookie.encode(), self.cookie.encode())
-        return by_secret or by_cookie
+        return by_secret or self.now_s() < self._end_by_cookie.get(cookie, float("-inf"))
 
     def make_address(self) -> str:
         """Create the last part of a single-use link."""
@@ -57,14 +74,23 @@ class StartSecret:
 
 
 def read_or_create_secret(data_dir: Path) -> StartSecret:
-    """Read the secret of a data folder; create it at the first start or after the file was deleted."""
+    """Return the secret of a data folder; create it if the file does not exist.
+
+    Raises StartSecretUnusable if the file is unreadable, empty or not a secret of this server.
+    """
     path = data_dir / FILE_NAME
     with suppress(FileExistsError), create_file(path) as file:
         file.write(secrets.token_urlsafe(SECRET_BYTES).encode())
         file.flush()
         os.fsync(file.fileno())
-    path.chmod(FILE_MODE)
-    return StartSecret(path.read_text("ascii").strip())
+    try:
+        path.chmod(FILE_MODE)
+        bearer = path.read_text("ascii").strip()
+    except (OSError, UnicodeDecodeError) as error:
+        raise StartSecretUnusable(file=str(path)) from error
+    if not WELL_FORMED.fullmatch(bearer):  # an empty secret would admit everyone
+        raise StartSecretUnusable(file=str(path))
+    return StartSecret(bearer)
 
 
 @dataclass(frozen=True, slots=True)

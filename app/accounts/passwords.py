@@ -92,13 +92,13 @@ def make_secret() -> str:
     return pyotp.random_base32()
 
 
-def find_step(secret: str, code: str, now_s: float, last_step: int) -> int | None:
-    """Find the step of a code; None for a wrong, used or expired code."""
+def find_step(secret: str, code: str, now_s: float) -> int | None:
+    """Find the step of a code; return None if it is wrong or of another time."""
     given, now = code.replace(" ", ""), int(now_s) // STEP_S
     known = pyotp.TOTP(secret, interval=STEP_S)
     for step in range(now - EITHER_SIDE, now + EITHER_SIDE + 1):
         if pyotp.utils.strings_equal(known.generate_otp(step), given):
-            return step if step > last_step else None
+            return step
     return None
 
 

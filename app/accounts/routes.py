@@ -142,6 +142,7 @@ _ROUTES: Mapping[Needed, str] = {
         GET    /api/v1/analyses/{analysis_id}/release                     report.read
         GET    /api/v1/recordings/{recording_id}/hold                     recording.read
         GET    /api/v1/retention                                          list.read
+        GET    /api/v1/retention/{kind}/due                               list.read
         GET    /retention                                                 list.read
     """,
     "correct": """

@@ -17,7 +17,7 @@ from math import ceil
 from types import ModuleType
 from typing import Any, Literal
 
-from sqlalchemy import ColumnElement, Connection, delete, func, insert, select, update
+from sqlalchemy import ColumnElement, Connection, delete, func, insert, or_, select, update
 
 from app.accounts.accounts import (
     AccountDatabase,
@@ -41,6 +41,8 @@ from app.store.folder import load_extra
 UNOPENED = "?"
 """Replaces an authenticator's secret that cannot be decrypted: no code is right, but recovery codes work."""
 BROWSER_BYTES = 32
+MOST_STEPS_AHEAD = 2
+"""Steps by which an earlier code may be ahead of a later one: phones may be one step fast or slow."""
 BROWSER_TERM_S = 400 * 24 * 3600
 """Maximum lifetime of a cookie in browsers."""
 
@@ -75,7 +77,6 @@ class Credentials:
     person_id: str
     password_hash: str | None
     second_factor: str
-    last_step: int
 
 
 class CredentialStore:
@@ -137,10 +138,14 @@ class CredentialStore:
             record_act(connection, "second_factor.changed", person_id, what="on" if secret else "off")
 
     def use_step(self, person_id: str, step: int) -> bool:
-        """Use up the step of a code; return False if it or a later one was used, even at the same time."""
+        """Use up the step of a code; return False if it, or a later one, was used.
+
+        A last step in the future was used while the clock was ahead: it does not block the codes of today.
+        """
         with self._database.write() as connection:
-            unused = (people.c.id == person_id, people.c.totp_step < step)
-            used = connection.execute(update(people).where(*unused).values(totp_step=step))
+            is_unused = or_(people.c.totp_step < step, people.c.totp_step > step + MOST_STEPS_AHEAD)
+            mine = update(people).where(people.c.id == person_id, is_unused)
+            used = connection.execute(mine.values(totp_step=step))
         return used.rowcount == 1
 
     def use_recovery_code(self, person_id: str, code: str) -> bool:
@@ -189,7 +194,7 @@ class CredentialStore:
                 "acromion account reset LOGIN --second-factor",
                 row.id,
             )
-        return Credentials(row.id, row.password_hash, secret, row.totp_step)
+        return Credentials(row.id, row.password_hash, secret)
 
 
 # Delays after failed sign-ins.
@@ -203,11 +208,15 @@ LOG_PERIOD_S = 15 * 60.0
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """A counter of attempts: the first ``free`` cost no time, then 1, 2, 4 … s up to ``longest_s``."""
+    """Whose tries are counted: the first ``free`` cost no time, then 1, 2, 4 … s up to ``longest_s``.
+
+    ``most_each``: the most tries that count of each single source, whose budget is then the first of a try.
+    """
 
     key: str
     free: int
     longest_s: float
+    most_each: int | None = None
 
     def find_delay_s(self, failures: int) -> float:
         """Return the delay before the next attempt in s."""
@@ -234,13 +243,16 @@ class Throttle:
         now_s = self._clock()
         with self._database.write() as connection:
             connection.execute(delete(tries).where(tries.c.blocked_until_s < now_s - FORGET_S))
-            counts = [_read_tries(connection, budget.key) for budget in budgets]
+            counts = [_read_limited_tries(connection, budget, now_s) for budget in budgets]
             wait_s = max(until_s for _, until_s in counts) - now_s
             for budget, (failures, until_s) in zip(budgets, counts, strict=True):
                 if wait_s <= 0:
+                    if budget.most_each is not None and counts[0][0] >= budget.most_each:
+                        continue
                     delay_s = budget.find_delay_s(failures + 1)
                     _write_tries(connection, budget.key, failures + 1, now_s + delay_s)
                 elif until_s > now_s:
+                    _write_tries(connection, budget.key, failures, until_s)
                     _record_throttled(connection, budget.key, person_id, now_s)
         if wait_s > 0:
             raise TooManyTries(wait_s=ceil(wait_s))
@@ -287,6 +299,12 @@ def _read_tries(connection: Connection, key: str) -> tuple[int, float]:
     return (row.failures, row.blocked_until_s) if row is not None else (0, 0.0)
 
 
+def _read_limited_tries(connection: Connection, budget: Budget, now_s: float) -> tuple[int, float]:
+    """Return the wrong tries, and the end of their delay: a clock that was ahead cannot make it longer."""
+    failures, until_s = _read_tries(connection, budget.key)
+    return failures, min(until_s, now_s + budget.find_delay_s(failures))
+
+
 def _write_tries(connection: Connection, key: str, failures: int, until_s: float) -> None:
     values = {"failures": failures, "blocked_until_s": until_s}
     changed = connection.execute(update(tries).where(tries.c.key == key).values(values))
@@ -299,9 +317,9 @@ def _record_throttled(connection: Connection, key: str, person_id: str, now_s: f
 
     An entry about an address names no person.
     """
-    kind, log_key = key.partition(":")[0], f"told:{key}"
-    if _read_tries(connection, log_key)[1] <= now_s:
-        _write_tries(connection, log_key, 0, now_s + LOG_PERIOD_S)
+    kind, told = key.partition(":")[0], f"told:{key}"
+    if not now_s < _read_tries(connection, told)[1] <= now_s + LOG_PERIOD_S:
+        _write_tries(connection, told, 0, now_s + LOG_PERIOD_S)
         record_act(connection, "login.throttled", "" if kind == "address" else person_id, by=kind)
 
 
@@ -423,7 +441,7 @@ class SignIn:
     def submit_password(self, login: str, password: str, caller: Caller) -> Step:
         """Check the password. Raises LoginRefused, TooManyTries or NotInstalled."""
         found = self.credentials.find(login)
-        budgets = self._take(found, caller, self._limit_login(normalise_login(login)))
+        budgets = self._take(found, caller, *self._limit_login(normalise_login(login), caller.address))
         kept = found.password_hash if found is not None else None
         if not self._passwords.verify_password(kept, password) or found is None:
             logger.warning("sign-in refused: name or password")
@@ -454,7 +472,8 @@ class SignIn:
             self.accounts.record_refused_sign_in(person_id)
             raise LoginRefused
         self.tickets.take("code", ticket)
-        self.throttle.clear((*budgets, self._limit_login(self.accounts.get_person(person_id).login)))
+        login = self.accounts.get_person(person_id).login
+        self.throttle.clear((*budgets, *self._limit_login(login, caller.address)))
         return self.enter(person_id, caller)
 
     def enter(self, person_id: str, caller: Caller) -> SignedIn:
@@ -505,7 +524,7 @@ class SignIn:
         """
         found = self.tickets.peek("enrol", ticket)
         secret = self._open_secret(found)
-        step = self._passwords.find_step(secret, code, self.accounts.clock(), 0)
+        step = self._passwords.find_step(secret, code, self.accounts.clock())
         if step is None:
             raise LoginRefused
         self.tickets.take("enrol", ticket)
@@ -565,24 +584,31 @@ class SignIn:
     def _passwords(self) -> ModuleType:
         return load_extra("app.accounts.passwords", EXTRA)
 
-    def _take(self, found: Credentials | None, caller: Caller, of_person: Budget) -> Sequence[Budget]:
-        """Count an attempt, for a known browser only against that browser. Raises TooManyTries."""
+    def _take(self, found: Credentials | None, caller: Caller, *of_person: Budget) -> Sequence[Budget]:
+        """Count a try: by the browser alone where the person logged in there before. Raises TooManyTries."""
         known_as = found.person_id if found is not None else ""
-        budgets: Sequence[Budget] = (of_person, limit_address(caller.address))
+        budgets: Sequence[Budget] = (*of_person, limit_address(caller.address))
         if caller.browser and self.credentials.knows_browser(caller.browser, known_as):
             budgets = (Budget(f"browser:{hash_secret(caller.browser)}", 10, 900.0),)
         self.throttle.take(budgets, known_as)
         return budgets
 
-    def _limit_login(self, login: str) -> Budget:
-        """Return the counter for one sign-in name, whether or not it exists.
+    def forget_tries(self, person: Person) -> None:
+        """Forget the wrong tries of a person's name and second factor."""
+        _, of_name = self._limit_login(person.login, "")
+        self.throttle.clear((of_name, limit_code(person.id)))
 
-        The key is a keyed digest of the name, because people sometimes type a password there and stored keys
-        must not allow guesses. The key comes from the server secret, so that all servers count together.
+    def _limit_login(self, login: str, address: str) -> tuple[Budget, Budget]:
+        """Count tries of one name, whether or not there is such a person: of one address, and of all.
+
+        Of each address only the first three count for all, so that one address cannot lock a person out.
+        The keys are keyed digests, because people sometimes type a password in place of the name. The key
+        comes from the secret of the server, so that all servers count together.
         """
         key = self.accounts.secrets.derive("logins")
-        digest = hmac.digest(key, login.encode(), "sha256").hex()
-        return Budget(f"account:{digest}", 5, 300.0)
+        names = (f"{login}\n{find_network(address)}", login)
+        of_one, of_all = (hmac.digest(key, name.encode(), "sha256").hex() for name in names)
+        return Budget(f"account:{of_one}", 5, 300.0), Budget(f"account:{of_all}", 5, 300.0, most_each=3)
 
     def _check_second_factor(self, found: Credentials | None, code: str, budgets: Collection[Budget]) -> None:
         """Refuse an authenticator code that cannot be checked because the key is lost, and do not count it.
@@ -598,7 +624,7 @@ class SignIn:
         typed = code.replace(" ", "")
         if _is_step(code):
             now_s = self.accounts.clock()
-            step = self._passwords.find_step(found.second_factor, typed, now_s, found.last_step)
+            step = self._passwords.find_step(found.second_factor, typed, now_s)
             return step is not None and self.credentials.use_step(found.person_id, step)
         return self.credentials.use_recovery_code(found.person_id, self._passwords.read_recovery_code(code))
 

@@ -135,8 +135,8 @@ def load_and_render_again(
 
 
 def choose_limits(settings: "Settings", size_bytes: int) -> Limits:
-    """Return the limits of an attempt: a large file gets more time."""
-    wall_s = max(settings.wall_limit_s, settings.wall_limit_s_per_gb * size_bytes / 1e9)
+    """Choose the limits of an attempt: a large file gets more time."""
+    wall_s = settings.wall_limit_s + settings.wall_limit_s_per_gb * size_bytes / 1e9
     return Limits(settings.memory_limit_bytes, wall_s)
 
 

@@ -139,7 +139,13 @@ IdentityOption = Annotated[
 
 
 def backup(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="Backup file to write (.zip, .zip.age).")],
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE",
+            help="The backup to write (.zip, .zip.age), or a folder for a dated one.",
+        ),
+    ],
     recipient: RecipientOption = None,
     keep: Annotated[
         int | None,
@@ -159,6 +165,8 @@ def backup(
     from app.ops.place import check_used, record_command  # noqa: PLC0415
     from app.store.folder import open_storage  # noqa: PLC0415
 
+    if file.is_dir():
+        file /= f"acromion-{datetime.now(UTC):%Y-%m-%d-%H%M%S}.zip{'.age' if recipient else ''}"
     if keep and not any(letter.isdigit() for letter in file.name):
         raise typer.BadParameter(
             "FILE must contain a date, such as acromion-2026-03-02.zip", param_hint="--keep"
@@ -285,13 +293,13 @@ def doctor(data: DataOption = None, lang: LanguageOption = "en") -> None:
     """Check this machine for problems that affect Acromion, and print how to fix them."""
     from app.ops.doctor import examine  # noqa: PLC0415  loads the database
 
-    words, healthy = load_wording(lang, "operations"), True
+    words, has_failed = load_wording(lang, "operations"), False
     for found in examine(load_settings(data)):
         entry = words["check"][found.name]
         what, cure = fill(entry["what"], found.facts), fill(entry["cure"], found.facts)
-        print_sentence(lang, "doctor", "good" if found.healthy else "bad", what=what, cure=cure)
-        healthy = healthy and found.healthy
-    if not healthy:
+        print_sentence(lang, "doctor", found.state, what=what, cure=cure)
+        has_failed = has_failed or found.state == "bad"
+    if has_failed:
         raise typer.Exit(Exit.SOME_FAILED)
 
 
@@ -492,18 +500,24 @@ def _copy_verified(source: Path, out: Path, sha256: str) -> None:
 def retention(
     kind: Annotated[str, typer.Argument(metavar="[KIND]", help="recordings, results, trash, trail")] = "",
     days: Annotated[str, typer.Argument(metavar="[DAYS]", help='Days of running time, or "never".')] = "",
+    now: Annotated[
+        bool, typer.Option("--now", help="Apply a shorter term at once, not after 7 days.")
+    ] = False,
     data: DataOption = None,
     lang: LanguageOption = "en",
 ) -> None:
-    """Show the retention period of each kind, or change one."""
-    from app.library.governance import RetentionStore  # noqa: PLC0415
+    """Show how long each kind is kept, or change the term of one."""
+    from app.library.governance import GRACE_DAYS, RetentionStore  # noqa: PLC0415
 
     with _opened(lang, data) as (_, store):
         terms = RetentionStore(store.engine, store.reader)
         if kind:
             if days != "never" and (not days.isdecimal() or len(days) > 6):
                 raise BadParameter(name="days", value=days[:20], allowed="1, 2, 3 …, never")
-            terms.put(kind, None if days == "never" else int(days))
+            term = None if days == "never" else int(days)
+            if count := terms.count_due(kind, term):
+                print_sentence(lang, "trail", "due", count=str(count), days="0" if now else str(GRACE_DAYS))
+            terms.put(kind, term, now=now)
         for name, number in terms.find_all().items():
             sentence = "term" if number is not None else "for_good"
             what = load_wording(lang, "trail")["terms"][name]
@@ -668,6 +682,7 @@ def reset(
 
     with _open(data, lang) as command:
         person = command.find(login)
+        command.sign_in.forget_tries(person)
         if second_factor:
             command.sign_in.drop_second_factor(person.id)
             command.print("second", login=person.login)

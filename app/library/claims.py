@@ -14,6 +14,7 @@ from sqlalchemy import ColumnElement, Connection, Float, exists, func, insert, s
 from sqlalchemy.ext.compiler import compiles
 from sqlalchemy.sql.functions import FunctionElement
 
+from app.errors import OutOfTime
 from app.library.audit_log import Act, get_actor, record
 from app.library.database.tables import analyses, batch_items, recordings
 from app.library.rows import TRANSITIONS, JobState, find_sources, format_now, select_running_s
@@ -24,6 +25,8 @@ from app.request import ReportRequest
 
 WayIn = Literal["web", "api"]
 PAGE_PRIORITY, SCRIPT_PRIORITY = 0, 1
+SLOW_TIMEOUTS, SLOW_S = 2, 3600.0
+"""A subject with so many time-outs in so long waits for all others."""
 _ENDS: Mapping[JobState, Act] = {
     JobState.SUCCEEDED: "analysis.succeeded",
     JobState.FAILED: "analysis.failed",
@@ -155,12 +158,26 @@ def enqueue_all(
 def find_next(connection: Connection) -> str | None:
     """Find the next waiting job and lock it for this transaction; None if no job may start.
 
-    The analyses of one recording run one after another, because each report states which one it replaces.
+    The analyses of one recording run one after another: each report states which one it replaces. Subjects
+    whose analyses timed out repeatedly in the last hour come after all others.
     """
+    slow = _find_slow_subjects(connection)
+    others = analyses.c.asked_by.is_(None) | analyses.c.asked_by.not_in(slow)
+    return (_find_next(connection, others) if slow else None) or _find_next(connection)
+
+
+def _find_slow_subjects(connection: Connection) -> Sequence[str]:
+    recent = analyses.c.ended_s >= select_running_s() - SLOW_S
+    timed_out = (analyses.c.state == JobState.FAILED, analyses.c.problem_code == OutOfTime.code)
+    query = select(analyses.c.asked_by).where(*timed_out, recent).group_by(analyses.c.asked_by)
+    return connection.execute(query.having(func.count() >= SLOW_TIMEOUTS)).scalars().all()
+
+
+def _find_next(connection: Connection, *which: ColumnElement[bool]) -> str | None:
     query = (
         select(analyses.c.id, analyses.c.recording_id)
         .join(recordings, analyses.c.recording_id == recordings.c.id)
-        .where(analyses.c.state == JobState.QUEUED, ~_is_running(analyses.c.recording_id))
+        .where(analyses.c.state == JobState.QUEUED, ~_is_running(analyses.c.recording_id), *which)
         .order_by(analyses.c.priority, analyses.c.turn, analyses.c.created_at, analyses.c.id)
         .limit(1)
         .with_for_update(key_share=True, skip_locked=True)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, fields
 from statistics import fmean
 from typing import Any, Literal, get_args
 
-from sqlalchemy import ColumnElement, Connection, delete, func, insert, select, text, update
+from sqlalchemy import ColumnElement, Connection, Select, delete, func, insert, select, text, update
 
 from app.errors import BadParameter, NoSuchFile, NotHere
 from app.library.audit_log import Act, record
@@ -23,6 +23,7 @@ from app.library.database.tables import (
     audit_log,
     batch_items,
     batches,
+    facts,
     recordings,
     releases,
     result_files,
@@ -30,7 +31,16 @@ from app.library.database.tables import (
     running_time,
 )
 from app.library.recordings import drop_empty_batches
-from app.library.rows import STORED, TRANSITIONS, Job, JobState, RowStore, format_now, select_running_s
+from app.library.rows import (
+    STORED,
+    TRANSITIONS,
+    TRASHED,
+    Job,
+    JobState,
+    RowStore,
+    format_now,
+    select_running_s,
+)
 from app.library.side_files import increment_revision
 from app.request import find_code
 from fusion.conventions import FEWEST_PEOPLE
@@ -39,6 +49,8 @@ Kind = Literal["recordings", "results", "trash", "trail"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 DAY_S = 24 * 3600.0
 LONGEST_DAYS = 36_500
+GRACE_DAYS = 7
+"""Days of running time before a shorter term, or a purge that a script asks for, takes effect."""
 MOST_AT_ONCE = 50
 
 
@@ -50,17 +62,49 @@ class RetentionStore(RowStore):
         rows = {row.kind: int(row.days) for row in self._read_all(select(retention))}
         return {kind: rows.get(kind) for kind in KINDS}
 
-    def put(self, kind: str, days: int | None) -> None:
-        """Change the term of a kind; None keeps it permanently. Raises BadParameter."""
-        if kind not in KINDS:
-            raise BadParameter(name="kind", value=kind[:20], allowed=", ".join(KINDS))
-        if days is not None and not 1 <= days <= LONGEST_DAYS:
-            raise BadParameter(name="days", value=str(days)[:20], allowed=f"1 … {LONGEST_DAYS}")
+    def put(self, kind: str, days: int | None, *, now: bool = False) -> None:
+        """Change the term of a kind; None keeps it permanently.
+
+        After a term was shortened, nothing of its kind is deleted for :data:`GRACE_DAYS`, unless ``now``.
+        Raises BadParameter.
+        """
+        check_term(kind, days)
         with self._engine.begin() as connection:
+            before = connection.execute(select(retention.c.days).where(retention.c.kind == kind)).scalar()
+            connection.execute(delete(facts).where(facts.c.name == _GRACE + kind))
+            if not now and days is not None and (before is None or days < before):
+                ends_s = connection.execute(select(select_running_s())).scalar_one() + GRACE_DAYS * DAY_S
+                connection.execute(insert(facts).values(name=_GRACE + kind, value=str(ends_s)))
             connection.execute(delete(retention).where(retention.c.kind == kind))
             if days is not None:
                 connection.execute(insert(retention).values(kind=kind, days=days))
             record(connection, "retention.changed", other={"kind": kind, "days": days or "for_good"})
+
+    def is_in_grace(self, kind: Kind) -> bool:
+        """Return whether the term of a kind was shortened less than :data:`GRACE_DAYS` ago."""
+        with self._reader.connect() as connection:
+            ends_s = connection.execute(select(facts.c.value).where(facts.c.name == _GRACE + kind)).scalar()
+            running_s = connection.execute(select(select_running_s())).scalar_one()
+        return ends_s is not None and running_s < float(ends_s)
+
+    def count_due(self, kind: str, days: int | None) -> int:
+        """Return how many of a kind a term would delete now. Raises BadParameter."""
+        check_term(kind, days)
+        if days is None:
+            return 0
+        queries: Mapping[str, Select[Any]] = {
+            "recordings": _select_due_recordings(days),
+            "results": _select_due_results(days),
+            "trash": select(recordings.c.id).where(
+                recordings.c.state == TRASHED,
+                recordings.c.hold.is_(None),
+                recordings.c.trashed_s >= days * DAY_S,
+            ),
+            "trail": select(audit_log.c.seq).where(_is_old_line(days)),
+        }
+        with self._reader.connect() as connection:
+            counted = select(func.count()).select_from(queries[kind].subquery())
+            return int(connection.execute(counted).scalar_one())
 
     def add_running_time(self, elapsed_s: float) -> None:
         """Add running time."""
@@ -72,26 +116,16 @@ class RetentionStore(RowStore):
     def find_due_recordings(self) -> tuple[str, ...]:
         """Return some of the recordings whose term has passed, none on hold."""
         days = self.find_all()["recordings"]
-        if days is None:
+        if days is None or self.is_in_grace("recordings"):
             return ()
-        is_old = select_running_s() - recordings.c.since_s >= days * DAY_S
-        query = select(recordings.c.id).where(
-            recordings.c.state == STORED, recordings.c.hold.is_(None), is_old
-        )
-        return tuple(row.id for row in self._read_all(query.limit(MOST_AT_ONCE)))
+        return tuple(row.id for row in self._read_all(_select_due_recordings(days).limit(MOST_AT_ONCE)))
 
     def find_due_results(self) -> tuple[str, ...]:
         """Return some of the analyses whose term has passed since they ended, none of a recording on hold."""
         days = self.find_all()["results"]
-        if days is None:
+        if days is None or self.is_in_grace("results"):
             return ()
-        is_old = select_running_s() - func.coalesce(analyses.c.ended_s, 0.0) >= days * DAY_S
-        query = (
-            select(analyses.c.id)
-            .join(recordings, analyses.c.recording_id == recordings.c.id)
-            .where(recordings.c.hold.is_(None), recordings.c.state == STORED, is_old, _is_over())
-        )
-        return tuple(row.id for row in self._read_all(query.limit(MOST_AT_ONCE)))
+        return tuple(row.id for row in self._read_all(_select_due_results(days).limit(MOST_AT_ONCE)))
 
     def find_trash_term_s(self, otherwise_s: float) -> float:
         """Return how long the trash is kept; ``otherwise_s`` if no term is set."""
@@ -124,14 +158,40 @@ class RetentionStore(RowStore):
     def shorten_audit_log(self) -> int:
         """Delete lines of the audit log whose term has passed; return their number. A new line records it."""
         days = self.find_all()["trail"]
-        if days is None:
+        if days is None or self.is_in_grace("trail"):
             return 0
-        is_old = audit_log.c.since_s <= select_running_s() - days * DAY_S
         with self._engine.begin() as connection:
-            gone = connection.execute(delete(audit_log).where(is_old)).rowcount
+            gone = connection.execute(delete(audit_log).where(_is_old_line(days))).rowcount
             if gone:
                 record(connection, "trail.shortened", other={"lines": gone})
         return int(gone)
+
+
+_GRACE = "grace_"
+"""Before the kind: the name of the fact until when (running time, s) nothing of a kind is deleted."""
+
+
+def check_term(kind: str, days: int | None) -> None:
+    """Check a kind and its term. Raises BadParameter."""
+    if kind not in KINDS:
+        raise BadParameter(name="kind", value=kind[:20], allowed=", ".join(KINDS))
+    if days is not None and not 1 <= days <= LONGEST_DAYS:
+        raise BadParameter(name="days", value=str(days)[:20], allowed=f"1 … {LONGEST_DAYS}")
+
+
+def _select_due_recordings(days: int) -> Select[Any]:
+    is_old = select_running_s() - recordings.c.since_s >= days * DAY_S
+    return select(recordings.c.id).where(recordings.c.state == STORED, recordings.c.hold.is_(None), is_old)
+
+
+def _select_due_results(days: int) -> Select[Any]:
+    is_old = select_running_s() - func.coalesce(analyses.c.ended_s, 0.0) >= days * DAY_S
+    joined = select(analyses.c.id).join(recordings, analyses.c.recording_id == recordings.c.id)
+    return joined.where(recordings.c.hold.is_(None), recordings.c.state == STORED, is_old, _is_over())
+
+
+def _is_old_line(days: int) -> ColumnElement[bool]:
+    return audit_log.c.since_s <= select_running_s() - days * DAY_S
 
 
 def _is_over() -> ColumnElement[bool]:

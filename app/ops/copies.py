@@ -207,9 +207,18 @@ def find_backup_term(storage: Storage) -> BackupTerm:
     return BackupTerm("until", (moments[-1] + keep * max(between, USUAL) + USUAL).date().isoformat())
 
 
+def find_newest_backup(storage: Storage) -> datetime | None:
+    """Return when the newest known backup was made; None if none is known."""
+    _, made_at = _read(storage)
+    return datetime.fromisoformat(made_at[-1]) if made_at else None
+
+
 def _read(storage: Storage) -> tuple[int | None, list[str]]:
+    """Return how many backups are kept, and when they were made; nothing of a file that is not ours."""
     try:
         found = json.loads(storage.read_small(BACKUPS_FILE) or b"{}")
-        return found.get("keep"), list(found.get("made_at", ()))
-    except ValueError:
+        made_at = [datetime.fromisoformat(one).isoformat() for one in found.get("made_at", ())]
+        keep = found.get("keep")
+        return keep if keep is None else int(keep), made_at
+    except (ValueError, TypeError, AttributeError):
         return None, []

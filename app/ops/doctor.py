@@ -8,8 +8,9 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, suppress
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Literal
 
 from sqlalchemy import text
 from sqlalchemy.exc import SQLAlchemyError
@@ -18,6 +19,7 @@ from app.accounts.accounts import AccountStore
 from app.errors import AccountsLost, AppError
 from app.library.database.connect import check_whole, connect, open_database, translate_start_errors
 from app.library.jobs import JobStore
+from app.ops.copies import find_newest_backup
 from app.ops.place import find_unreadable, is_used
 from app.ops.recover import find_strange, find_unknown
 from app.ops.verify import find_expected, find_faults, measure_expected
@@ -35,19 +37,24 @@ MOST_READ_BYTES = 8 * GIB
 """Reading a larger store would take more than about half a minute."""
 
 
+OLDEST_BACKUP = timedelta(days=2)
+State = Literal["good", "warning", "bad"]
+"""``warning``: it works, but something needs attention or was not checked."""
+
+
 @dataclass(frozen=True, slots=True)
 class Examination:
-    """The result of one check: its name (a key of the wording), whether it passed, and facts."""
+    """The result of one check: its name (a key of the wording), its state, and facts."""
 
     name: str
-    healthy: bool
+    state: State
     facts: Mapping[str, str] = field(default_factory=dict)
 
 
 def examine(settings: Settings) -> Iterator[Examination]:
     """Run every check independently; on an unused installation only report that, and create nothing."""
     if not _is_used(settings):
-        yield Examination("unused", healthy=False, facts={"folder": str(settings.data_dir.resolve())})
+        yield Examination("unused", state="bad", facts={"folder": str(settings.data_dir.resolve())})
         return
     yield _examine_folder(settings)
     yield _examine_disk(settings)
@@ -61,6 +68,7 @@ def examine(settings: Settings) -> Iterator[Examination]:
         ("bytes", _find_damaged),
     ):
         yield _examine_kept(settings, name, check)
+    yield _examine_backups(settings)
     yield _examine_cache()
     yield _examine_fonts()
     yield _examine_clock(settings)
@@ -84,16 +92,16 @@ def _examine_folder(settings: Settings) -> Examination:
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
-        return Examination("folder", healthy=False, facts=facts | {"why": error.strerror or ""})
+        return Examination("folder", state="bad", facts=facts | {"why": error.strerror or ""})
     if sys.platform != "win32" and folder.stat().st_mode & 0o007:
-        return Examination("folder_open", healthy=False, facts=facts)
-    return Examination("folder", healthy=True, facts=facts)
+        return Examination("folder_open", state="bad", facts=facts)
+    return Examination("folder", state="good", facts=facts)
 
 
 def _examine_disk(settings: Settings) -> Examination:
     free_bytes = shutil.disk_usage(_find_existing(settings.data_dir)).free
     facts = {"free": f"{free_bytes / GIB:.1f}", "needed": f"{settings.min_free_bytes / GIB:.1f}"}
-    return Examination("disk", free_bytes >= settings.min_free_bytes, facts)
+    return _judge("disk", free_bytes >= settings.min_free_bytes, facts)
 
 
 def _examine_database(settings: Settings) -> Examination:
@@ -104,10 +112,10 @@ def _examine_database(settings: Settings) -> Examination:
             engine = open_database(settings.database_url)
             engine.dispose()
     except AppError as refusal:
-        return Examination("database", healthy=False, facts={"why": refusal.code})
+        return Examination("database", state="bad", facts={"why": refusal.code})
     except SQLAlchemyError as error:
-        return Examination("database", healthy=False, facts={"why": type(error).__name__})
-    return Examination("database", healthy=True, facts={"kind": engine.dialect.name})
+        return Examination("database", state="bad", facts={"why": type(error).__name__})
+    return Examination("database", state="good", facts={"kind": engine.dialect.name})
 
 
 def _examine_store(settings: Settings) -> Examination:
@@ -117,24 +125,23 @@ def _examine_store(settings: Settings) -> Examination:
         storage.prepare()
         storage.identify()
     except AppError as refusal:
-        return Examination("store", healthy=False, facts=facts | {"why": refusal.code})
+        return Examination("store", state="bad", facts=facts | {"why": refusal.code})
     except OSError as error:
-        return Examination("store", healthy=False, facts=facts | {"why": error.strerror or ""})
-    return Examination("store", healthy=True, facts=facts)
+        return Examination("store", state="bad", facts=facts | {"why": error.strerror or ""})
+    return Examination("store", state="good", facts=facts)
 
 
 def _examine_kept(
     settings: Settings, name: str, find: Callable[[Settings], Mapping[str, str] | None]
 ) -> Examination:
-    """Check stored data: ``find`` returns the facts of a fault, {} for no fault, None if it was skipped.
-
-    Database and store have separate checks.
-    """
+    """Check what is stored: ``find`` returns the facts of a fault, {} for none, None if it did not look."""
     try:
         wrong = find(settings)
-    except (AppError, SQLAlchemyError, OSError):
-        wrong = {}
-    return Examination(name if wrong is not None else f"{name}_unread", not wrong, wrong or {})
+    except (AppError, SQLAlchemyError, OSError) as error:  # the checks of database and store say why
+        return Examination("unread", "warning", {"name": name, "why": type(error).__name__})
+    if wrong is None:
+        return Examination(f"{name}_unread", "warning")
+    return Examination(name, "bad" if wrong else "good", wrong)
 
 
 def _find_lost_accounts(settings: Settings) -> Mapping[str, str]:
@@ -178,16 +185,30 @@ def _find_damaged(settings: Settings) -> Mapping[str, str] | None:
     return {"number": str(len(faults)), "first": faults[0]} if faults else {}
 
 
+def _examine_backups(settings: Settings) -> Examination:
+    """Check that a backup was made in the last two days."""
+    try:
+        made_at = find_newest_backup(open_storage(settings))
+    except (AppError, OSError) as error:
+        return Examination("unread", "warning", {"name": "backup", "why": type(error).__name__})
+    if made_at is None:
+        return Examination("no_backup", "warning")
+    age = datetime.now(UTC) - made_at
+    return Examination(
+        "backup", "warning" if age > OLDEST_BACKUP else "good", {"days": f"{age.total_seconds() / 86400:.1f}"}
+    )
+
+
 def _examine_cache() -> Examination:
     """Check that compiled code can be cached; otherwise each start compiles it again."""
     folder = make_kernel_folder() or Path(tempfile.gettempdir())
     writable = os.access(_find_existing(folder), os.W_OK)
-    return Examination("cache", writable, {"folder": str(folder)})
+    return _judge("cache", writable, {"folder": str(folder)})
 
 
 def _examine_fonts() -> Examination:
     fonts = [path for path in (find_template_folder() / "fonts").glob("*") if path.suffix in (".ttf", ".otf")]
-    return Examination("fonts", bool(fonts), {"number": str(len(fonts))})
+    return _judge("fonts", bool(fonts), {"number": str(len(fonts))})
 
 
 def _examine_clock(settings: Settings) -> Examination:
@@ -201,16 +222,20 @@ def _examine_clock(settings: Settings) -> Examination:
                 skew_s = time.time() - float(theirs_s.scalar_one())
             engine.dispose()
     facts = {"clock": now.isoformat(timespec="seconds"), "skew": f"{skew_s:.0f}"}
-    return Examination("clock", now > OLDEST_CLOCK and abs(skew_s) < CLOCK_SKEW_S, facts)
+    return _judge("clock", now > OLDEST_CLOCK and abs(skew_s) < CLOCK_SKEW_S, facts)
 
 
 def _examine_memory(settings: Settings) -> Examination:
     """Check that each worker has memory for one analysis (700 MiB at most)."""
     if not hasattr(os, "sysconf"):
-        return Examination("memory", healthy=True, facts={"installed": "?"})
+        return Examination("memory", state="good", facts={"installed": "?"})
     installed_bytes = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     facts = {"installed": f"{installed_bytes / GIB:.1f}"}
-    return Examination("memory", installed_bytes > settings.workers * GIB, facts)
+    return _judge("memory", installed_bytes > settings.workers * GIB, facts)
+
+
+def _judge(name: str, is_good: bool, facts: Mapping[str, str]) -> Examination:  # noqa: FBT001
+    return Examination(name, "good" if is_good else "bad", facts)
 
 
 def _find_existing(folder: Path) -> Path:

@@ -11,6 +11,7 @@ import os
 import re
 import threading
 import time
+from collections import Counter
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
@@ -58,21 +59,26 @@ class GrowingFile:
 
 @dataclass(slots=True)
 class UploadSlots:
-    """Limits how many uploads run at once, because each uses memory. For one thread."""
+    """Limits how many uploads run at once, because each costs memory while its bytes arrive. For one thread.
+
+    The last quarter is for people without a running upload: one person with many slow uploads blocks nobody.
+    """
 
     most: int
-    taken: int = 0
+    taken: Counter[str] = field(default_factory=Counter)
 
     @contextmanager
-    def take(self) -> Iterator[None]:
-        """Occupy a slot until the end of the block. Raises TooMany."""
-        if self.taken >= self.most:
+    def take(self, who: str) -> Iterator[None]:
+        """Hold a slot for ``who`` until the end of the block. Raises TooMany."""
+        taken = self.taken.total()
+        if taken >= (self.most * 3 // 4 if self.taken[who] else self.most):
             raise TooMany(max=self.most)
-        self.taken += 1
+        self.taken[who] += 1
         try:
             yield
         finally:
-            self.taken -= 1
+            self.taken[who] -= 1
+            self.taken += Counter()  # drops zeros
 
 
 @dataclass(slots=True)

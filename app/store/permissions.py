@@ -18,7 +18,16 @@ OUR_FOLDERS = frozenset(
     {"analyses", "cache", "copies", "incoming", "inspections", "live", "quarantine", "recordings", "uploads"}
 )
 OUR_FILES = frozenset(
-    {"backups.json", "erasures.jsonl", "has_accounts", "secret", "server.key", "server.lock", "store.id"}
+    {
+        "backups.json",
+        "erasures.jsonl",
+        "has_accounts",
+        "open.html",
+        "secret",
+        "server.key",
+        "server.lock",
+        "store.id",
+    }
 )
 DATABASE_ENDINGS = ("", "-wal", "-shm", "-journal")
 OUR_DATABASE = "acromion.sqlite3"

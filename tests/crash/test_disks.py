@@ -119,7 +119,7 @@ def _list_stored(client: httpx2.Client, *, trashed: bool) -> set[str]:
 DELETE = """
 import sys, urllib.request
 for name in sys.argv[2:]:
-    address = f"{sys.argv[1]}/api/v1/recordings/{name}?purge=true"
+    address = f"{sys.argv[1]}/api/v1/recordings/{name}?purge=now"
     try:
         urllib.request.urlopen(urllib.request.Request(address, method="DELETE")).close()
     except OSError:

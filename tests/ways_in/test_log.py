@@ -19,7 +19,7 @@ def test_no_line_of_the_log_holds_a_subject_code_or_a_file_name(tmp_path: Path) 
         ended = [wait_for(partial(find_end, server, job["id"]), 900) for job in (good, bad)]
         server.client.post(f"/api/v1/recordings?subject={CANARY}&side=neither", content=b"x")
         for job in (good, bad):
-            server.client.delete(f"/api/v1/recordings/{job['recording_id']}", params={"purge": True})
+            server.client.delete(f"/api/v1/recordings/{job['recording_id']}", params={"purge": "now"})
     finally:
         server.stop()
 

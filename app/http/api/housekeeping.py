@@ -5,6 +5,7 @@ Ages are counted in running time of the server, so a wrong system clock deletes 
 
 import asyncio
 import logging
+import math
 import time
 from contextlib import suppress
 
@@ -147,6 +148,8 @@ def apply_retention(services: Services, elapsed_s: float) -> None:
             continue
     services.retention.add_running_time(elapsed_s)
     trash_term_s = services.retention.find_trash_term_s(settings.trash_term_s)
+    if services.retention.is_in_grace("trash"):
+        trash_term_s = math.inf
     due = services.recordings.advance_trash(elapsed_s, trash_term_s)
     begun = []
     for recording_id in (

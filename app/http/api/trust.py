@@ -123,6 +123,7 @@ class TermView(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     days: Annotated[int, Field(ge=1, le=36_500, strict=True)] | None
+    now: bool = False
 
 
 @router.get("/retention", tags=["recordings"])
@@ -133,9 +134,20 @@ def get_terms(services: UsedServices) -> dict[str, int | None]:
 
 @router.put("/retention/{kind}", tags=["recordings"])
 def put_term(kind: str, asked: TermView, services: UsedServices) -> dict[str, int | None]:
-    """Change the retention period of a kind: recordings, results, trash or trail."""
-    services.retention.put(kind, asked.days)
+    """Change the term of a kind: recordings, results, trash or trail.
+
+    A shorter term takes effect after 7 days of the server's running time, with ``now`` at once.
+    """
+    services.retention.put(kind, asked.days, now=asked.now)
     return get_terms(services)
+
+
+@router.get("/retention/{kind}/due", tags=["recordings"])
+def count_due(
+    kind: str, services: UsedServices, days: Annotated[int, Query(ge=1, le=36_500)]
+) -> dict[str, int]:
+    """Return how many of a kind a term of ``days`` would delete now."""
+    return {"count": services.retention.count_due(kind, days)}
 
 
 class BlockView(BaseModel):

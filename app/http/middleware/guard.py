@@ -66,9 +66,11 @@ def get_host_url(connection: HTTPConnection) -> str:
 
 
 def name_cookie(connection: HTTPConnection, name: str) -> str:
-    """Return the name of a cookie in the browser, with the ``__Host-`` prefix if it can have one."""
+    """Return the name of a cookie; it contains the port, so that two servers on one computer do not clash."""
+    _, _, port = connection.headers.get("host", "").rpartition(":")
+    named = f"{name}_{port}" if re.fullmatch(r"[0-9]{1,5}", port) else name
     is_bound = is_secure(connection) and get_cookie_path(connection) == "/"
-    return f"{_HOST_PREFIX}{name}" if is_bound else name
+    return f"{_HOST_PREFIX}{named}" if is_bound else named
 
 
 def set_cookie(connection: HTTPConnection, response: Response, name: str, value: str, age_s: int) -> None:

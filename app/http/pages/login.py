@@ -7,6 +7,7 @@ from fastapi import APIRouter, Request, Response
 from fastapi.responses import RedirectResponse
 
 from app.accounts.accounts import LONGEST_S
+from app.accounts.gate import ADMISSION_TERM_S
 from app.accounts.sign_in import BROWSER_TERM_S, EXTRA, SignedIn
 from app.accounts.subjects import Permission, Subject
 from app.errors import (
@@ -35,7 +36,7 @@ from app.http.middleware.guard import (
     set_cookie,
 )
 from app.http.middleware.problems import drop_secrets
-from app.http.pages.rendering import YEAR_S, Form, Page, UsedForm, UsedPage, first, get_base, get_secret
+from app.http.pages.rendering import Form, Page, UsedForm, UsedPage, first, get_base, get_secret
 from app.report.words.messages import describe_problem
 from app.services import SUBJECT
 from app.store.folder import load_extra
@@ -74,7 +75,7 @@ def sign_in(page: UsedPage, form: UsedForm) -> Response:
     gate, wanted = get_gate(page.request), first(form, "next")
     if not gate.needs_accounts:
         if gate.secret is not None and gate.secret.matches(first(form, "secret"), ""):
-            return _redirect_with_session(page, gate.secret.cookie, wanted, YEAR_S)
+            return _redirect_with_session(page, gate.secret.admit_browser(), wanted, ADMISSION_TERM_S)
         return _render_login(page, wanted, NotSignedIn())
     caller = get_caller(page.request)
     try:
@@ -128,7 +129,7 @@ def open_once(ticket: str, page: UsedPage) -> Response:
     gate = get_gate(page.request)
     if gate.secret is None or gate.needs_accounts or not gate.secret.take_address(ticket):
         raise NotSignedIn
-    return _redirect_with_session(page, gate.secret.cookie, "/", YEAR_S)
+    return _redirect_with_session(page, gate.secret.admit_browser(), "/", ADMISSION_TERM_S)
 
 
 @router.get("/login/link/{ticket}")
@@ -210,8 +211,11 @@ def confirm(page: UsedPage, form: UsedForm, subject: UsedSubject) -> Response:
 def sign_out(page: UsedPage) -> Response:
     """End the session, and delete its data in the browser."""
     request = page.request
-    if get_gate(request).needs_accounts:
-        page.sign_in.accounts.end_session(request.cookies.get(name_cookie(request, SESSION_COOKIE), ""))
+    gate, cookie = get_gate(request), request.cookies.get(name_cookie(request, SESSION_COOKIE), "")
+    if gate.needs_accounts:
+        page.sign_in.accounts.end_session(cookie)
+    elif gate.secret is not None:
+        gate.secret.sign_out(cookie)
     response = page.go("/login")
     drop_cookie(request, response, SESSION_COOKIE)
     response.headers["Clear-Site-Data"] = '"cache", "storage"'

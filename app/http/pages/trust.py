@@ -14,7 +14,7 @@ from app.http.middleware.access import UsedSubject
 from app.http.pages.rendering import Page, UsedForm, UsedPage, first
 from app.http.pages.views import format_moment
 from app.library.audit_log import ACTS, find_lines
-from app.library.governance import KINDS
+from app.library.governance import GRACE_DAYS, KINDS
 from app.library.recordings import HOLD_REASONS
 
 STUDIES = 200
@@ -42,20 +42,29 @@ def show_audit_log(page: UsedPage, query: Annotated[AuditQuery, Query()]) -> Res
 
 @router.get("/retention")
 def show_terms(page: UsedPage) -> Response:
-    """Show the retention period of each kind, with a form to change it."""
-    return page.render("trust/retention.html", terms=page.services.retention.find_all())
+    """Show how long each kind is kept, with a form to change it."""
+    return page.render("trust/retention.html", terms=page.services.retention.find_all(), due={})
 
 
 @router.post("/retention")
 def change_terms(page: UsedPage, form: UsedForm) -> Response:
-    """Change the retention periods in the form; an empty one keeps its kind permanently."""
-    known = page.services.retention.find_all()
+    """Change the terms that the form names; an empty one keeps its kind permanently.
+
+    If a term would delete anything, ask first, with the numbers.
+    """
+    known, wanted = page.services.retention.find_all(), {}
     for kind, typed in {kind: first(form, kind) for kind in KINDS if kind in form}.items():
         if typed and (not typed.isdecimal() or len(typed) > 6):
             raise BadParameter(name="days", value=typed[:20], allowed="1, 2, 3 …")
         days = int(typed) if typed else None
         if days != known[kind]:
-            page.services.retention.put(kind, days)
+            wanted[kind] = days
+    due = {kind: page.services.retention.count_due(kind, days) for kind, days in wanted.items()}
+    if any(due.values()) and not first(form, "confirmed"):
+        terms = {kind: wanted.get(kind, days) for kind, days in known.items()}
+        return page.render("trust/retention.html", terms=terms, due=due, grace_days=GRACE_DAYS)
+    for kind, days in wanted.items():
+        page.services.retention.put(kind, days)
     return page.go("/retention")
 
 

@@ -248,12 +248,12 @@ class House:
     def log_in(self, name: str) -> Mapping[str, str]:
         """Return the headers of a session that goes on."""
         cookie = self.accounts.begin_session(self.people[name])
-        return {"Cookie": f"acromion_session={cookie}"}
+        return {"Cookie": f"acromion_session_8080={cookie}"}
 
     def log_in_too_long_ago(self, name: str, settings: Settings) -> Mapping[str, str]:
         """Return the headers of a session that is too old."""
         then = AccountStore(settings, clock=lambda: time.time() - LONGEST_S - 60)
-        return {"Cookie": f"acromion_session={then.begin_session(self.people[name])}"}
+        return {"Cookie": f"acromion_session_8080={then.begin_session(self.people[name])}"}
 
     def revoke(self, bearer: str) -> None:
         """Revoke a token."""

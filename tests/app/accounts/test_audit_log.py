@@ -309,7 +309,7 @@ def test_who_touched_a_subject_between_two_moments_and_what_somebody_did(
 def test_an_erased_recording_is_asked_for_by_its_id(house: House, caller: TestClient) -> None:
     job = _store_job(house)
     clinician, auditor = dict(house.log_in("clinician")), dict(house.log_in("auditor"))
-    erased = caller.delete(f"/api/v1/recordings/{job.recording_id}?purge=true", headers=clinician)
+    erased = caller.delete(f"/api/v1/recordings/{job.recording_id}?purge=now", headers=clinician)
     assert erased.status_code == 200
 
     found = caller.get("/api/v1/trail", params={"recording": job.recording_id}, headers=auditor).json()

@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import httpx2
 import pytest
@@ -51,10 +52,13 @@ Begin = Callable[[], dict[str, str]]
 
 
 @pytest.fixture(params=["session", "token"])
-def header(request: pytest.FixtureRequest, accounts: AccountStore, person: Person) -> dict[str, str]:
+def header(
+    request: pytest.FixtureRequest, server: RunningServer, accounts: AccountStore, person: Person
+) -> dict[str, str]:
     """What a request brings: a session's cookie or a token."""
     if request.param == "session":
-        return {"cookie": f"acromion_session={accounts.begin_session(person.id)}"}
+        port = urlsplit(server.address).port
+        return {"cookie": f"acromion_session_{port}={accounts.begin_session(person.id)}"}
     token = accounts.add_token(person.id, "script", ["read", "upload"], time.time() + 3600)
     return {"authorization": f"Bearer {token}"}
 

@@ -17,7 +17,8 @@ from app.accounts.accounts import AccountStore, Person
 from app.accounts.gate import Gate, StartSecret, read_or_create_secret
 from app.accounts.passwords import check_password, hash_password, needs_rehash, verify_password
 from app.accounts.sign_in import Caller, SignIn
-from app.errors import LoginRefused, WeakPassword
+from app.errors import LoginRefused, StartSecretUnusable, WeakPassword
+from app.main import write_opener
 from app.settings import Settings
 from tests.app.accounts.conftest import (
     PASSWORD,
@@ -44,7 +45,7 @@ def test_password_and_a_code_that_counts_once_let_a_person_in(
 
     assert "Clara" in first.get("/account").text
     assert again.status_code == 401
-    assert second.client.cookies.get("acromion_session") is None  # the password alone begins no session
+    assert second.client.cookies.get("acromion_session_8080") is None  # the password alone begins no session
     assert second.client.get("/api/v1/version").status_code == 401
 
 
@@ -104,7 +105,7 @@ def test_the_second_step_is_forgotten_after_ten_minutes(person: Person, visit: V
     answer = visitor.post("/login/code", ticket=ticket, code=make_code(clock), next="/")
 
     assert answer.status_code == 410
-    assert visitor.client.cookies.get("acromion_session") is None
+    assert visitor.client.cookies.get("acromion_session_8080") is None
 
 
 def test_the_first_login_sets_up_an_authenticator_by_its_first_code_and_shows_ten_codes(
@@ -163,7 +164,7 @@ def test_a_link_sets_a_password_once_and_does_not_pass_by_the_second_factor(
     again = visitor.post(f"/login/link/{link}", password="four yellow umbrellas")
 
     assert (looked.status_code, done.status_code, again.status_code) == (200, 303, 410)
-    assert visitor.client.cookies.get("acromion_session") is None
+    assert visitor.client.cookies.get("acromion_session_8080") is None
     assert 'name="code"' in visitor.submit_password("clara", "five yellow umbrellas").text
 
 
@@ -205,7 +206,7 @@ def test_no_secret_of_a_login_stands_in_the_database(
     person: Person, visitor: Visitor, sign_in: SignIn, enter: Enter, settings: Settings
 ) -> None:
     told = [PASSWORD, sign_in.make_link(person.id, 3600), sign_in.enter(person.id, HERE).session]
-    told += [visitor.client.cookies["acromion_session"], visitor.client.cookies["acromion_browser"]]
+    told += [visitor.client.cookies["acromion_session_8080"], visitor.client.cookies["acromion_browser_8080"]]
     told.append(sign_in.accounts.add_token(person.id, "script", ["read"], 1e12))
 
     rows = dump(settings.data_dir / "acromion.sqlite3")
@@ -329,7 +330,7 @@ def test_the_address_of_the_start_lets_a_browser_in_once_until_it_logs_out(guard
 
     assert guarded.get("/").status_code == 200
     assert "httponly" in entered.headers["set-cookie"].lower()
-    assert guarded.cookies["acromion_session"] != secret.bearer
+    assert guarded.cookies["acromion_session_8080"] != secret.bearer
     guarded.post("/logout")
     assert guarded.get(LIST).status_code == 401
     assert guarded.get(address).status_code == 401
@@ -368,6 +369,55 @@ def test_the_next_start_has_the_same_secret_unless_it_was_deleted(settings: Sett
     assert first == second != read_or_create_secret(settings.data_dir).bearer
 
 
+@pytest.mark.parametrize("content", [b"", b"\n", b"short", b"\xff" * 43])
+def test_a_start_refuses_a_file_that_holds_no_secret(settings: Settings, content: bytes) -> None:
+    settings.data_dir.mkdir(parents=True)
+    (settings.data_dir / "secret").write_bytes(content)
+
+    with pytest.raises(StartSecretUnusable):
+        read_or_create_secret(settings.data_dir)
+
+
+def test_each_browser_gets_a_random_cookie_that_ends_after_twelve_hours() -> None:
+    now_s = 0.0
+    secret = StartSecret("x" * 43, lambda: now_s)
+    first, second = secret.admit_browser(), secret.admit_browser()
+    now_s = 12 * 3600 - 1
+    lasts = secret.matches("", first)
+    now_s += 1
+
+    assert first != second
+    assert lasts
+    assert not secret.matches("", first)
+
+
+def test_signing_out_ends_the_cookie_on_the_server(guarded: TestClient) -> None:
+    guarded.get(f"/login/once/{find_secret(guarded).make_address()}")
+    cookie = guarded.cookies["acromion_session_8080"]
+    guarded.post("/logout")
+
+    assert guarded.get(LIST, headers={"Cookie": f"acromion_session_8080={cookie}"}).status_code == 401
+
+
+def test_the_cookie_of_a_server_on_a_port_has_the_port_in_its_name(guarded: TestClient) -> None:
+    address = f"/login/once/{find_secret(guarded).make_address()}"
+
+    entered = guarded.get(address, headers={"host": "127.0.0.1:8081"})
+
+    assert entered.headers["set-cookie"].startswith("acromion_session_8081=")
+
+
+def test_the_file_that_opens_the_browser_is_readable_by_its_owner_only(tmp_path: Path) -> None:
+    file = tmp_path / "open.html"
+    file.write_text("of an earlier start")
+
+    opened = write_opener(file, "http://127.0.0.1:8080/login/once/ticket")
+
+    assert opened == file.as_uri()
+    assert "ticket" in file.read_text()
+    assert stat.S_IMODE(file.stat().st_mode) == 0o600
+
+
 def test_a_stranger_is_not_told_what_lies_in_the_trash(guarded: TestClient) -> None:
     answer = guarded.get("/nowhere/an_0123456789abcdef", headers={"accept": "text/html"})
 
@@ -382,7 +432,7 @@ def test_no_secret_of_a_request_reaches_the_log(
 
     with_it = guarded.get("/api/v1/version", headers={"Authorization": f"Bearer {secret}"})
     guarded.get("/api/v1/version", headers={"Authorization": "Bearer acr_CANARY-1"})
-    guarded.get("/api/v1/version", headers={"Cookie": "acromion_session=CANARY-2"})
+    guarded.get("/api/v1/version", headers={"Cookie": "acromion_session_8080=CANARY-2"})
     guarded.get("/api/v1/version?token=CANARY-3")
     guarded.post("/login", data={"secret": "CANARY-4", "password": "CANARY-5"})
 

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from app.accounts.accounts import AccountStore, Person
+from app.accounts.accounts import AccountStore, Person, SessionAges
 from tests.app.accounts.conftest import (
     PASSWORD,
     AddPerson,
@@ -26,7 +26,7 @@ def is_in(visitor: Visitor) -> bool:
 def copy_session(visitor: Visitor, visit: Visit) -> Visitor:
     """Open a browser that has the cookie of another."""
     thief = visit()
-    thief.client.cookies.set("acromion_session", visitor.client.cookies["acromion_session"])
+    thief.client.cookies.set("acromion_session_8080", visitor.client.cookies["acromion_session_8080"])
     return thief
 
 
@@ -49,8 +49,8 @@ def test_a_cookie_that_was_planted_before_the_login_opens_nothing_after_it(
 ) -> None:
     victim, attacker = visit(), visit()
     planted = "A" * 43
-    victim.client.cookies.set("acromion_session", planted)
-    attacker.client.cookies.set("acromion_session", planted)
+    victim.client.cookies.set("acromion_session_8080", planted)
+    attacker.client.cookies.set("acromion_session_8080", planted)
 
     log_in_again(victim, clock)
 
@@ -123,7 +123,7 @@ def test_roles_and_the_end_of_a_person_hold_from_the_next_request_on(
 
 
 def test_a_cookie_is_read_by_no_script_and_by_no_other_site(visitor: Visitor) -> None:
-    cookie = next(cookie for cookie in visitor.client.cookies.jar if cookie.name == "acromion_session")
+    cookie = next(cookie for cookie in visitor.client.cookies.jar if cookie.name == "acromion_session_8080")
     assert (cookie.path, cookie.secure, cookie.domain_specified) == ("/", False, False)
     assert cookie.has_nonstandard_attr("HttpOnly")
     assert cookie.get_nonstandard_attr("SameSite") == "lax"
@@ -135,14 +135,14 @@ def test_behind_tls_a_cookie_is_bound_to_this_very_host(
     session = accounts.begin_session(add_person().id)
     visitor, other = visit_behind_proxy(), visit_behind_proxy()
     ticket = read_ticket(visitor.submit_password("clara"))
-    other.client.cookies.set("acromion_session", session)  # without the prefix it opens nothing
+    other.client.cookies.set("acromion_session_8080", session)  # without the prefix it opens nothing
 
     answer = visitor.post("/login/code", ticket=ticket, code=make_code(clock), next="/")
 
     set_cookies = answer.headers.get_list("set-cookie")
     assert sorted(cookie.partition("=")[0] for cookie in set_cookies) == [
-        "__Host-acromion_browser",
-        "__Host-acromion_session",
+        "__Host-acromion_browser_8080",
+        "__Host-acromion_session_8080",
     ]
     assert all("Secure" in cookie and "Path=/" in cookie for cookie in set_cookies)
     assert not is_in(other)
@@ -180,7 +180,7 @@ def test_nobody_ends_the_session_of_another(
 ) -> None:
     add_person("dora")
     clara, dora = enter(), enter("dora")
-    subject = accounts.find_by_session(clara.client.cookies["acromion_session"])
+    subject = accounts.find_by_session(clara.client.cookies["acromion_session_8080"])
     assert subject is not None
 
     dora.post("/account/sessions/end", session=subject.session)
@@ -207,7 +207,7 @@ ASKED_AGAIN = [
     ("POST", "/api/v1/webhooks"),
     ("POST", "/api/v1/tokens"),
     ("POST", "/account/sessions/end"),
-    ("DELETE", "/api/v1/recordings/rec_x?purge=true"),
+    ("DELETE", "/api/v1/recordings/rec_x?purge=now"),
 ]
 
 
@@ -291,3 +291,25 @@ def test_whoever_may_not_read_is_led_to_what_he_may_use(
     add_person("clara", role)
 
     assert enter().get("/").headers["location"] == place
+
+
+def test_a_session_of_a_clock_that_was_ahead_has_ended(
+    person: Person, accounts: AccountStore, clock: Clock
+) -> None:
+    clock.wait(400 * 24 * 3600.0)
+    cookie = accounts.begin_session(person.id)
+    clock.wait(-400 * 24 * 3600.0)
+
+    assert accounts.find_by_session(cookie) is None
+
+
+def test_setting_the_clock_back_makes_no_session_younger() -> None:
+    now_s = 0.0
+    ages = SessionAges(lambda: now_s)
+    is_over = [ages.is_over("s", 0.0)]
+    now_s = 11.9 * 3600
+    is_over.append(ages.is_over("s", 60.0))
+    now_s = 12 * 3600
+    is_over.append(ages.is_over("s", 60.0))
+
+    assert is_over == [False, False, True]

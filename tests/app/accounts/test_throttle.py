@@ -59,8 +59,8 @@ def test_guesses_for_500_s_from_one_address_or_of_one_name_cost_at_most_twenty_h
 
 def test_a_known_browser_gets_in_while_strangers_guess(person: Person, sign_in: SignIn) -> None:
     known = Caller("192.0.2.1", sign_in.enter(person.id, Caller("192.0.2.1", "")).browser)
-    for _ in range(50):
-        guess(sign_in, "clara")
+    for number in range(50):
+        guess(sign_in, "clara", caller=Caller(f"203.0.113.{number}", ""))
 
     assert guess(sign_in, "clara", PASSWORD, Caller("192.0.2.2", "")) == "E-TRIES"
     assert guess(sign_in, "clara", PASSWORD, known) == "in"
@@ -183,7 +183,7 @@ def test_a_name_that_was_typed_is_not_confirmed_by_a_digest(
         guess(sign_in, "hunter2")
 
     keys = find_keys(accounts)
-    assert sum(key.startswith(("account:", "told:account:")) for key in keys) == 2
+    assert sum(key.startswith(("account:", "told:account:")) for key in keys) == 3
     assert [key for key in keys if hashlib.sha256(b"hunter2").hexdigest() in key] == []
 
 
@@ -308,3 +308,64 @@ def test_a_second_server_does_not_tell_it_again(
     other.accounts.database.close()
 
     assert len(find_notes(sign_in)) == 1
+
+
+def test_a_new_browser_gets_in_while_one_address_polls_with_wrong_passwords(
+    person: Person, sign_in: SignIn, clock: Clock
+) -> None:
+    got_in = []
+    for minute in range(60):
+        for _ in range(10):
+            guess(sign_in, "clara")
+            clock.wait(6.0)
+        got_in.append(guess(sign_in, "clara", PASSWORD, Caller(f"198.51.100.{minute}", "")))
+
+    assert got_in == ["in"] * 60
+
+
+# A clock that was ahead and is corrected.
+
+
+DAYS_400_S = 400 * 24 * 3600.0
+
+
+def test_a_wait_lasts_at_most_its_maximum_after_the_clock_was_set_back(
+    person: Person, sign_in: SignIn, clock: Clock
+) -> None:
+    clock.wait(DAYS_400_S)
+    while guess(sign_in, "clara") != "E-TRIES":
+        continue
+    clock.wait(-DAYS_400_S)
+    waits = guess(sign_in, "clara")
+    clock.wait(901.0)
+
+    assert waits == "E-TRIES"
+    assert guess(sign_in, "clara", PASSWORD) == "in"
+
+
+def test_forgotten_tries_let_a_person_sign_in_at_once(person: Person, sign_in: SignIn) -> None:
+    while guess(sign_in, "clara") != "E-TRIES":
+        continue
+
+    sign_in.forget_tries(person)
+
+    assert guess(sign_in, "clara", PASSWORD, Caller("198.51.100.7", "")) == "in"
+
+
+def test_a_code_is_right_after_the_clock_was_set_back_and_still_counts_once(
+    person: Person, sign_in: SignIn, clock: Clock
+) -> None:
+    def enter_with_code() -> str:
+        caller = Caller("198.51.100.7", "")
+        ticket = sign_in.submit_password("clara", PASSWORD, caller).ticket
+        try:
+            sign_in.submit_code(ticket, make_code(clock), caller)
+        except LoginRefused as refusal:
+            return refusal.code
+        return "in"
+
+    clock.wait(DAYS_400_S)
+    ahead = enter_with_code()
+    clock.wait(-DAYS_400_S)
+
+    assert [ahead, enter_with_code(), enter_with_code()] == ["in", "in", "E-LOGIN"]

@@ -100,9 +100,9 @@ def test_neither_a_person_nor_the_trash_nor_retention_purges_what_is_on_hold(
     house: House, caller: TestClient, held: tuple[str, dict[str, str]]
 ) -> None:
     recording_id, clinician = held
-    house.services.retention.put("recordings", 1)
+    house.services.retention.put("recordings", 1, now=True)
 
-    by_api = caller.delete(f"/api/v1/recordings/{recording_id}?purge=true", headers=clinician)
+    by_api = caller.delete(f"/api/v1/recordings/{recording_id}?purge=now", headers=clinician)
     by_page = caller.post(f"/recordings/{recording_id}/purge", headers=clinician)
     apply_retention(house.services, 400 * DAY_S)
 
@@ -123,7 +123,7 @@ def test_once_let_go_it_can_be_purged(
     recording_id, clinician = held
     caller.delete(f"/api/v1/recordings/{recording_id}/hold", headers=clinician)
 
-    purged = caller.delete(f"/api/v1/recordings/{recording_id}?purge=true", headers=clinician)
+    purged = caller.delete(f"/api/v1/recordings/{recording_id}?purge=now", headers=clinician)
 
     assert purged.status_code == 200
     who = house.people["clinician"]
@@ -151,7 +151,7 @@ def test_to_purge_by_a_script_asks_for_the_permission_to_erase(house: House, cal
     clinician, assistant = dict(house.log_in("clinician")), dict(house.log_in("assistant"))
     address = f"/api/v1/recordings/{ask(caller, clinician)['recording_id']}"
 
-    assert caller.delete(f"{address}?purge=true", headers=assistant).status_code == 403
+    assert caller.delete(f"{address}?purge=now", headers=assistant).status_code == 403
     assert caller.delete(address, headers=assistant).status_code == 204
 
 
@@ -174,7 +174,7 @@ def test_without_a_trash_to_delete_asks_for_the_permission_to_erase_and_ends_no_
 def test_a_term_makes_a_trash_where_the_server_has_none(house: House, caller: TestClient) -> None:
     assistant = dict(house.log_in("assistant"))
     job = ask(caller, assistant)
-    house.services.retention.put("trash", 10)
+    house.services.retention.put("trash", 10, now=True)
 
     deleted = caller.delete(f"/api/v1/recordings/{job['recording_id']}", headers=assistant)
 
@@ -190,7 +190,7 @@ def test_a_recording_goes_when_the_server_has_run_for_its_term(house: House, cal
     old = ask(caller, clinician)["recording_id"]
     apply_retention(house.services, 29 * DAY_S)
     is_there = house.services.store.may_have_row(old)
-    house.services.retention.put("recordings", 30)
+    house.services.retention.put("recordings", 30, now=True)
     new = caller.post("/api/v1/recordings", content=b"newer", headers=clinician).json()["id"]
 
     apply_retention(house.services, 1 * DAY_S)
@@ -204,7 +204,7 @@ def test_the_trash_has_a_term(house: House, caller: TestClient) -> None:
     clinician = dict(house.log_in("clinician"))
     recording_id = ask(caller, clinician)["recording_id"]
     caller.delete(f"/api/v1/recordings/{recording_id}", headers=clinician)
-    house.services.retention.put("trash", 2)
+    house.services.retention.put("trash", 2, now=True)
 
     apply_retention(house.services, 2 * DAY_S)
 
@@ -217,7 +217,7 @@ def test_a_result_goes_by_its_term_and_the_recording_stays(
     clinician = dict(house.log_in("clinician"))
     job = ask(caller, clinician)
     do_next(open_worker(write_digest))
-    house.services.retention.put("results", 10)
+    house.services.retention.put("results", 10, now=True)
 
     apply_retention(house.services, 10 * DAY_S)
 
@@ -234,7 +234,7 @@ def test_the_lines_that_have_reached_their_term_go_and_a_line_says_so(
     add_job()
     terms.add_running_time(3 * DAY_S)
     assert terms.shorten_audit_log() == 0  # without a term
-    terms.put("trail", 7)
+    terms.put("trail", 7, now=True)
     add_job(b"another")
     terms.add_running_time(4 * DAY_S)
 
@@ -259,6 +259,63 @@ def test_the_terms_are_changed_on_their_page_by_who_may_erase(house: House, call
     assert 'type="submit" class="button"' in page
     assert 'type="submit" class="button"' not in caller.get("/retention", headers=assistant).text
     assert (refused.status_code, refused.json()["code"]) == (422, "E-PARAMETER")
+
+
+@pytest.mark.parametrize("kind", ["recordings", "trash"])
+def test_a_shorter_term_deletes_nothing_for_seven_days(house: House, caller: TestClient, kind: str) -> None:
+    clinician = dict(house.log_in("clinician"))
+    recording_id = ask(caller, clinician)["recording_id"]
+    if kind == "trash":
+        caller.delete(f"/api/v1/recordings/{recording_id}", headers=clinician)
+    apply_retention(house.services, 20 * DAY_S)
+    due = caller.get(f"/api/v1/retention/{kind}/due?days=10", headers=clinician).json()
+    caller.put(f"/api/v1/retention/{kind}", json={"days": 10}, headers=clinician)
+
+    apply_retention(house.services, 6.9 * DAY_S)
+    is_there = house.services.store.may_have_row(recording_id)
+    apply_retention(house.services, 0.2 * DAY_S)
+
+    assert (due, is_there) == ({"count": 1}, True)
+    assert not house.services.store.may_have_row(recording_id)
+
+
+def test_a_term_that_a_script_applies_now_deletes_at_once(house: House, caller: TestClient) -> None:
+    clinician = dict(house.log_in("clinician"))
+    recording_id = ask(caller, clinician)["recording_id"]
+    apply_retention(house.services, 20 * DAY_S)
+
+    caller.put("/api/v1/retention/recordings", json={"days": 10, "now": True}, headers=clinician)
+    apply_retention(house.services, 1.0)
+
+    assert not house.services.store.may_have_row(recording_id)
+
+
+def test_the_page_asks_with_the_number_before_a_term_that_deletes(house: House, caller: TestClient) -> None:
+    clinician = dict(house.log_in("clinician"))
+    ask(caller, clinician)
+    apply_retention(house.services, 20 * DAY_S)
+
+    asked = caller.post("/retention", data={"recordings": "10"}, headers=clinician)
+    before = house.services.retention.find_all()["recordings"]
+    caller.post("/retention", data={"recordings": "10", "confirmed": "yes"}, headers=clinician)
+
+    assert re.search(r"Recordings, with [^<]*: 1<", asked.text)
+    assert before is None
+    assert house.services.retention.find_all()["recordings"] == 10
+
+
+def test_a_purge_by_a_script_waits_seven_days_in_the_trash(house: House, caller: TestClient) -> None:
+    clinician = dict(house.log_in("clinician"))
+    recording_id = ask(caller, clinician)["recording_id"]
+
+    answer = caller.delete(f"/api/v1/recordings/{recording_id}?purge=true", headers=clinician)
+    apply_retention(house.services, 6.9 * DAY_S)
+    is_there = house.services.store.may_have_row(recording_id)
+    apply_retention(house.services, 0.2 * DAY_S)
+
+    scheduled = {"recording_id": recording_id, "purged_in_days": 7}
+    assert (answer.status_code, answer.json(), is_there) == (202, scheduled, True)
+    assert not house.services.store.may_have_row(recording_id)
 
 
 # Group figures.

@@ -244,7 +244,7 @@ def test_what_a_purge_overtakes_is_not_kept(
 
     def purge_meanwhile(attempt: Attempt) -> object:
         made = run_and_wait(attempt)
-        assert client.delete(f"/api/v1/recordings/{recording}?purge=true").status_code == 200
+        assert client.delete(f"/api/v1/recordings/{recording}?purge=now").status_code == 200
         return made
 
     monkeypatch.setattr(pairs, "run_and_wait", purge_meanwhile)

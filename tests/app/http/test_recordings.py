@@ -114,7 +114,7 @@ def test_a_repeated_request_never_brings_back_what_was_deleted_for_good(
     sent = {"content": b"abc", "params": {"subject": "S1"}}
     answer = client.post(address, **sent).json()  # type: ignore[arg-type]
     recording_id = answer.get("recording_id", answer["id"])
-    client.delete(f"{URL}/{recording_id}", params={"purge": True})
+    client.delete(f"{URL}/{recording_id}", params={"purge": "now"})
 
     again = client.post(address, **sent)  # type: ignore[arg-type]
 
@@ -124,7 +124,7 @@ def test_a_repeated_request_never_brings_back_what_was_deleted_for_good(
 
 
 def test_what_was_deleted_for_good_can_be_sent_again_after_a_day(client: TestClient, store: JobStore) -> None:
-    client.delete(f"{URL}/{keep(client)['id']}", params={"purge": True})
+    client.delete(f"{URL}/{keep(client)['id']}", params={"purge": "now"})
     store.run(update(purged_uploads).values(since_s=-25 * 3600.0))
     RecordingStore(store.engine, store.reader).forget_purged()
 
@@ -238,7 +238,7 @@ def test_a_second_delete_leaves_the_trash_as_it_is_and_a_purge_empties_it(
     assert client.get(URL, params={"trashed": True}).json()["items"] == before
     assert [path.name for path in files_of(settings) if path.suffix != ".json"] == [kept["id"]]
 
-    assert client.delete(f"{URL}/{kept['id']}", params={"purge": True}).status_code == 200
+    assert client.delete(f"{URL}/{kept['id']}", params={"purge": "now"}).status_code == 200
     assert files_of(settings) == []
 
 
@@ -275,7 +275,7 @@ def test_deleting_for_good_leaves_nothing(settings: Settings, open_worker: OpenW
         run_next(open_worker(stand_ins.write_report))
         address = f"{URL}/{job['recording_id']}"
 
-        client.delete(address, params={"purge": way == "purge"})
+        client.delete(address, params={"purge": "now" if way == "purge" else False})
 
         assert files_of(settings) == []
         assert client.get(address).status_code == 404

@@ -235,7 +235,7 @@ def test_the_upload_of_what_was_deleted_for_good_says_so(client: TestClient) -> 
     address = announce(client, 3)
     append(client, address, 0, b"abc")
     recording_id = client.get(address).json()["recording_id"]
-    client.delete(f"/api/v1/recordings/{recording_id}", params={"purge": True})
+    client.delete(f"/api/v1/recordings/{recording_id}", params={"purge": "now"})
 
     assert client.head(address, headers=TUS).status_code == 410
     assert append(client, address, 3, b"") == 410

@@ -140,7 +140,7 @@ def test_deleting_the_recording_deletes_its_reference(client: TestClient, storag
     client.post("/api/v1/validations", files=FILES)
     (recording,) = client.get("/api/v1/recordings").json()["items"]
 
-    client.delete(f"/api/v1/recordings/{recording['id']}?purge=true")
+    client.delete(f"/api/v1/recordings/{recording['id']}?purge=now")
 
     assert list((storage.root / "recordings").iterdir()) == []
 

@@ -63,7 +63,7 @@ def purged(
     ids = {kept["id"] for kept in client.get("/api/v1/recordings").json()["items"]}
     assert len(ids) == 3
     for recording_id in ids:
-        client.delete(f"/api/v1/recordings/{recording_id}", params={"purge": True})
+        client.delete(f"/api/v1/recordings/{recording_id}", params={"purge": "now"})
     return ids
 
 
@@ -142,7 +142,7 @@ def test_a_purge_removes_the_decoded_samples(client: TestClient, settings: Setti
     folder = keep_samples(settings, kept["id"])
     assert len(list(folder.iterdir())) == 1
 
-    client.delete(f"/api/v1/recordings/{kept['id']}", params={"purge": True})
+    client.delete(f"/api/v1/recordings/{kept['id']}", params={"purge": "now"})
 
     assert list(folder.iterdir()) == []
 
@@ -154,7 +154,7 @@ def test_decoded_samples_of_the_same_bytes_in_another_recording_stay(
     first, second = (client.post("/api/v1/recordings", content=b"x", params=name).json() for name in names)
     folder = keep_samples(settings, second["id"])
 
-    client.delete(f"/api/v1/recordings/{first['id']}", params={"purge": True})
+    client.delete(f"/api/v1/recordings/{first['id']}", params={"purge": "now"})
 
     assert len(list(folder.iterdir())) == 1
 
@@ -282,7 +282,7 @@ def test_a_restored_older_backup_holds_nothing_of_what_was_erased_before_the_las
     other = client.post("/api/v1/recordings", content=b"another", params={"subject": "S2"}).json()["id"]
     recording_id = fill_every_place(settings, client, open_worker)
     back_up(settings, tmp_path / "older.zip")
-    client.delete(f"/api/v1/recordings/{recording_id}", params={"purge": True})
+    client.delete(f"/api/v1/recordings/{recording_id}", params={"purge": "now"})
     back_up(settings, tmp_path / "newer.zip")
 
     new = Settings(data_dir=tmp_path / "new", database_url=f"sqlite:///{tmp_path / 'new' / 'a.sqlite3'}")

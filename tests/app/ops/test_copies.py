@@ -140,7 +140,7 @@ def test_an_erasure_deletes_every_copy_and_writes_one_without_the_person(
         copy()
         make_old(find_copies(settings)[-1], 25 * 3600)
 
-    assert client.delete(f"/api/v1/recordings/{gone}", params={"purge": True}).status_code == 200
+    assert client.delete(f"/api/v1/recordings/{gone}", params={"purge": "now"}).status_code == 200
 
     (left,) = find_copies(settings)
     assert read_subjects(left) == ["S2"]
@@ -171,7 +171,7 @@ def test_an_erasure_whose_copy_cannot_be_written_is_unfinished_and_goes_on(
 
     with monkeypatch.context() as patched:
         patched.setattr(copies, "_write", fail)
-        answer = client.delete(f"/api/v1/recordings/{gone}", params={"purge": True})
+        answer = client.delete(f"/api/v1/recordings/{gone}", params={"purge": "now"})
     assert (answer.status_code, answer.json()["code"]) == (503, "E-PURGE-UNFINISHED")
     assert find_copies(settings) == ()
     assert client.app.state.services.recordings.find_purging() == (gone,)  # type: ignore[attr-defined]
@@ -187,7 +187,7 @@ def test_the_answer_to_an_erasure_says_until_when_backups_can_hold_the_person(
 ) -> None:
     def erase(content: bytes) -> dict[str, str]:
         kept = client.post("/api/v1/recordings", content=content).json()["id"]
-        return dict(client.delete(f"/api/v1/recordings/{kept}", params={"purge": True}).json())
+        return dict(client.delete(f"/api/v1/recordings/{kept}", params={"purge": "now"}).json())
 
     before, began = erase(b"1"), datetime.now(UTC)
     for number in (1, 2):

@@ -155,11 +155,25 @@ def test_the_clinics_container_may_be_reached_by_others_once_there_are_accounts(
     assert "ACROMION_HOSTS" in read_values("clinic.env.example")
 
 
-def read_unit() -> configparser.RawConfigParser:
+def read_unit(name: str = "acromion.service") -> configparser.RawConfigParser:
     unit = configparser.RawConfigParser(strict=False)
     unit.optionxform = str  # type: ignore[assignment,method-assign]
-    unit.read(DOCKER / "acromion.service")
+    unit.read(DOCKER / name)
     return unit
+
+
+def test_the_nightly_backup_writes_into_a_folder_that_its_unit_may_write() -> None:
+    service = read_unit("acromion-backup.service")["Service"]
+    program, *arguments = shlex.split(service["ExecStart"])
+
+    command = typer.main.get_command(app).commands["backup"]  # type: ignore[attr-defined]
+    given = command.make_context("backup", arguments[1:]).params
+
+    assert (program, arguments[0]) == ("/opt/acromion/bin/acromion", "backup")
+    assert str(given["file"]) == service["ReadWritePaths"]
+    assert given["keep"] == 14
+    assert service["EnvironmentFile"] == read_unit()["Service"]["EnvironmentFile"]
+    assert read_unit("acromion-backup.timer")["Timer"]["OnCalendar"] == "*-*-* 02:30"
 
 
 def test_the_units_server_is_reached_by_the_proxys_socket_alone() -> None:

@@ -264,7 +264,7 @@ def test_an_interrupted_purge_goes_on_at_the_next_start_and_does_not_come_back(
     with serving(settings) as client:
         analyse(settings, client, recording_id := upload(client, b"one", subject="S012"))
         with interrupted(storage, step), pytest.raises(OSError, match="killed"):
-            client.delete(f"/api/v1/recordings/{recording_id}?purge=true")
+            client.delete(f"/api/v1/recordings/{recording_id}?purge=now")
     assert " MISSING" not in acromion("verify").output
     if loses:
         lose_database(settings)
@@ -280,7 +280,7 @@ def test_what_a_killed_worker_left_of_an_erased_analysis_is_removed_at_the_next_
 ) -> None:
     with serving(settings) as client:
         analysis_id = analyse(settings, client, recording_id := upload(client, b"one"))
-        client.delete(f"/api/v1/recordings/{recording_id}?purge=true")
+        client.delete(f"/api/v1/recordings/{recording_id}?purge=now")
     (storage.open_attempt(analysis_id, "late") / "results.json").write_bytes(b"{}")
 
     with serving(settings):
@@ -299,7 +299,7 @@ def test_a_purge_reaches_the_reports_of_two_and_moves_what_lies_in_place_of_a_re
         place.unlink()
         place.mkdir()
         (place / "file").write_bytes(b"a stranger's")
-        answer = client.delete(f"/api/v1/recordings/{recording_id}?purge=true")
+        answer = client.delete(f"/api/v1/recordings/{recording_id}?purge=now")
 
     assert answer.status_code == 200
     assert not pair.exists()
@@ -420,7 +420,7 @@ def test_over_an_older_database_what_was_erased_is_erased_again_and_what_was_tra
     put_back = keep_older_copy(settings)
     with serving(settings) as client:
         client.delete(f"/api/v1/recordings/{trashed}")
-        client.delete(f"/api/v1/recordings/{purged}?purge=true")
+        client.delete(f"/api/v1/recordings/{purged}?purge=now")
     put_back()
 
     told = acromion("recover").output if recovers else f"IN THE TRASH SINCE {trashed}"

@@ -2,11 +2,13 @@
 
 import json
 import os
+import re
 import shutil
 import stat
 import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -528,3 +530,58 @@ def test_the_doctor_names_what_is_wrong_and_its_cure(
     assert result.exit_code == 1
     for told in ("FAIL  free disk space", "Free some space", f"chmod 700 {settings.data_dir}", "E-SCHEMA"):
         assert told in result.output
+
+
+def find_line(output: str, part: str) -> str:
+    return next(line for line in output.splitlines() if part in line)
+
+
+@on_both_set_ups
+def test_the_doctor_warns_if_the_newest_backup_is_older_than_two_days(
+    finished: Job, acromion: Acromion, storage: Storage, tmp_path: Path
+) -> None:
+    before = find_line(acromion("doctor").output, "backup is known")
+    acromion("backup", tmp_path / "b.zip")
+    fresh = find_line(acromion("doctor").output, "newest backup")
+    old = (datetime.now(UTC) - timedelta(days=2, hours=1)).isoformat()
+    storage.write_small("backups.json", json.dumps({"keep": None, "made_at": [old]}).encode())
+    result = acromion("doctor")
+
+    assert [line[:4] for line in (before, fresh, find_line(result.output, "newest backup"))] == [
+        "warn",
+        "ok  ",
+        "warn",
+    ]
+    assert result.exit_code == 0
+
+
+def test_the_doctor_warns_of_a_check_that_it_did_not_make(
+    finished: Job, acromion: Acromion, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.ops.doctor.MOST_READ_BYTES", 0)
+
+    assert find_line(acromion("doctor").output, "were not read").startswith("warn")
+
+
+@pytest.mark.parametrize("content", [b"[]", b'{"made_at": [1]}', b"\xff"])
+def test_a_list_of_backups_that_is_not_ours_counts_as_none(
+    finished: Job, acromion: Acromion, storage: Storage, content: bytes
+) -> None:
+    storage.write_small("backups.json", content)
+
+    assert find_line(acromion("doctor").output, "backup is known").startswith("warn")
+
+
+def test_a_backup_into_a_folder_is_named_by_its_date_and_older_ones_go(
+    finished: Job, acromion: Acromion, tmp_path: Path
+) -> None:
+    for number in (1, 2):
+        (tmp_path / f"acromion-2026-03-0{number}-023000.zip").touch()
+        os.utime(tmp_path / f"acromion-2026-03-0{number}-023000.zip", (number, number))
+
+    done = acromion("backup", tmp_path, "--keep", "2")
+
+    names = sorted(path.name for path in tmp_path.glob("acromion-*.zip"))
+    assert done.exit_code == 0
+    assert names[0] == "acromion-2026-03-02-023000.zip"
+    assert re.fullmatch(r"acromion-\d{4}-\d\d-\d\d-\d{6}\.zip", names[1])

@@ -294,6 +294,21 @@ def test_a_drop_on_the_page_goes_before_every_token(
     assert read_order(store, open_worker, 4)[0] == "per_clara"
 
 
+@on_both_databases
+def test_who_timed_out_twice_in_an_hour_waits_for_all_others(
+    store: JobStore, storage: Storage, open_worker: OpenWorker
+) -> None:
+    for number in range(3):
+        ask(store, storage, "tok_slow", number)
+    for _ in range(2):
+        job = store.claim()
+        assert job is not None
+        store.fail(job.id, str(job.token), "E-TIMEOUT", {"s": 300})
+    ask(store, storage, "tok_other", 0)
+
+    assert read_order(store, open_worker, 2)[-2:] == ["tok_other", "tok_slow"]
+
+
 # The time left of an analysis, by those before it: what is judged, what is not, where it is told.
 
 

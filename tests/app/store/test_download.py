@@ -139,7 +139,7 @@ def test_no_name_ends_the_header() -> None:
 def test_a_recording_that_is_not_there_is_not_found(client: TestClient) -> None:
     trashed, erased = (keep(client, content)["id"] for content in (b"1", b"2"))
     client.delete(f"/api/v1/recordings/{trashed}")
-    client.delete(f"/api/v1/recordings/{erased}?purge=true")
+    client.delete(f"/api/v1/recordings/{erased}?purge=now")
 
     for recording_id in (trashed, erased, "rec_00000000000000ff"):
         answer = client.get(build_address(recording_id))

@@ -2,12 +2,14 @@
 
 import io
 import zipfile
+from contextlib import suppress
 
 import pytest
 
 from fusion import read_recording
 from fusion.errors import FusionError
 from fusion.live.lines import LONGEST_LINE_BYTES, LineReader
+from tests.fusion.readers.cwa.cwa_builder import log_of
 
 SIZE_BYTES = 1 << 20
 HEADER = b"time_us,acc_x_g,acc_y_g,acc_z_g,gyr_x_dps,gyr_y_dps,gyr_z_dps"
@@ -71,3 +73,21 @@ def test_a_long_name_in_an_archive_takes_no_long_time(piece: str) -> None:
 
     with pytest.raises(FusionError):
         read_recording(packed)
+
+
+@pytest.mark.parametrize("whole_blocks", [0, 20])
+def test_a_megabyte_of_ones_behind_the_header_of_a_cwa_ends_soon(whole_blocks: int) -> None:
+    content = log_of(range(whole_blocks)) + b"\xff" * SIZE_BYTES
+
+    with suppress(FusionError):
+        read_recording(io.BytesIO(content))
+
+
+@pytest.mark.parametrize("name", ["c", "acc_x_", "sensor x [g] "])
+def test_a_table_of_thirty_thousand_columns_ends_soon(name: str) -> None:
+    names = ",".join(f"{name}{number}" for number in range(30_000))
+    row = ",".join("1" * 30_000)
+    content = f"{HEADER.decode()},{names}\n" + f"0,0,0,1,0,0,0,{row}\n" * 20
+
+    with pytest.raises(FusionError):
+        read_recording(io.BytesIO(content.encode()))

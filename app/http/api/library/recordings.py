@@ -46,6 +46,7 @@ from app.http.api.library.uploads import (
 )
 from app.http.middleware.access import check_confirmed, check_may, get_subject
 from app.http.middleware.problems import PROBLEM_RESPONSES, parse_json, validate_model
+from app.library.governance import DAY_S, GRACE_DAYS
 from app.library.recordings import Description, Purged, StoredRow
 from app.ops.copies import find_backup_term, renew_copies
 from app.request import ReportRequest
@@ -164,30 +165,46 @@ class ErasureView(BaseModel):
     backups_until: str | None = None
 
 
+class ScheduledView(BaseModel):
+    """A recording in the trash that is deleted permanently after at most so many days of running time."""
+
+    recording_id: str
+    purged_in_days: float
+
+
 @router.delete(
     "/{recording_id}",
     status_code=204,
-    responses={200: {"model": ErasureView, "description": "Deleted for good."}},
+    responses={
+        200: {"model": ErasureView, "description": "Deleted permanently."},
+        202: {"model": ScheduledView, "description": "In the trash, to be deleted permanently."},
+    },
 )
 def delete_recording(
     recording_id: str,
     request: Request,
     services: UsedServices,
-    purge: bool = False,  # noqa: FBT001, FBT002
+    purge: bool | Literal["now"] = False,  # noqa: FBT001, FBT002
 ) -> Response:
-    """Move a recording and its analyses to the trash; nothing changes if it is already there.
+    """Move a recording and everything made from it to the trash.
 
-    It is deleted permanently when its time in the trash is over. With ``purge``, or if the trash is disabled,
-    it is deleted permanently at once, which needs the permission to erase. The response then states until
-    when backups can contain it.
+    With ``purge=true`` it is deleted permanently after at most 7 days of the server's running time; until
+    then it can be restored. With ``purge=now``, or if the server has no trash, it is deleted permanently at
+    once, and the answer says until when backups can contain it. Both need the permission to erase.
     """
-    is_for_good = purge or not has_trash(services)
-    if is_for_good:
+    is_now = purge == "now" or not has_trash(services)
+    if purge or is_now:
         check_may_erase(request)
         services.recordings.check_hold(recording_id)
     services.recordings.trash(recording_id)
-    if not is_for_good:
+    if not is_now and not purge:
         return Response(status_code=204)
+    if not is_now:
+        term_s = services.retention.find_trash_term_s(services.settings.trash_term_s)
+        services.recordings.hasten_purge(recording_id, term_s - GRACE_DAYS * DAY_S)
+        days = min(GRACE_DAYS, term_s / DAY_S)
+        scheduled = ScheduledView(recording_id=recording_id, purged_in_days=days)
+        return JSONResponse(scheduled.model_dump(), status_code=202)
     purge_recording(services, recording_id)
     term = find_backup_term(services.storage)
     view = ErasureView(recording_id=recording_id, backups=term.kind, backups_until=term.until or None)

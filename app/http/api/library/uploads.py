@@ -41,6 +41,7 @@ from app.errors import (
 )
 from app.http.api.library.models import DeclaredOptions, RecordingWords
 from app.http.middleware.problems import PROBLEM_RESPONSES, TUS_HEADERS, parse_json, validate_model
+from app.library.audit_log import get_actor
 from app.library.claims import WayIn
 from app.library.recordings import PURGED, UploadRow
 from app.request import ReportRequest
@@ -91,7 +92,7 @@ async def store_recording(
     """
     announced = request.headers.get("content-length", "")
     check_room(services, int(announced) if announced.isdecimal() else 0)
-    with services.upload_slots.take():
+    with services.upload_slots.take(get_actor()):
         upload = await run_in_threadpool(services.storage.open_upload, services.settings.max_upload_bytes)
         try:
             await copy(request, upload.write)
@@ -273,7 +274,7 @@ async def append_bytes(
     Raises LockedUpload, WrongOffset, WrongLength, WrongDigest, WrongMediaType, BrokenUpload, SlowUpload,
     DiskFull or TooMany.
     """
-    with services.upload_slots.take():
+    with services.upload_slots.take(get_actor()):
         encoding = request.headers.get("content-encoding", "")
         if encoding.strip().lower() not in ("", "identity", "gzip"):
             raise WrongMediaType(found=encoding[:60], allowed="gzip")

@@ -175,7 +175,7 @@ export class Queue {
   // Delete permanently; use the trash if permission is missing or the password was entered too long ago.
   async erase(recordingId) {
     const address = `${this.api}/recordings/${recordingId}`;
-    const answer = await fetch(`${address}?purge=true`, { method: "DELETE" });
+    const answer = await fetch(`${address}?purge=now`, { method: "DELETE" });
     if (answer.status === 403) await fetch(address, { method: "DELETE" });
   }
 
