@@ -54,9 +54,7 @@ ProfileOption = Annotated[
 ]
 SensorOption = Annotated[
     str,
-    typer.Option(
-        "--sensor", metavar="NAME", help="Which sensor of a table or archive of several is on the arm."
-    ),
+    typer.Option("--sensor", metavar="NAME", help="Sensor on the arm, if a table or zip has several."),
 ]
 DateOrderOption = Annotated[
     Literal["dmy", "mdy"] | None,
@@ -101,7 +99,7 @@ def read_profile_file(path: Path | None, language: Language) -> str:
 
 
 def complete_profile(profile: str, sensor: str, date_order: str | None) -> str:
-    """Add the sensor on the arm and the order of dates to a column profile as a request holds it."""
+    """Add the sensor on the arm and the order of dates to a request's column profile."""
     stated = {name: value for name, value in (("sensor", sensor), ("date_order", date_order)) if value}
     return write_profile(json.loads(profile or "{}") | stated) if stated else profile
 
