@@ -2,7 +2,7 @@
 
 A caveat qualifies a result; an error (:mod:`fusion.errors`) means that there is no result.
 :class:`fusion.recording.QualityFlag` is one caveat of one recording. ``app/report/words`` has the texts under
-the same code. The table in ``docs/codes.md`` is generated from this module.
+the same code. The table in ``docs/reference/codes.md`` is generated from this module.
 """
 
 from collections.abc import Mapping

@@ -2,7 +2,7 @@
 
 An error means that there is no result. A caveat (:mod:`fusion.caveats`) qualifies a result. Any other
 exception is a bug. An error has a fixed code and facts but no sentence: ``app/report/words`` has the
-sentences by code. The table in ``docs/codes.md`` is generated from this module.
+sentences by code. The table in ``docs/reference/codes.md`` is generated from this module.
 
     FusionError
       UnreadableFile

@@ -1,4 +1,4 @@
-"""Live sessions over a WebSocket; docs/live.md describes the messages.
+"""Live sessions over a WebSocket; docs/it/live.md describes the messages.
 
 The numerical packages are loaded with the first session, so that a server without live sessions stays small.
 """

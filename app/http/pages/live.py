@@ -1,4 +1,4 @@
-"""The page of live sessions; docs/live.md describes it."""
+"""The page of live sessions; docs/it/live.md describes it."""
 
 from importlib.util import find_spec
 
