@@ -1,7 +1,4 @@
-"""Write every code with its title, its outcome and its facts, from the declarations.
-
-python -m benchmarks.codes > docs/codes.md
-"""
+"""Write every code with its title, outcome and facts as docs/reference/codes.md."""
 
 from collections.abc import Iterator, Mapping
 from math import isfinite
@@ -22,15 +19,17 @@ from fusion.caveats import Caveat, Grade
 from fusion.errors import FusionError
 from fusion.recording import QualityFlag
 
-PAGE = """# Codes
+PAGE = """Made from the code: `python -m benchmarks.reference`
 
-Made from the code: `python -m benchmarks.codes > docs/codes.md`. Titles are those of the English words; the
-page `/problems/CODE` of a server, and `GET /api/v1/problems/CODE`, give each code in full in both languages.
+# Codes
+
+The titles are the English ones. The page `/problems/CODE` of a server and `GET /api/v1/problems/CODE` explain
+each code in full, in both languages.
 
 ## Caveats
 
-A number, with something to know about it. They are declared in `fusion/caveats.py`. A note leaves the verdict
-good; a caution or a poor lowers it to that.
+A caveat says what to know about a figure. Caveats are declared in `fusion/caveats.py`. A note leaves the
+verdict good; a caution or a poor lowers it to that grade.
 
 | code | title | counts as | facts |
 |---|---|---|---|
@@ -38,25 +37,25 @@ good; a caution or a poor lowers it to that.
 
 ## Refusals of a file
 
-No number can be given. They are declared in `fusion/errors.py`; HTTP status {status}, exit code {exit_code}.
-Beside its own facts each may tell the place: `line`, `byte`, `clock`.
+The file gives no figures. These refusals are declared in `fusion/errors.py`; HTTP status {status}, exit code
+{exit_code}. Besides its own facts, a refusal may have `line`, `byte` and `clock`: the place in the file.
 
 | code | title | facts |
 |---|---|---|
 {refusals}
 
-## Refusals around it
+## Other refusals
 
-Of uploads, requests, the server and the attempt to analyse. They are declared in `app/errors.py`. "again":
-trying again may help.
+Refusals of uploads, requests, the server and the analysis, declared in `app/errors.py`. "Again": a retry may
+help.
 
 | code | title | HTTP | exit | again | facts |
 |---|---|---|---|---|---|
 {others}
 
-## Codes of the command line and the batch
+## Codes of the command line and of a batch
 
-Told beside a file, never raised: {bare}.
+Shown beside a file, never raised: {bare}.
 """
 
 
@@ -110,14 +109,10 @@ def _describe_others(refusals: tuple[type[FusionError] | type[AppError], ...]) -
 
 
 def find_own_facts(kind: type[FusionError] | type[AppError]) -> Mapping[str, str]:
-    """Return the facts that a class declares itself; it does not take over its parent's."""
+    """Return the facts that a class declares itself; without those of its parent."""
     own: Mapping[str, str] = vars(kind).get("fact_meanings", {})
     return own
 
 
 def _describe_facts(meanings: Mapping[str, str]) -> str:
     return "; ".join(f"`{name}`: {meaning}" for name, meaning in meanings.items())
-
-
-if __name__ == "__main__":
-    print(write_document(), end="")

@@ -1,10 +1,10 @@
-"""Write ``docs/exposure-check.md``: what each figure must be and is, and simulated shifts beside their truth.
+"""Write ``docs/reference/exposure-check.md``: figures beside their formulas, shifts beside their truth.
 
-python -m benchmarks.exposure_check oracles              write that part anew (CI checks that it is current)
-python -m benchmarks.exposure_check truth gt9x 10        so many seeds of a device: minutes for each
+python -m benchmarks.exposure_check oracles              write that part again (CI checks that it is current)
+python -m benchmarks.exposure_check truth gt9x 10        ten seeds of a device: minutes for each
 python -m benchmarks.exposure_check cost                 processor time and memory for 1 to 24 h
 
-Each part stands between two remarks in the document and is replaced by itself.
+Each part is between two comments of the page; only that part is replaced.
 """
 
 import re
@@ -16,17 +16,17 @@ from benchmarks.exposure import SHIFTS, measure_apart
 from benchmarks.exposure_oracles import list_oracles, tell_oracles
 from benchmarks.exposure_truth import DEVICES, SEEDS, tell_device
 
-DOCUMENT = Path(__file__).parents[1] / "docs" / "exposure-check.md"
+DOCUMENT = Path(__file__).parents[1] / "docs" / "reference" / "exposure-check.md"
 
 
 def find_part(document: str, name: str) -> str:
-    """Give what stands between the remarks of a part."""
+    """Return the text between the comments of a part."""
     found = re.search(_make_pattern(name), document, re.DOTALL)
     return found[1] if found else ""
 
 
 def replace_part(document: str, name: str, text: str) -> str:
-    """Return the document with one part written anew."""
+    """Return the document with one part replaced."""
     return re.sub(
         _make_pattern(name),
         lambda _: f"<!-- {name} -->\n{text}\n<!-- end of {name} -->",
@@ -40,7 +40,7 @@ def _make_pattern(name: str) -> str:
 
 
 def tell_cost() -> Iterator[str]:
-    """Measure each length of shift in a process of its own."""
+    """Measure each length of shift in a separate process."""
     yield "| shift | rows | CPU time, median of 5 | for each million rows | memory above the angles |"
     yield "|---|---:|---:|---:|---:|"
     for hours, rate_hz in SHIFTS:

@@ -123,7 +123,7 @@ def tell_device(device: Device, seeds: int = SEEDS, hours: float = HOURS) -> Ite
             yield ""
             yield from tell_shift(rows)
     yield ""
-    yield f"{device}, {seeds} shifts: those whose range holds the figure of the exact angle."
+    yield f"{device}, {seeds} shifts: how many ranges include the figure of the exact angle."
     yield ""
     yield from tell_held(held, held_turned, seeds)
 

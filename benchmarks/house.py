@@ -19,7 +19,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from fusion.simulation import simulate_shift, write_shift
-from tests.docs.test_plain_words import count_idioms
+from tests.docs.test_plain_words import count_idioms, count_words
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("app", "fusion")
@@ -124,7 +124,7 @@ def main() -> None:
             trees, units=COUNTED
         ),
         f"files touched to add a figure (those that name {FIGURE})": count_figure_files(),
-        "words in docs/ outside tables": count_words(),
+        "written words in docs/": count_words(),
         "idioms in code, docs and wording": count_idioms(),
         "docstrings that begin with Give, Tell or Say": sum(
             len(re.findall(r'"""(?:Give|Tell|Say)s?\b', text)) for text in sources.values()
@@ -244,12 +244,6 @@ def count_figure_files() -> int:
     """Count the files of code and words that name one figure."""
     files = (path for package in PACKAGES for path in (ROOT / package).rglob("*.*"))
     return sum(FIGURE in path.read_text() for path in files if path.suffix in {".py", ".toml"})
-
-
-def count_words() -> int:
-    """Count the words of the documents that stand in no table."""
-    lines = (line for path in (ROOT / "docs").rglob("*.md") for line in path.read_text().splitlines())
-    return sum(len(line.split()) for line in lines if not line.startswith("|"))
 
 
 if __name__ == "__main__":

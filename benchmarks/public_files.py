@@ -1,11 +1,13 @@
-"""Inspect a folder of public recordings, and write what became of each as a table.
+"""Inspect folders of public recordings, and write each outcome to ``benchmarks/public_files.csv``.
 
 python -m benchmarks.public_files FOLDER [FOLDER ...]
 
-In a folder stands one folder for each source, `OWNER+NAME` of a repository, with its recordings and a line
-`LICENCE`. `answers.json` beside them holds what a person would answer where a file asks: rate, sensor.
+A folder contains one folder for each source (`OWNER+NAME` of a repository), with its recordings and a file
+`LICENCE` of one line. `answers.json` beside them contains a person's answers to what the files leave out:
+rate, sensor, units. ``docs/reference/formats.md`` shows the outcome as a table.
 """
 
+import csv
 import json
 import sys
 from collections.abc import Iterator
@@ -21,11 +23,8 @@ from fusion.readers.tables.columns import parse_column_name
 from fusion.recording import Recording
 
 LICENCE, ANSWERS = "LICENCE", "answers.json"
-HEAD = (
-    "| source, licence | file | read | device | units (acceleration, rate) | changed |\n|---"
-    + 5 * "|---"
-    + "|"
-)
+FOUND = Path(__file__).with_suffix(".csv")
+COLUMNS = ("source", "licence", "file", "read", "device", "units", "changed")
 LONGEST_NAME = 40
 LEFT_ASIDE = {LICENCE, ANSWERS}
 OTHER_SUFFIXES = {".md", ".pdf", ".json", ".npz", ".bvh"}
@@ -33,7 +32,7 @@ OTHER_SUFFIXES = {".md", ".pdf", ".json", ".npz", ".bvh"}
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of a file: the columns of the table after its name."""
+    """The outcome for one file: the columns of the table after its name."""
 
     read: str
     device: str = ""
@@ -117,20 +116,24 @@ def find_source(recording: Recording, sensor: str) -> str:
 
 
 def main() -> None:
-    """Write the table."""
-    print(HEAD)
-    for root in map(Path, sys.argv[1:]):
-        answers = json.loads((root / ANSWERS).read_text()) if (root / ANSWERS).exists() else {}
-        for folder in sorted(path for path in root.iterdir() if path.is_dir()):
-            licence = (folder / LICENCE).read_text().strip() if (folder / LICENCE).exists() else "shared"
-            source = f"{folder.name.replace('+', '/')}, {licence}"
-            for path in find_files(folder):
-                found = inspect(path, answers)
-                name = path.name.split("__")[-1][-LONGEST_NAME:]
-                print(
-                    f"| {source} | {name} | {found.read} | {found.device} | {found.units} | {found.changed} |"
-                )
-                source = ""
+    """Write the outcomes."""
+    with FOUND.open("w", encoding="utf-8", newline="") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(COLUMNS)
+        for root in map(Path, sys.argv[1:]):
+            table.writerows(inspect_folder(root))
+
+
+def inspect_folder(root: Path) -> Iterator[list[str]]:
+    """Return the row of each recording of a folder of sources."""
+    answers = json.loads((root / ANSWERS).read_text()) if (root / ANSWERS).exists() else {}
+    for folder in sorted(path for path in root.iterdir() if path.is_dir()):
+        licence = (folder / LICENCE).read_text().strip() if (folder / LICENCE).exists() else "shared"
+        for path in find_files(folder):
+            found = inspect(path, answers)
+            name = path.name.split("__")[-1][-LONGEST_NAME:]
+            source = folder.name.replace("+", "/")
+            yield [source, licence, name, found.read, found.device, found.units, found.changed]
 
 
 if __name__ == "__main__":

@@ -2,9 +2,10 @@
 
     python -m benchmarks.validation_study DIR [people]
 
-writes DIR/study (what a laboratory would have: recordings as the devices write them, an MVNX for each person
-whose clock began some seconds earlier and runs at another pace, the lists of tasks) and compares it into
-DIR/result-METHOD. The MVNX holds the simulated truth: the errors are those of sensors and fusion alone.
+DIR/study is what a laboratory would have: the recordings as the devices write them, the lists of tasks, and
+an MVNX for each person. Its clock starts some seconds earlier and runs at another rate. The comparison goes
+to DIR/result-METHOD. The MVNX contains the simulated truth: the errors are those of sensors and fusion alone.
+With five people, the tables also go to ``docs/reference/validation-study.md``.
 """
 
 import csv
@@ -23,6 +24,18 @@ from tests.simulated_tasks import LOWERING_S, TITLES, simulate_session
 
 DEVICES: tuple[Device, ...] = ("gt9x", "lsm9ds1")
 MVN_RATE_HZ = 60.0
+METHODS = ("smoothed", "published")
+PAPER_PEOPLE = 5
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "reference" / "validation-study.md"
+TEXT = """Made from the code: `python -m benchmarks.validation_study DIR`
+
+# The paper's study, simulated
+
+Five simulated people do the ten tasks of Boyer et al. with both devices. The reference is an MVNX of the
+exact angle that starts 5 to 25 s earlier, with a clock off by 10 to 50 ppm. Each cell is the mean over people
+[standard deviation] (the paper's figure). The simulated arm is rigid and hangs plumb in the pose. The figures
+therefore leave out skin and muscle, the error of the pose, and the reference's own error.
+"""
 HELD_TASKS, RAISING_S = (2, 5), 1.5
 """Tasks whose arm is held level: the way up and down is left out, as the paper's NA asks for."""
 
@@ -68,13 +81,44 @@ def write_reference(path: Path, shift: SimulatedShift, person: int) -> None:
     write_mvnx(path, np.interp(recording_s, own_s, arrays.elevation_deg), MVN_RATE_HZ)
 
 
-def main(folder: Path, people: int = 5) -> None:
+def main(folder: Path, people: int = PAPER_PEOPLE) -> None:
     write_study(folder / "study", people)
-    for method in ("smoothed", "published"):
+    parts = [TEXT]
+    for method in METHODS:
         out = folder / f"result-{method}"
         command = ["validate", str(folder / "study"), "-o", str(out), "--method", method]
         typer.echo("acromion " + " ".join(command))
         app(command, standalone_mode=False)
+        parts.append(f"\n## {method}\n\n{draw_study(out)}")
+    if people == PAPER_PEOPLE:
+        PAGE.write_text("".join(parts), "utf-8")
+
+
+def draw_study(result: Path) -> str:
+    """Return a study's ``table.csv`` in Markdown: a row for each task, three figures for each device."""
+    figures = {
+        "r": (3, "r"),
+        "rmse_deg": (2, "RMSE deg"),
+        "mean_absolute_error_deg": (2, "mean abs. error deg"),
+    }
+    names = {"gt9x": "GT9X", "lsm9ds1": "LSM9DS1"}
+    with (result / "table.csv").open(encoding="utf-8-sig", newline="") as file:
+        rows = {(row["task"], row["device"]): row for row in csv.DictReader(file)}
+    columns = [(figure, device) for figure in figures for device in DEVICES]
+    lines = [
+        "| task | " + " | ".join(f"{figures[one][1]}, {names[device]}" for one, device in columns) + " |"
+    ]
+    lines.append("|---" * (len(columns) + 1) + "|")
+    for task in dict.fromkeys(task for task, _ in rows):
+        cells = [_draw_cell(rows[task, device], figure, figures[figure][0]) for figure, device in columns]
+        lines.append("| " + " | ".join([task, *cells]) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def _draw_cell(row: dict[str, str], figure: str, decimals: int) -> str:
+    mean, spread, paper = (row[name] for name in (f"{figure}_mean", f"{figure}_sd", f"paper_{figure}"))
+    own = f"{float(mean):.{decimals}f} [{float(spread):.{decimals}f}]" if mean else "NA"
+    return f"{own} ({float(paper):.{decimals}f})" if paper else f"{own} (NA)"
 
 
 if __name__ == "__main__":

@@ -1,10 +1,10 @@
-"""Build the site from ``docs/``: the pages, the words and drawings of the product, a report, the notebook.
+"""Build the site from ``docs/``: pages, words and drawings of the product, an example report, the notebook.
 
     mkdocs build --strict -f docs/mkdocs.yml
 
-mkdocs takes this module as its hook. What the product says already is not written again: a page whose head
-names a language (``words: en``) is a Jinja template with the words and drawings of the product, the example's
-report is rendered, and the notebook is run.
+mkdocs loads this module as its hook. A page with ``words: en`` (or ``fr``) in its head is a Jinja template,
+which is filled with the words and drawings of the product. The hook also renders the example's report and
+runs the notebook.
 """
 
 import json
@@ -37,7 +37,7 @@ from fusion.recording import QualityFlag
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 SHARED_PAGES = ("CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md", "CODE_OF_CONDUCT.md")
-"""Pages of the root that the site shows, too."""
+"""Pages of the top folder that the site also shows."""
 
 SHARED_FILES = (
     "CITATION.cff",
@@ -53,22 +53,24 @@ PAGE_DOTS_PER_INCH = 110
 _TO_ROOT = re.compile(r"\]\((?:\.\./)+(?=(?:" + "|".join((*SHARED_PAGES, *SHARED_FILES)) + r")[)#])")
 _TO_DOCS = re.compile(r"\]\(docs/")
 _FENCE_WORDS = re.compile(r"^(```\w+) [\w.]+$", re.MULTILINE)
-"""What a test does with a block stands behind its language; mkdocs would not know the block."""
+"""A word after a block's language is for a test; mkdocs does not understand it."""
 
 _ROLE = re.compile(r":(?:func|data|class|mod|meth):(?=<code>)")
-"""What docstrings say before a name, for other tools."""
+"""Roles that docstrings write before a name, for other tools."""
+
+_GENERATED = re.compile(r"\A(Made from the code: [^\n]+)\n\n(# [^\n]+\n)")
 
 _TEXT = re.compile(r"(?<=>)[^<>]+(?=<)")
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
-    """Take the pages from ``docs/`` itself, which mkdocs does not allow to be said."""
+    """Set ``docs/`` as the folder of the pages; mkdocs.yml may not name its own folder."""
     config.docs_dir = str(DOCS)
     return config
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add what is made: pages of the root, the example's report, the API's description, the notebook."""
+    """Add the generated files: pages of the top folder, example report, OpenAPI document, notebook."""
     made: dict[str, str | bytes] = {name: (ROOT / name).read_text("utf-8") for name in SHARED_PAGES}
     made |= {name: (ROOT / name).read_bytes() for name in SHARED_FILES}
     for language in LANGUAGES:
@@ -85,7 +87,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Fill in the product's words, and lead links that leave ``docs/`` to where the site has them."""
+    """Fill in the product's words, and correct links that leave ``docs/``."""
     language = page.meta.get("words")
     if language:
         markdown = _fill_words(markdown, language)
@@ -95,11 +97,12 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     markdown = _TO_ROOT.sub(f"]({up}", markdown)
     if page.file.src_uri in SHARED_PAGES:
         markdown = _TO_DOCS.sub("](", markdown)
+    markdown = _GENERATED.sub(r"\2\n\1.\n", markdown)
     return _FENCE_WORDS.sub(r"\1", markdown)
 
 
 def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Name the language of a page, for those who hear it; French has its spaces before punctuation."""
+    """Mark the language of a page for screen readers; add the French spaces before punctuation."""
     html = _ROLE.sub("", html)
     language = page.meta.get("words")
     if language == "fr":

@@ -1,1 +1,1 @@
-"""Validation as a part of the product: `python -m benchmarks.validation` writes docs/validation.md."""
+"""The validation of the product: `python -m benchmarks.validation` writes docs/reference/validation.md."""

@@ -1,4 +1,4 @@
-"""Write docs/validation.md, whole or one section at a time.
+"""Write docs/reference/validation.md, whole or one section at a time.
 
     python -m benchmarks.validation --date 2026-11-21 [--only broad stress] [--details FILE] [--output FILE]
 
@@ -53,15 +53,16 @@ SECTIONS = (
     "good_sensors",
 )
 PREFACE = """\
-# Validation of arm elevation
+Made from the code: `python -m benchmarks.validation`
 
-`python -m benchmarks.validation` writes this page. Every figure compares the software with a reference:
-recorded human motion with a simulated sensor, a simulated person, or optical motion capture (BROAD). No
-sensor worn by a real person with a reference for the upper arm is among the data. `smoothed` is the default
-for an uploaded recording, `published` the algorithm of Boyer, Frasie, Bouyer, Roy, Poitras and
-Campeau-Lecours, `live` the causal one for feedback. What is left out here, `--details FILE` writes."""
-LIMITS = Path(__file__).with_name("limits.md")
-"""What the figures cannot show, and what became of every goal that was missed: written by hand."""
+# Tables of the validation
+
+Every figure compares the software with a reference: recorded human motion with a simulated sensor, a
+simulated person, or optical motion capture (BROAD). No data come from a sensor worn by a real person beside a
+reference for the upper arm. `smoothed` is the default for an uploaded recording, `published` is the algorithm
+of Boyer, Frasie, Bouyer, Roy, Poitras and Campeau-Lecours, `live` uses past samples only.
+[Validation](../validation.md) sums up the results, the limits and the goals that are missed. `--details FILE`
+writes further tables."""
 
 
 def main() -> None:
@@ -74,7 +75,7 @@ def main() -> None:
         section = makers[name]()
         sections[name] = render_section(name, section, _describe_makers(arguments.date))
         ordered = {known: sections[known] for known in makers if known in sections}
-        output.write_text(assemble(PREFACE, ordered, LIMITS.read_text("utf-8").strip()), "utf-8")
+        output.write_text(assemble(PREFACE, ordered), "utf-8")
         if arguments.details:
             with arguments.details.open("a", encoding="utf-8") as details:
                 details.write(render_details(section) + "\n\n")
@@ -85,7 +86,7 @@ def _read_arguments() -> argparse.Namespace:
     parser.add_argument("--only", nargs="+", choices=SECTIONS)
     parser.add_argument("--date", default="", help="printed with the sections made now; none without it")
     parser.add_argument("--data", type=Path, default=DATA)
-    parser.add_argument("--output", type=Path, default=ROOT / "docs" / "validation.md")
+    parser.add_argument("--output", type=Path, default=ROOT / "docs" / "reference" / "validation.md")
     parser.add_argument("--details", type=Path)
     parser.add_argument("--logs", type=Path, help="folder for the days of `stated`; none: they are not kept")
     parser.add_argument(
@@ -117,7 +118,7 @@ def _list_makers(arguments: argparse.Namespace) -> Mapping[str, Callable[[], Sec
 
 
 def _describe_makers(date: str) -> str:
-    """Versions of everything that bears on the figures; each section may have been made at another time."""
+    """Return the versions of the software; sections may have been made at different times."""
     packages = ", ".join(f"{name} {version(name)}" for name in PACKAGES)
     own = f"acromion {software_version()}, revision {software_revision()}"
     return f"{own}, Python {platform.python_version()}, {packages}" + (f", on {date}" if date else "")

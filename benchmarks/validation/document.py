@@ -19,7 +19,7 @@ class Goal:
 class Section:
     """One part of the document.
 
-    ``shown``: prose and tables in it; ``details``: those that ``--details`` writes to a file of their own.
+    ``shown``: its prose and tables; ``details``: tables that only ``--details`` writes.
     """
 
     title: str
@@ -62,12 +62,12 @@ def find_sections(text: str, names: Sequence[str]) -> dict[str, str]:
     return found
 
 
-def assemble(preface: str, sections: Mapping[str, str], limits: str) -> str:
-    """Put the document together; how many goals are met stands on top."""
+def assemble(preface: str, sections: Mapping[str, str]) -> str:
+    """Return the document, with the number of goals that are met at its top."""
     counts = [re.findall(r"(\d+)/(\d+) \|$", text, re.MULTILINE) for text in sections.values()]
     met, every = (sum(int(pair[k]) for pairs in counts for pair in pairs) for k in (0, 1))
     summary = f"Of the goals for the angle, {met} of {every} are met."
-    return "\n\n".join([preface, "## Results", summary, *sections.values(), limits]) + "\n"
+    return "\n\n".join([preface, "## Results", summary, *sections.values()]) + "\n"
 
 
 def draw_goals(goals: Iterable[Goal]) -> str:

@@ -66,7 +66,7 @@ upper arm did. The other days are the work of two people and the steps of one of
 Lab, subjects 01 to 03, left arms; mocap.cs.cmu.edu, free for any use). On days with loads, the arm is raised
 by 50 deg in every walk after noon. The pose is held plumb.
 
-*State*: how the pose is known. *Held pose used*: days whose pose lies in the first one that was held. *Good
+*State*: how the pose is known. *Held pose used*: days on which the first held pose is the one in use. *Good
 but wrong*: `good` with a root mean square error above 6 deg on the skin, 3 deg on a rigid arm. Errors are
 over valid rows while the sensor was worn. *Truth in ranges*: of time above 30, 60, 90 deg, P10, P50 and P90,
 the share whose 95 % range includes the truth. *Width*: of the range of time above 60 deg, median. *Cut*: time

@@ -3,28 +3,28 @@
 #   Rscript acromion.R OUT                        the tables in the folder OUT of "acromion run ... -o OUT"
 #   Rscript acromion.R OUT shift.gt3x ADDRESS     and an analysis by a server, for example http://127.0.0.1:8080
 #
-# The server asks who comes. The environment says it: ACROMION_SECRET holds the contents of the file "secret" in the
-# server's data folder (acromion-data/secret) or, where there are accounts, a token. Empty or absent: nothing is sent.
+# ACROMION_SECRET is the content of the file "secret" in the server's data folder (acromion-data/secret) or, with
+# accounts, a token. If it is empty or absent, nothing is sent.
 #
 # Base R reads the tables; the API needs the packages httr2 and jsonlite.
 
 read_summary <- function(out) {
-  # One row for each recording. Codes of people stay text: "007" is no number.
+  # Return one row for each recording. Subject codes stay text: "007" is not a number.
   read.csv(file.path(out, "summary.csv"), colClasses = c(subject = "character"), na.strings = "", encoding = "UTF-8")
 }
 
 read_periods <- function(out) {
-  # One row for each hour, and for each period of the diary.
+  # Return one row for each hour and each period of the diary.
   read.csv(file.path(out, "periods.csv"), colClasses = c(subject = "character"), na.strings = "", encoding = "UTF-8")
 }
 
 usable <- function(summary) {
-  # Failed recordings and poor data stay in the table, and out of the means.
+  # Return the rows without failed recordings and poor data.
   summary[is.na(summary$error_code) & summary$verdict != "poor", ]
 }
 
 analyse <- function(path, address, ..., secret = Sys.getenv("ACROMION_SECRET")) {
-  # Send a recording, wait for its end, and give its results.json as a list. "..." says what is known of it:
+  # Send a recording, wait for the analysis, and return its results.json as a list. "..." are settings:
   # subject = "S012", side = "right", calibration = "5,15".
   api <- httr2::request(paste0(address, "/api/v1"))
   if (nzchar(secret)) api <- httr2::req_auth_bearer_token(api, secret)
@@ -42,7 +42,7 @@ analyse <- function(path, address, ..., secret = Sys.getenv("ACROMION_SECRET")) 
 }
 
 tabulate_time_above <- function(results) {
-  # Time at or above 30, 60 and 90 degrees, with the ends of the 95 % range (NA where there is none).
+  # Return time at or above 30, 60 and 90 degrees with the ends of the 95 % range (NA if there is none).
   rows <- lapply(results$exposure$time_above, function(row) {
     ends <- if (is.null(row$interval)) list(low = NA, high = NA) else row$interval
     data.frame(threshold_deg = row$threshold_deg, percent = row$percent, low = ends$low, high = ends$high)

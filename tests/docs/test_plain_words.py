@@ -6,6 +6,8 @@ import tokenize
 from collections.abc import Iterator
 from pathlib import Path
 
+import pytest
+
 from tests import ROOT
 
 IDIOMS = {
@@ -63,8 +65,14 @@ ALLOWED: dict[str, int] = {}
 WORDS = {"README.md": 700, "CHANGELOG.md": 600, "CONTRIBUTING.md": 300}
 """The most words a page of the top folder may have."""
 
+DECISIONS, DECISION_WORDS = 12, 250
+"""The most decisions, and the most words of each."""
+
 DOCS_WORDS = 30_000
 """The most written words in ``docs/``; generated reference is not counted."""
+
+GENERATED = "Made from the code: `"
+"""How the first line of a generated page begins."""
 
 
 def list_texts() -> list[Path]:
@@ -100,3 +108,57 @@ def find_idioms(path: Path) -> list[str]:
 def count_idioms() -> int:
     """Return how many idioms code, docs and wording have."""
     return sum(len(find_idioms(path)) for path in list_texts())
+
+
+def list_written() -> list[Path]:
+    """Return the pages of ``docs/`` that people write."""
+    pages = sorted((ROOT / "docs").rglob("*.md"))
+    return [path for path in pages if not path.read_text("utf-8").startswith(GENERATED)]
+
+
+def count_words(*pages: Path) -> int:
+    """Return how many words pages have, in tables and code too; without a page, all that are written."""
+    texts = (path.read_text("utf-8") for path in pages or list_written())
+    return sum(bool(re.search(r"[^\W_]", word)) for text in texts for word in text.split())
+
+
+@pytest.mark.parametrize("path", list_texts(), ids=lambda path: path.relative_to(ROOT).as_posix())
+def test_a_text_has_no_idiom(path: Path) -> None:
+    found = find_idioms(path)
+    allowed = ALLOWED.get(path.relative_to(ROOT).as_posix(), 0)
+
+    assert (len(found), found) == (allowed, found)
+
+
+def test_a_file_with_idioms_that_are_allowed_has_them() -> None:
+    assert [name for name in ALLOWED if not (ROOT / name).is_file()] == []
+
+
+def test_the_docs_are_short() -> None:
+    assert count_words() <= DOCS_WORDS
+
+
+@pytest.mark.parametrize(("name", "most"), WORDS.items())
+def test_a_page_of_the_top_folder_is_short(name: str, most: int) -> None:
+    assert count_words(ROOT / name) <= most
+
+
+def test_the_decisions_are_few_and_one_page_each() -> None:
+    decisions = sorted((ROOT / "docs" / "decisions").glob("0*.md"))
+
+    assert len(decisions) <= DECISIONS
+    assert [path.name for path in decisions if count_words(path) > DECISION_WORDS] == []
+
+
+def test_a_table_of_words_counts_and_its_bars_do_not(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("# Two words\n\n| a | 1.5 |\n|---|---:|\n", "utf-8")
+
+    assert count_words(page) == 4
+
+
+def test_an_idiom_is_found(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("It is tried anew.\nRetry the job.\n", "utf-8")
+
+    assert find_idioms(page) == ["1: again: It is tried anew."]

@@ -1,4 +1,4 @@
-"""The table of oracles in docs/exposure-check.md is that of the code."""
+"""The table of oracles in docs/reference/exposure-check.md is that of the code."""
 
 import pytest
 

@@ -1,5 +1,7 @@
 """The examples of ``docs/api.md`` are run, as they stand there, against a running server."""
 
+import csv
+import io
 import json
 import os
 import re
@@ -17,7 +19,8 @@ from tests import ROOT
 from tests.ways_in.servers import RunningServer
 
 PAGE = (ROOT / "docs" / "api.md").read_text("utf-8")
-EXAMPLES = dict(re.findall(r"```(sh|python|r)\n(.*?)```", PAGE, re.DOTALL))
+BLOCKS = re.findall(r"```(sh|python|r)\n(.*?)```", PAGE, re.DOTALL)
+EXAMPLES = {kind: "\n".join(body for of, body in BLOCKS if of == kind) for kind in ("sh", "python", "r")}
 
 
 @pytest.fixture(scope="module")
@@ -38,11 +41,16 @@ def run(command: list[str], folder: Path) -> str:
     return ended.stdout
 
 
-def test_the_example_for_curl_gives_an_analysis(example_folder: Path) -> None:
-    run(["sh", "-c", EXAMPLES["sh"]], example_folder)
+def test_the_six_calls_with_curl_end_with_the_table_of_a_batch(example_folder: Path) -> None:
+    run(["sh", "-e", "-c", EXAMPLES["sh"]], example_folder)
 
     analysis = json.loads((example_folder / "analysis.json").read_text())
     assert (analysis["file_name"], analysis["settings"]["subject"]) == ("shift.gt3x", "S012")
+    results = json.loads((example_folder / "results.json").read_text())
+    assert results["exposure"]["time_above"]
+    assert (example_folder / "report.pdf").read_bytes().startswith(b"%PDF")
+    (row,) = csv.DictReader(io.StringIO((example_folder / "summary.csv").read_text("utf-8-sig")))
+    assert (row["subject"], row["error_code"]) == ("S013", "")
 
 
 def test_the_example_in_python_prints_the_time_above_60_degrees(example_folder: Path) -> None:

@@ -1,4 +1,4 @@
-"""The tutorial does what it says: its commands run, its addresses exist, its dictionary is today's."""
+"""The tutorial does what it says: its commands run, its addresses exist."""
 
 import contextlib
 import re
@@ -9,7 +9,6 @@ from typer.testing import CliRunner
 
 from app.cli import app
 from app.main import create_app
-from app.report.export.tables import write_document
 from app.report.words.wording import load_wording
 from app.settings import Settings
 from tests import ROOT
@@ -58,10 +57,6 @@ def test_every_address_of_the_tutorial_exists(tmp_path: Path) -> None:
     asked = re.findall(r"(/api/v1/[\w/.]+)", TUTORIAL)
 
     assert [path for path in asked if not any(re.match(pattern, path) for pattern in patterns)] == []
-
-
-def test_the_dictionary_is_that_of_the_code() -> None:
-    assert (ROOT / "docs" / "dictionary.md").read_text("utf-8") == write_document()
 
 
 @pytest.mark.parametrize("folder", ["both/both-arms", "compared/before-after"])

@@ -4,7 +4,6 @@ import csv
 import io
 import json
 import re
-import sys
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
@@ -162,10 +161,12 @@ def encode_summary(rows: Iterable[Row], dialect: Dialect = INTERNATIONAL) -> byt
 
 
 DICTIONARY_COLUMNS = ["file", "column", "kind", "unit", "english", "french"]
-_DOCUMENT_HEAD = """# Dictionary / Dictionnaire
+_DOCUMENT_HEAD = """Made from the code: `python -m benchmarks.reference`
 
-Made from the code: `python -m app.report.export.tables > docs/dictionary.md`. A star stands for any name.
-Empty (in JSON: null) is "not computable". Vide (en JSON : null) veut dire « non calculable ».
+# Dictionary / Dictionnaire
+
+A star means any name. Empty (in JSON: null) means "not computable".
+Vide (en JSON : null) veut dire « non calculable ».
 """
 
 
@@ -200,7 +201,7 @@ def describe_dictionary() -> list[Row]:
 
 
 def write_document() -> str:
-    """Write the dictionary as a page for people: ``docs/dictionary.md``."""
+    """Return the dictionary as a page: ``docs/reference/dictionary.md``."""
     rows, parts = describe_dictionary(), [_DOCUMENT_HEAD]
     for file in dict.fromkeys(row["file"] for row in rows):
         parts.append(f"\n## {file}\n\n| name | unit | meaning | sens |\n|---|---|---|---|\n")
@@ -281,7 +282,3 @@ def _describe_column(column: Column | str, table: TableName, dialect: Dialect) -
     field |= {"type": "number"} | ({"decimalChar": dialect.decimal} if dialect.decimal != "." else {})
     unit = find_unit(column.name)
     return field | ({"unit": unit} if unit else {})
-
-
-if __name__ == "__main__":
-    sys.stdout.write(write_document())

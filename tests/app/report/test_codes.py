@@ -9,7 +9,7 @@ import pytest
 
 from app.errors import CANCELLED, NO_RECORDING, UNREADABLE_PATH, list_refusals
 from app.report.words.wording import LANGUAGES, Language, load_wording
-from benchmarks.codes import find_own_facts, write_document
+from benchmarks.codes import find_own_facts
 from fusion.caveats import Caveat
 from fusion.errors import PLACE
 from tests import ROOT
@@ -115,7 +115,3 @@ def test_a_refusal_is_raised_with_facts_declared() -> None:
     ]
 
     assert undeclared == []
-
-
-def test_the_page_of_codes_is_current() -> None:
-    assert (ROOT / "docs" / "codes.md").read_text("utf-8") == write_document()
