@@ -74,6 +74,7 @@ from app.start_checks import (
 )
 from app.store.folder import FolderLock, check_folder, load_extra, open_storage
 from app.store.permissions import create_file, make_folder, restrict_permissions
+from app.store.reserve import keep_reserve
 from app.version import software_version
 from fusion.errors import FusionError
 
@@ -219,6 +220,7 @@ def _prepare_database(settings: Settings) -> None:
         check_folder(settings.data_dir)
         file = find_database_file(settings.database_url)
         restrict_permissions(settings.data_dir, Path(file) if file else None)
+        keep_reserve(settings.data_dir)
         check_whole(settings.database_url)
         bring_up_to_date(settings)
         storage = open_storage(settings)

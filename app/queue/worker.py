@@ -49,9 +49,11 @@ from app.store.folder import (
     borrow_recording,
     borrow_result,
     check_folder,
+    check_free,
     load_extra,
     open_storage,
 )
+from app.store.reserve import RESERVE_BYTES
 
 IDLE_S = 0.25
 RENEWAL_S = 1.0
@@ -235,6 +237,7 @@ def _delay(worker: WorkerContext, job: Job, lease: Lease, code: str, pause_s: fl
 
 def _attempt(worker: WorkerContext, job: Job, token: str, lease: Lease) -> Outcome:
     worker.storage.drop_temporary(TEMPORARY_S)  # a killed worker may have left copies from a bucket
+    check_free(worker.storage.root, RESERVE_BYTES)  # the last of the disk is for reading and deleting
     out = worker.storage.open_attempt(job.id, token)
     limits = choose_limits(worker.settings, job.size_bytes)
     # the digest that is verified now: the child need not compute it again

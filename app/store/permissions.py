@@ -23,6 +23,7 @@ OUR_FILES = frozenset(
         "erasures.jsonl",
         "has_accounts",
         "open.html",
+        "reserve",
         "secret",
         "server.key",
         "server.lock",

@@ -31,6 +31,7 @@ from app.ops.recover import (
 from app.queue.leader import Leader
 from app.services import Services
 from app.store.folder import TEMPORARY_S
+from app.store.reserve import keep_reserve
 
 LOOK_S = 1.0
 SIDE_FILES_AT_ONCE = 200
@@ -51,6 +52,7 @@ async def keep_house(services: Services) -> None:
             await anyio.sleep(LOOK_S)
             now_s = time.monotonic()
             try:
+                await run_to_end(keep_reserve, services.storage.root)
                 if not await run_to_end(leader.is_leader):
                     looked_s = aged_s = now_s  # another counts this time
                     continue
