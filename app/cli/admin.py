@@ -179,7 +179,10 @@ def drill(
     identity: IdentityOption = None,
     lang: LanguageOption = "en",
 ) -> None:
-    """Restore a backup into a temporary folder, read every byte, and say how long it took."""
+    """Restore a backup into a temporary folder, read every byte, and say how long it took.
+
+    If a file is missing or damaged, the exit code is 4.
+    """
     from app.ops.backup import drill as try_out  # noqa: PLC0415  the database, and only this needs it
 
     with _refusals_printed(lang, find_settings(None)):
@@ -189,7 +192,7 @@ def drill(
     facts = {"number": str(done.files), "minutes": f"{minutes:.1f}", "faults": str(len(done.faults))}
     print_sentence(lang, "drill", "bad" if done.faults else "good", **facts)
     if done.faults:
-        raise typer.Exit(Exit.SOME_FAILED)
+        raise typer.Exit(Exit.INCOMPLETE)
 
 
 def restore(
@@ -200,7 +203,8 @@ def restore(
 ) -> None:
     """Put a backup into an empty data folder (or an empty database and bucket).
 
-    A backup with faults is restored, too: what is missing or damaged is listed, and the exit code is 1.
+    A backup with faults is restored, too: what is missing or damaged is listed, and the exit code is 4.
+    Recordings that were erased since the backup are skipped and counted; they do not change the exit code.
     """
     from sqlalchemy.engine import make_url  # noqa: PLC0415  heavy, and only this needs it
 
@@ -220,7 +224,7 @@ def restore(
     _print_copied(lang, "restore", copied, **places, rows=rows)
     print_sentence(lang, "restore", "ledger", name=LEDGER_FILE)
     if copied.faults:
-        raise typer.Exit(Exit.SOME_FAILED)
+        raise typer.Exit(Exit.INCOMPLETE)
 
 
 def verify(
@@ -254,7 +258,11 @@ def verify(
 
 
 def recover(data: DataOption = None, lang: LanguageOption = "en") -> None:
-    """Bring back from the side files the recordings that the database has lost; rows that are there stay."""
+    """Bring back from the side files the recordings that the database has lost; rows that are there stay.
+
+    What could not be recovered completely is listed, and the exit code is 4. Erased recordings are skipped
+    and counted; they do not change the exit code.
+    """
     from app.ops.place import check_recoverable  # noqa: PLC0415  the database, and only this needs it
     from app.ops.recover import recover as bring_back  # noqa: PLC0415
 
@@ -270,9 +278,11 @@ def recover(data: DataOption = None, lang: LanguageOption = "en") -> None:
         print_sentence(lang, "recover", "copy", at=done.copied_at)
     print_sentence(lang, "recover", "done", **facts)
     _print_accounts(lang, done.accounts)
+    if done.erased:
+        print_sentence(lang, "recover", "erased", number=str(done.erased))
     if done.troubles:
         print_sentence(lang, "recover", "bad", number=str(len(done.troubles)))
-        raise typer.Exit(Exit.SOME_FAILED)
+        raise typer.Exit(Exit.INCOMPLETE)
 
 
 def doctor(data: DataOption = None, lang: LanguageOption = "en") -> None:
