@@ -73,7 +73,7 @@ from app.start_checks import (
     check_passwords,
 )
 from app.store.folder import FolderLock, check_folder, load_extra, open_storage
-from app.store.permissions import create_file, make_folder, restrict_permissions
+from app.store.permissions import create_file, make_folder, restrict_new_files, restrict_permissions
 from app.store.reserve import keep_reserve
 from app.version import software_version
 from fusion.errors import FusionError
@@ -153,6 +153,7 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
     Raises ForeignAddress, BadParameter, ExamplePassword, PortTaken, FolderTaken, FolderUnusable,
     WrongSchema, DatabaseDamaged, DatabaseLocked, DatabaseAway, StoreAway, DiskFull or UnknownRecordings.
     """
+    restrict_new_files()
     check_certificate(settings)
     check_host_names(settings)
     check_passwords(settings)

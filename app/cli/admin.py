@@ -101,7 +101,9 @@ def worker(
     from app.queue.worker import run_by_settings  # noqa: PLC0415
     from app.settings import Settings  # noqa: PLC0415
     from app.start_checks import check_passwords  # noqa: PLC0415
+    from app.store.permissions import restrict_new_files  # noqa: PLC0415
 
+    restrict_new_files()
     settings = Settings(data_dir=data)
     try:
         start_logging()

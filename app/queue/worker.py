@@ -53,6 +53,7 @@ from app.store.folder import (
     load_extra,
     open_storage,
 )
+from app.store.permissions import restrict_new_files
 from app.store.reserve import RESERVE_BYTES
 
 IDLE_S = 0.25
@@ -329,6 +330,7 @@ def main() -> None:
     parser.add_argument("--data", type=Path, required=True, help="data folder of the server")
     parser.add_argument("--parent", type=int, help="end when this process is gone")
     arguments = parser.parse_args()
+    restrict_new_files()
     start_logging()
     try:
         run_by_settings(Settings(data_dir=arguments.data), arguments.parent)

@@ -34,6 +34,11 @@ DATABASE_ENDINGS = ("", "-wal", "-shm", "-journal")
 OUR_DATABASE = "acromion.sqlite3"
 
 
+def restrict_new_files() -> None:
+    """Make every file of this process and its children private, also those that libraries write."""
+    os.umask(OTHERS)
+
+
 def make_folder(folder: Path) -> None:
     """Create a folder, and missing folders above it."""
     for place in (*reversed(folder.parents), folder):
