@@ -19,7 +19,7 @@ def test_no_file_of_a_run_is_open_to_others_under_a_wide_umask(tmp_path: Path, r
     places = {"TMPDIR": str(tmp_path / "tmp"), "XDG_CACHE_HOME": str(tmp_path / "caches")}
     before = os.umask(0)
     try:
-        server = RunningServer(tmp_path / "data", tmp_path / "log", **places)
+        server = RunningServer(tmp_path / "data", tmp_path / "log", 1, **places)
     finally:
         os.umask(before)
     seen: dict[str, int] = {}

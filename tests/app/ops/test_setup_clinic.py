@@ -1,4 +1,4 @@
-"""Set up, upgrade and roll back a clinic server; systemd, apt and nginx are stand-ins."""
+"""Set up, upgrade and roll back a clinic server in a namespace, with stubs of systemd, apt and nginx."""
 
 import shutil
 import subprocess
