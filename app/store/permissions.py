@@ -35,7 +35,7 @@ OUR_DATABASE = "acromion.sqlite3"
 
 
 def restrict_new_files() -> None:
-    """Make every file of this process and its children private, also those that libraries write."""
+    """Make every file of this process and its children private, also files that libraries write."""
     os.umask(OTHERS)
 
 

@@ -43,5 +43,5 @@ def keep_reserve(root: Path) -> None:
                 file.write(os.urandom(RESERVE_BYTES))
     except FileExistsError:
         pass
-    except OSError:  # somebody else took the room
+    except OSError:  # another process used the space
         path.unlink(missing_ok=True)
