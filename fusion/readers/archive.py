@@ -47,7 +47,7 @@ PLACE_WORDS = re.compile(
     r"(?<![a-z])(left|right|gauche|droit|droite|phone|watch|wrist|chest|thigh|hip|head|back)(?![a-z])",
     re.IGNORECASE,
 )
-"""Words for a device, or for where it was worn, in the path of a table."""
+"""Words for a device or its place on the body, in the path of a table."""
 SAMPLING_RATE = re.compile(r"[ _]?\d{1,6}(?:\.\d{1,6})?hz\b.*", re.IGNORECASE)
 
 
@@ -154,7 +154,7 @@ def _find_pair(sensors: Mapping[str, str], device: str = "") -> ArchivedRecordin
 
 
 def _are_apart(one: str, other: str) -> bool:
-    """Return whether the paths of two tables name different devices, or places where they were worn."""
+    """Return whether the paths of two tables name different devices or places on the body."""
     places = [{word.lower() for word in PLACE_WORDS.findall(name)} for name in (one, other)]
     return all(places) and not places[0] & places[1]
 

@@ -475,7 +475,7 @@ def _find_table(head: str, order: DateOrder | None) -> TextLayout | None:
 
 
 def _begins_with_words(lines: Sequence[str], delimiter: str) -> bool:
-    """Return whether a line like a row, but for a word, stands above the first row of values only."""
+    """Return whether a line with a word among six numbers precedes the first row that has values alone."""
     first = next(k for k, line in enumerate(lines) if is_row(line, delimiter))
     width = lines[first].count(delimiter)
     above = [split_fields(line, delimiter) for line in lines[:first] if line.count(delimiter) == width]

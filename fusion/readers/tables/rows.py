@@ -176,7 +176,7 @@ def plan_table(layout: TextLayout) -> TablePlan:
     if place is not None:
         if targets[place] != IGNORED:  # a profile that counts the columns without the time
             missing = ("ax", "ay", "az", "gx", "gy", "gz")[targets[place] - 1]
-            raise UnknownColumns(list=", ".join(layout.sample_rows[0])[:LONGEST_LIST], missing=missing)
+            raise UnknownColumns(missing=missing)
         targets[place] = STAMP
     return TablePlan(
         layout,
