@@ -10,6 +10,9 @@ DOCUMENTS = (
     (b"\xff\xd8\xff", "JPEG"),
     (b"\x89PNG", "PNG"),
     (b"GIF8", "GIF"),
+    (b"II*\0", "TIFF"),
+    (b"MM\0*", "TIFF"),
+    (b"{\\rtf", "RTF"),
 )
 """Files that no reader can read as a recording."""
 MAGIC = (
@@ -33,6 +36,8 @@ def find_document(head: bytes) -> str:
     """Return what a photo, a video, a PDF or a Word document is called; "" for any other file."""
     if head[4:8] == MEDIA_MARK:
         return MEDIA
+    if head.startswith(b"RIFF") and head[8:12] == b"WEBP":
+        return "WebP"
     if WORD_MEMBER.search(head):
         return "Word (.docx)"
     return next((name for magic, name in DOCUMENTS if head.startswith(magic)), "")

@@ -3,6 +3,7 @@
 import gzip
 import re
 import zipfile
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import PurePath
@@ -42,6 +43,11 @@ SENSOR_WORDS = {
     "acc": re.compile(r"accel(?:eration|erometer)?|(?<![a-z])acc(?![a-z])", re.IGNORECASE),
 }
 """Words for a sensor in the name of a table."""
+PLACE_WORDS = re.compile(
+    r"(?<![a-z])(left|right|gauche|droit|droite|phone|watch|wrist|chest|thigh|hip|head|back)(?![a-z])",
+    re.IGNORECASE,
+)
+"""Words for a device or its place on the body, in the path of a table."""
 SAMPLING_RATE = re.compile(r"[ _]?\d{1,6}(?:\.\d{1,6})?hz\b.*", re.IGNORECASE)
 
 
@@ -140,9 +146,29 @@ def _find_pair(sensors: Mapping[str, str], device: str = "") -> ArchivedRecordin
     for kind in kinds:
         if len(by_kind[kind]) == 1:
             (acceleration,) = by_kind[kind]
+            if _are_apart(acceleration, by_kind["gyr"][0]):
+                return None
             pair = PairNames(acceleration, by_kind["gyr"][0], "" if kind == "total" else gravity, kind)
             return ArchivedRecording(device or PurePath(acceleration).stem, pair=pair)
     return None
+
+
+def _are_apart(one: str, other: str) -> bool:
+    """Return whether the paths of two tables name different devices or places on the body."""
+    places = [{word.lower() for word in PLACE_WORDS.findall(name)} for name in (one, other)]
+    return all(places) and not places[0] & places[1]
+
+
+def _name_apart(found: Sequence[ArchivedRecording]) -> dict[str, ArchivedRecording]:
+    """Return recordings by names that differ: those of one name are called by their folders too."""
+    counts = Counter(one.name for one in found)
+    named: dict[str, ArchivedRecording] = {}
+    for one in found:
+        path = PurePath(one.table or (one.pair.acceleration if one.pair else ""))
+        name = one.name if counts[one.name] == 1 else str(path.with_suffix(""))
+        name = name.replace(",", " ")
+        named[name if name not in named else str(path).replace(",", " ")] = one
+    return named
 
 
 def unpack(source: Source, sensor: str = "") -> Source:
@@ -195,7 +221,7 @@ def _choose_recording(archive: zipfile.ZipFile, members: Sequence[str], sensor: 
         raise UnsafeArchive(reason="several", count=len(members))
     if len(found) == 1:
         return found[0]
-    named = {one.name.replace(",", " "): one for one in found}
+    named = _name_apart(found)
     if sensor in named:
         return named[sensor]
     raise SeveralSensors(n=len(found), list=", ".join(named), **({"wanted": sensor} if sensor else {}))

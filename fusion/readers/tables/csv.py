@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC
 from typing import Any, TypeVar
@@ -255,11 +255,9 @@ def _read_stated(plan: TablePlan, *, is_in_g: bool) -> Stated:
 
 def _describe_columns(plan: TablePlan, stated: Stated) -> dict[str, str]:
     columns, device = plan.layout.columns, plan.layout.device
-    ignored = (
-        column.name
-        for column, target in zip(columns, plan.targets, strict=True)
-        if target <= STAMP and column.channel == "other"
-    )
+    rows, used = plan.layout.sample_rows, {k for k, target in enumerate(plan.targets) if target >= STAMP}
+    used |= {k + 1 for k in used if plan.targets[k] == STAMP and plan.layout.dates and _is_empty(rows, k + 1)}
+    ignored = (column.name for k, column in enumerate(columns) if k not in used and column.channel == "other")
     described = {
         "layout": "table with header",
         "columns": ", ".join(column.name for column in columns)[:400],
@@ -271,6 +269,11 @@ def _describe_columns(plan: TablePlan, stated: Stated) -> dict[str, str]:
     if device and device.left_gyr_factor != 1.0:
         described["left_gyr_factor"] = f"{device.left_gyr_factor:.5f}"
     return described
+
+
+def _is_empty(rows: Sequence[Sequence[str]], place: int) -> bool:
+    """Whether a column is empty: a time of day that was joined to the date before it."""
+    return not any(row[place] for row in rows if len(row) > place)
 
 
 # Register dumps of the LSM9DS1: 26-byte binary records and headerless text, gyroscope first.

@@ -224,10 +224,11 @@ PAIR = re.compile(
 )
 """A name has at most 61 characters and its unit 40: the search takes time in proportion to the line."""
 ARRIVED = re.compile(
-    r"^(?:(\[)(?=[^\]\n]{7,30}\]))?(\d{4}-\d{2}-\d{2}[ T])?(\d{1,2}:\d{2}:\d{2}[.,:]\d{1,6})"
+    r"^(?:(\[)(?=[^\]\n]{7,30}\]))?(\d{4}-\d{2}-\d{2}[ T])?(\d{1,2}:\d{2}:\d{2}(?:[.,:]\d{1,6})?)"
     r"(?(1)\]| ?(?:->|>))[ \t]*"
 )
-"""The time at which a serial monitor received a line: `12:30:01.123 -> `, `[2026-03-02 12:30:01.123] `."""
+"""The time at which a serial monitor received a line: `12:30:01.123 -> `, `12:30:01 -> `,
+`[2026-03-02 12:30:01.123] `."""
 ARRIVAL = "arrived"
 TRIPLE = re.compile(
     r"([A-Za-z]\w{0,30}) ?[:=] *([-+]?\d++(?:\.\d*+)?+)[, \t]++([-+]?\d++(?:\.\d*+)?+)"
@@ -249,6 +250,7 @@ class LabelWriter:
     groups: tuple[tuple[str, ...], ...]
     _row: list[str] = field(default_factory=list, init=False, compare=False)
     _next: list[int] = field(default_factory=lambda: [0], init=False, compare=False)
+    _lines: list[int] = field(default_factory=lambda: [-1, 0], init=False, compare=False)
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -274,16 +276,24 @@ class LabelWriter:
         if names not in self.groups:
             is_blank = not ARRIVED.sub("", line).strip()
             return None if is_blank and len(self.groups) > 1 else line
-        place = self.groups.index(names)
+        place, filler = self.groups.index(names), self._end_row(self.groups.index(names))
         if place == 0:
             self._row[:] = values
         elif place == self._next[0]:
             self._row.extend(values[names[0] == ARRIVAL :])
         else:  # the lines before it are lost
             self._next[0] = 0
-            return None
+            return filler
         self._next[0] = (place + 1) % len(self.groups)
-        return None if self._next[0] else "\t".join(self._row)
+        return filler if self._next[0] else "\t".join(self._row)
+
+    def _end_row(self, place: int) -> str | None:
+        """Return a row without values for the row before, if it lacked a line and no stamp shows the hole."""
+        last, found = self._lines
+        is_next = place <= last
+        is_lost = is_next and found < len(self.groups) and self.groups[0][0] != ARRIVAL
+        self._lines[:] = place, 1 if is_next else found + 1
+        return "\t".join(["nan"] * len(self.labels)) if is_lost else None
 
 
 def _read_labels(line: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -318,18 +328,20 @@ def _find_groups(lines: Sequence[str]) -> tuple[tuple[str, ...], ...]:
 def _read_arrival(found: re.Match[str]) -> str:
     """Write the time of a serial monitor in the form of the other stamps."""
     day, clock = found.group(2) or "", found.group(3).replace(",", ".")
-    hour_to_second, _, fraction = clock.replace(".", ":").rpartition(":")
-    return f"{day.replace(' ', 'T')}{hour_to_second}.{fraction}"
+    hour, minute, second, *fraction = clock.replace(".", ":").split(":")
+    return f"{day.replace(' ', 'T')}{hour}:{minute}:{second}.{(fraction or ['0'])[0]}"
 
 
 @dataclass(frozen=True, slots=True)
 class ArrivalWriter:
     """Writes the time that a serial monitor put before each line as a column; other lines stay as they are.
 
-    ``delimiter``: that of the rows.
+    ``delimiter``: that of the rows; ``width``: how many values follow the time. A line of so many names that
+    a person added has no time before it.
     """
 
     delimiter: str
+    width: int
 
     def rewrite(self, text: str) -> str:
         """Rewrite whole lines."""
@@ -338,12 +350,16 @@ class ArrivalWriter:
     def _rewrite_line(self, line: str) -> str:
         found = ARRIVED.match(line)
         if found is None:
-            return line
+            is_header = line.lstrip('"\ufeff ')[:1].isalpha() and self._count(line) == self.width
+            return f"{ARRIVAL}{self.delimiter}{line}" if is_header else line
         rest = line[found.end() :]
         if not rest.strip():
             return ""
         is_header = rest.lstrip('" ')[:1].isalpha()
         return f"{ARRIVAL if is_header else _read_arrival(found)}{self.delimiter}{rest}"
+
+    def _count(self, line: str) -> int:
+        return len(split_fields(line, self.delimiter))
 
 
 # The layout of a head.
@@ -415,7 +431,9 @@ def find_layout(head: str, order: DateOrder | None = None) -> TextLayout | None:
         return _find_table(head, order)
     counts = {mark: sum(rest.count(mark) for rest in rests) for mark in DELIMITERS[:-1]}
     delimiter = max(counts, key=lambda mark: counts[mark])
-    arrivals = ArrivalWriter(delimiter if counts[delimiter] >= len(rests) else " ")
+    delimiter = delimiter if counts[delimiter] >= len(rests) else " "
+    widths = Counter(len(split_fields(rest, delimiter)) for rest in rests)
+    arrivals = ArrivalWriter(delimiter, widths.most_common(1)[0][0])
     layout = _find_table(arrivals.rewrite(head), order)
     return replace(layout, writer=arrivals) if layout else None
 
@@ -441,6 +459,9 @@ def _find_table(head: str, order: DateOrder | None) -> TextLayout | None:
     delimiter = max(DELIMITERS, key=lambda mark: max(votes[mark].values(), default=0))
     if not votes[delimiter]:
         delimiter, lines = _hide_words(lines)
+    elif _begins_with_words(lines, delimiter):
+        hidden = _hide_words(lines)
+        delimiter, lines = hidden if hidden[1] and hidden[0] == delimiter else (delimiter, lines)
     if not lines:
         if doubt is not None:
             raise doubt
@@ -451,6 +472,14 @@ def _find_table(head: str, order: DateOrder | None) -> TextLayout | None:
     if doubt is not None and not any(c.channel == "time" and c.unit for c in layout.columns):
         raise doubt
     return layout
+
+
+def _begins_with_words(lines: Sequence[str], delimiter: str) -> bool:
+    """Return whether a line with a word among six numbers precedes the first row that has values alone."""
+    first = next(k for k, line in enumerate(lines) if is_row(line, delimiter))
+    width = lines[first].count(delimiter)
+    above = [split_fields(line, delimiter) for line in lines[:first] if line.count(delimiter) == width]
+    return any(sum(bool(NUMBER.fullmatch(field)) for field in row) >= MIN_COLUMNS for row in above)
 
 
 def _hide_words(lines: Sequence[str]) -> tuple[str, list[str]]:

@@ -174,6 +174,9 @@ def plan_table(layout: TextLayout) -> TablePlan:
         targets[acc[axis]], targets[gyr[axis]] = 1 + axis, 4 + axis
     place, time = _choose_stamp(layout)
     if place is not None:
+        if targets[place] != IGNORED:  # a profile that counts the columns without the time
+            missing = ("ax", "ay", "az", "gx", "gy", "gz")[targets[place] - 1]
+            raise UnknownColumns(missing=missing)
         targets[place] = STAMP
     return TablePlan(
         layout,
@@ -430,7 +433,8 @@ def put_back_gravity(
         if acc.channel == "linear":
             raise NoGravity
         return False
-    without_g = np.median(np.linalg.norm(acc_g - parts_g, axis=1))
+    # the gravity that a total acceleration holds may be written with the other sign beside it
+    without_g = min(np.median(np.linalg.norm(acc_g + sign * parts_g, axis=1)) for sign in (-1.0, 1.0))
     if acc.channel != "linear" and without_g < np.median(np.linalg.norm(acc_g, axis=1)):
         return False  # gravity is in it
     is_core_motion = CORE_MOTION in gyr.name.lower() and abs(length_g / scale_g - 1.0) < NEAR_ONE

@@ -406,6 +406,9 @@ DOCUMENTS = {
     "PDF": b"%PDF-1.7 a letter",
     "JPEG": b"\xff\xd8\xff\xe0 a photo",
     "HEIC/MP4": b"\0\0\0\x18ftypheic a photo",
+    "WebP": b"RIFF\x10\0\0\0WEBPVP8  a photo",
+    "TIFF": b"II*\0 a photo",
+    "RTF": b"{\\rtf1 a letter}",
     "Word (.docx)": b"PK\x03\x04" + bytes(26) + b"word/document.xml",
 }
 

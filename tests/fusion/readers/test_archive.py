@@ -107,6 +107,37 @@ def test_two_pairs_are_two_devices() -> None:
     np.testing.assert_allclose(read_archive(members, "left").segments[0].acc_g, ACC_G, atol=2e-6)
 
 
+def test_tables_of_one_name_are_offered_with_their_folders() -> None:
+    members: dict[str, str | bytes] = {
+        f"{side}/imu.csv": f"time_s,{','.join(axes('acc_{}_g'))},{','.join(axes('gyr_{}_dps'))}\n"
+        + rows(TIME_S, values, GYR_DPS)
+        for side, values in (("left", ACC_G), ("right", -ACC_G))
+    }
+
+    with pytest.raises(SeveralSensors) as refusal:
+        read_archive(members)
+
+    assert refusal.value.facts["list"] == "left/imu, right/imu"
+    np.testing.assert_allclose(read_archive(members, "left/imu").segments[0].acc_g, ACC_G, atol=2e-6)
+    np.testing.assert_allclose(read_archive(members, "right/imu").segments[0].acc_g, -ACC_G, atol=2e-6)
+
+
+@pytest.mark.parametrize(
+    ("acceleration", "angular_rate"),
+    [("left_ACC.txt", "right_GYRO.txt"), ("phone/Accelerometer.csv", "watch/Gyroscope.csv")],
+)
+def test_two_tables_of_different_devices_are_no_pair(acceleration: str, angular_rate: str) -> None:
+    members: dict[str, str | bytes] = {
+        acceleration: sensor_table(ACC_G, " (g)"),
+        angular_rate: sensor_table(GYR_DPS, " (deg/s)"),
+    }
+
+    with pytest.raises(UnsafeArchive) as refusal:
+        read_archive(members)
+
+    assert refusal.value.facts["reason"] == "several"
+
+
 def test_linear_acceleration_and_gravity_are_added() -> None:
     members: dict[str, str | bytes] = {
         "Linear Acceleration.csv": sensor_table((ACC_G - UP_G) * 9.80665, " (m/s^2)"),

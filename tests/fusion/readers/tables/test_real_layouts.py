@@ -73,6 +73,29 @@ def test_the_time_of_the_board_goes_before_that_of_the_monitor() -> None:
     assert recording.understood["time"] == "number"
 
 
+def test_a_monitor_s_time_without_milliseconds_is_stripped() -> None:
+    recording = read_text(
+        f"07:00:00 -> millis,{CHANNELS}\n"
+        + "".join(f"{clock(k)[:8]} -> {10 * k},{line(k)}\n" for k in range(ROWS))
+    )
+
+    check_whole(recording)
+    assert recording.understood["time"] == "number"
+
+
+def test_six_names_that_a_person_writes_above_a_monitor_s_rows_are_enough() -> None:
+    check_whole(read_text(f"{CHANNELS}\n" + make_rows("{clock} -> {row}")))
+
+
+def test_a_profile_that_takes_the_time_for_a_sensor_is_refused() -> None:
+    profile = ColumnProfile((1, 2, 3), (4, 5, 6))
+
+    with pytest.raises(UnknownColumns) as refusal:
+        read_with(make_rows("{clock} -> {row}"), profile)
+
+    assert refusal.value.facts["missing"] == "ax"
+
+
 def test_the_line_that_putty_writes_above_a_log_does_no_harm() -> None:
     above = "=~=~=~=~=~=~=~=~=~=~=~= PuTTY log 2026.03.02 07:00:00 =~=~=~=~=~=~=~=~=~=~=~=\n"
 
@@ -106,6 +129,20 @@ def test_a_sample_with_a_lost_line_is_left_out() -> None:
     recording = read_text("\n".join(lines) + "\n")
 
     assert sum(len(s) - sum(b - a for a, b in s.bridged) for s in recording.segments) == ROWS - 1
+
+
+@pytest.mark.parametrize("lost", [0, 1, 2])
+def test_without_a_time_samples_with_a_lost_line_count_as_missing(lost: int) -> None:
+    sample = [
+        split_line(k, "A: {A} g\nG: {G} deg/s\nM: 0.1, 0.2, 0.3 gauss\n").splitlines() for k in range(ROWS)
+    ]
+    for lines in sample[600:650]:
+        del lines[lost]
+
+    recording = read_text("".join(f"{one}\n" for lines in sample for one in lines), rate_hz=100.0)
+
+    assert recording.duration_us == 12_000_000
+    assert [len(segment) for segment in recording.segments] == [600, 550]
 
 
 # Dates and times in two columns.
@@ -170,6 +207,14 @@ def test_with_a_profile_only_its_columns_must_be_numbers() -> None:
     profile = ColumnProfile(("p", "q", "r"), ("u", "v", "w"), "g", "dps", time="k", time_unit="ms")
 
     check_whole(read_with(WORDS, profile))
+
+
+@pytest.mark.parametrize("later", ["", "7"])
+def test_a_label_that_is_no_word_further_on_hides_no_rows(later: str) -> None:
+    """The first row of numbers only is not the first row."""
+    rows = "".join(f"{'left' if k < 300 else later},{10 * k},{line(k)}\n" for k in range(ROWS))
+
+    check_whole(read_text(f"label,time_ms,{CHANNELS}\n" + rows))
 
 
 @pytest.mark.parametrize("word", ["no_units", "local_flux", "anything"])
