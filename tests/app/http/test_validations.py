@@ -221,7 +221,7 @@ def test_a_comparison_joins_the_study_that_it_names_without_a_line_in_its_table(
 
     assert f'src="/validations/{own}/plot.svg"' in page
     assert "RMSE 0.00°, bias 0.00°, 95\u202f% limits 0.0° to 0.0°" in page
-    assert "ours.csv beside truth.csv" in page
+    assert "ours.csv compared with truth.csv" in page
     assert len(shared.get(f"/api/v1{study}/summary.csv").text.splitlines()) == 1  # the names of the columns
     listed = shared.post(f"{study}/participants", content="file,subject\nours.csv,S1\n")
     assert listed.json() == {"changed": 0, "unknown": ["ours.csv"]}

@@ -192,7 +192,7 @@ def test_a_stranger_s_files_go_to_quarantine_of_which_page_and_doctor_tell(
         assert (storage.root / "quarantine" / name).read_bytes() == b"mine"
         assert not (storage.root / "recordings" / name).exists()
     assert "x.json" in storage.find_quarantined()
-    assert "set aside: 5" in page
+    assert "moved to a separate folder: 5" in page
     assert (doctor.exit_code, "holiday.jpg" in doctor.output) == (1, True)
 
 
@@ -322,7 +322,7 @@ def test_recover_brings_back_recordings_with_all_that_was_known_of_them(
     done = acromion("recover")
 
     assert done.exit_code == 0, done.output
-    assert "brought back: 2 (in the trash: 1" in done.output
+    assert "recovered: 2 (in the trash: 1" in done.output
     with serving(settings) as client:
         row = client.get(f"/api/v1/recordings/{first}").json()
         in_trash = client.get("/api/v1/recordings", params={"trashed": True}).json()["items"]
@@ -361,7 +361,7 @@ def test_recover_queues_again_what_was_queued_with_its_batch_and_done_twice_chan
     with serving(settings) as client:
         assert client.get(f"/api/v1/analyses/{asked['id']}").json()["state"] == "queued"
         assert client.get(f"/api/v1/batches/{batch['id']}").json()["name"] == "wave 1"
-    assert (again.exit_code, "brought back: 0" in again.output) == (0, True)
+    assert (again.exit_code, "recovered: 0" in again.output) == (0, True)
 
 
 def test_recover_adds_to_an_older_database_and_keeps_its_rows(

@@ -126,7 +126,7 @@ def test_where_nobody_else_knows_the_file_the_one_that_failed_is_the_reason(add_
         ("    return Recording('x', '', None, None, 0, ())", "no segment, or no duration"),
         (
             "    return Recording('a | b', '', None, None, 0, ())",
-            "device is no plain name of 1 to 60 letters, digits, spaces and any of + - . / ( )",
+            "device is not a plain name of 1 to 60 letters, digits, spaces and any of + - . / ( )",
         ),
     ],
 )

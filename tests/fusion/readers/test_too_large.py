@@ -52,7 +52,7 @@ def test_rows_that_are_packed_as_those_of_no_sensor_are_refused() -> None:
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
     """Limits so small that a test's file reaches them."""
     monkeypatch.setattr(samples, "UNASKED_ROWS", 70_000)
-    monkeypatch.setattr(samples, "MAX_ROWS", 140_000)
+    monkeypatch.setattr(samples, "MOST_ROWS", 140_000)
 
 
 @cache
