@@ -184,8 +184,8 @@ def pass_damage(
 ) -> int:
     """Step over bytes that are not a valid record; return the next place to read.
 
-    Where the damaged record's own size leads to the next good record, its framing is trusted and only its
-    content is lost. Else the framing is lost and the next separator whose checksum verifies is hunted.
+    If the damaged record's size leads to the next good record, only its content is lost. Otherwise the search
+    continues at the next separator with a valid checksum.
     """
     if tally[RESYNCS] + tally[BAD_CHECKSUMS] == 0:
         tally[DAMAGE_S] = tally[LAST_S]
@@ -796,12 +796,12 @@ class DeviceLog:
     """The content of log.bin, gathered piece by piece.
 
     ``columns``: the samples of all decoded records, in g and deg/s.
-    ``decoded``: where the samples of each batch of records lie.
-    ``decoder``: the schema in force; None before the first, and if it has no usable channels.
-    ``labels``: of the columns of all schemas.
-    ``n_undecoded``: SENSOR_DATA records that no schema fits.
-    ``held``: Unix seconds and payloads of samples that came before the first schema.
-    ``primary_seconds``: those of the primary accelerometer that were looked at.
+    ``decoded``: the places of the samples of each batch of records.
+    ``decoder``: decoder of the current schema; None before the first, or if it has no usable channels.
+    ``labels``: names of the columns of all schemas.
+    ``n_undecoded``: number of SENSOR_DATA records that fit no schema.
+    ``held``: Unix seconds and payloads of samples before the first schema.
+    ``primary_seconds``: checked seconds of the primary accelerometer.
     """
 
     columns: SampleColumns = field(default_factory=lambda: SampleColumns(has_stamps=False))
