@@ -293,7 +293,7 @@ def decode_ssp_float(value: int) -> float:
 
 
 def parse_schema(payload: bytes) -> SensorSchema | None:
-    """Decode a SENSOR_SCHEMA payload; None where it contradicts itself."""
+    """Decode a SENSOR_SCHEMA payload; None if it contradicts itself."""
     if len(payload) < HEADER_BYTES:
         return None
     schema_id, n_columns, _ = struct.unpack_from("<3H", payload)
@@ -599,7 +599,7 @@ def find_doubles(
 
 
 def find_runs(seconds: Seconds) -> tuple[tuple[Run, ...], tuple[QualityFlag, ...]]:
-    """Cut the seconds where the clock does not step by one, or the row layout changes.
+    """Cut the seconds at each step of the clock other than one, and at each change of the row layout.
 
     A step back, or a step forward by more than a day, is a clock that was set: the next run follows at once,
     because the length of the break is unknown.
@@ -623,7 +623,7 @@ def find_runs(seconds: Seconds) -> tuple[tuple[Run, ...], tuple[QualityFlag, ...
 
 
 def order_seconds(seconds: Seconds, acc: NDArray[np.float32], gyr: NDArray[np.float32]) -> Timeline:
-    """Repair lonely stamps, leave out doubles and partial seconds, and find the runs."""
+    """Repair single wrong stamps, drop duplicates and partial seconds, and find the runs."""
     stamps, repaired = repair_outliers(seconds.unix_s)
     stamped = replace(seconds, unix_s=stamps)
     kept, identical, differing = find_doubles(stamped, acc, gyr)
@@ -691,7 +691,7 @@ class DeviceText:
     encoding: str = "utf-8"
 
     def number(self, key: str) -> float | None:
-        """A number with decimal point or comma, or None: `8,0` and `100 Hz` are understood."""
+        """Parse a number with decimal point or comma, such as `8,0` or `100 Hz`; None for anything else."""
         found = re.match(r"\s*([-+]?\d+(?:[.,]\d+)?)", self.values.get(key, ""))
         return float(found.group(1).replace(",", ".")) if found else None
 
@@ -850,8 +850,8 @@ def decode_log(pieces: Iterable[bytes], size_bytes: int = 0, source: Source | No
     """Scan and decode log.bin in one pass over its pieces.
 
     ``pieces``: the bytes of log.bin.
-    ``size_bytes``: its size by the archive's directory, from which the room for the samples is estimated.
-    ``source``: the file up to the end of log.bin, where too many rows are to be refused.
+    ``size_bytes``: its size in the archive's directory, to estimate the room for the samples.
+    ``source``: the file up to the end of log.bin, to refuse too many rows.
     """
     log = DeviceLog(SampleColumns(source, has_stamps=False))
     to_come = size_bytes
@@ -879,7 +879,7 @@ def decode_log(pieces: Iterable[bytes], size_bytes: int = 0, source: Source | No
 
 
 def _take_records(log: DeviceLog, buffer: NDArray[np.uint8], records: NDArray[np.int64]) -> None:
-    """Take records with a schema at most as the first record: then all samples have one schema."""
+    """Process records of which only the first may be a schema, so that all samples have one schema."""
     is_sample = records[:, 0] == SENSOR_DATA
     for kind, unix_s, first, size in records[~is_sample].tolist():
         payload = buffer[first : first + size].tobytes()
@@ -918,7 +918,7 @@ def _take_schema(log: DeviceLog, payload: bytes) -> None:
 def _take_samples(
     log: DeviceLog, decoder: RowDecoder, buffer: NDArray[np.uint8], records: NDArray[np.int64]
 ) -> None:
-    """Decode the records that are of the decoder's schema and hold whole rows."""
+    """Decode the records with the decoder's schema and whole rows."""
     firsts, sizes = records[:, 2], records[:, 3]
     n_rows, odd_bytes = np.divmod(sizes - 2, decoder.schema.row_bytes)
     fits = (sizes >= 2) & (n_rows > 0) & (odd_bytes == 0)
@@ -1087,7 +1087,7 @@ def flag_damage(scan: ScanTally, timeline: Timeline) -> tuple[QualityFlag, ...]:
 def flag_rates(
     text: DeviceText, log: DeviceLog, timeline: Timeline, segments: Sequence[Segment]
 ) -> tuple[QualityFlag, ...]:
-    """Where header, nominal rate and the two accelerometers contradict each other."""
+    """Flag contradictions between header, nominal rate and the two accelerometers."""
     seen = log.primary_seconds
     rate_hz = round(max(segments, key=len).rate_hz, 3)
     flags: tuple[QualityFlag, ...] = ()
