@@ -879,7 +879,7 @@ def decode_log(pieces: Iterable[bytes], size_bytes: int = 0, source: Source | No
 
 
 def _take_records(log: DeviceLog, buffer: NDArray[np.uint8], records: NDArray[np.int64]) -> None:
-    """Process records of which only the first may be a schema, so that all samples have one schema."""
+    """Process records of one schema; only the first record may be a schema."""
     is_sample = records[:, 0] == SENSOR_DATA
     for kind, unix_s, first, size in records[~is_sample].tolist():
         payload = buffer[first : first + size].tobytes()

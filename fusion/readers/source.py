@@ -98,7 +98,7 @@ class HashedFile(io.RawIOBase):
         self._running: Future[None] | None = None
 
     def read(self, size: int = -1) -> bytes:
-        """Read the next bytes, and hash those that were not hashed before."""
+        """Read the next bytes, and hash the new ones."""
         piece = self._file.read(size)
         if self._at <= self._hashed_bytes < self._at + len(piece):
             self._hash(memoryview(piece)[self._hashed_bytes - self._at :])
