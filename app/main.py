@@ -73,7 +73,8 @@ from app.start_checks import (
     check_passwords,
 )
 from app.store.folder import FolderLock, check_folder, load_extra, open_storage
-from app.store.permissions import create_file, make_folder, restrict_permissions
+from app.store.permissions import create_file, make_folder, restrict_new_files, restrict_permissions
+from app.store.reserve import keep_reserve
 from app.version import software_version
 from fusion.errors import FusionError
 
@@ -152,6 +153,7 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
     Raises ForeignAddress, BadParameter, ExamplePassword, PortTaken, FolderTaken, FolderUnusable, WrongSchema,
     DatabaseDamaged, DatabaseLocked, DatabaseAway, StoreAway, DiskFull or UnknownRecordings.
     """
+    restrict_new_files()
     check_certificate(settings)
     check_host_names(settings)
     check_passwords(settings)
@@ -219,6 +221,7 @@ def _prepare_database(settings: Settings) -> None:
         check_folder(settings.data_dir)
         file = find_database_file(settings.database_url)
         restrict_permissions(settings.data_dir, Path(file) if file else None)
+        keep_reserve(settings.data_dir)
         check_whole(settings.database_url)
         bring_up_to_date(settings)
         storage = open_storage(settings)

@@ -108,7 +108,9 @@ def worker(
     from app.queue.worker import run_by_settings  # noqa: PLC0415
     from app.settings import Settings  # noqa: PLC0415
     from app.start_checks import check_passwords  # noqa: PLC0415
+    from app.store.permissions import restrict_new_files  # noqa: PLC0415
 
+    restrict_new_files()
     settings = Settings(data_dir=data)
     try:
         start_logging()
@@ -191,7 +193,10 @@ def drill(
     identity: IdentityOption = None,
     lang: LanguageOption = "en",
 ) -> None:
-    """Restore a backup into a temporary folder, check every file, and print how long it took."""
+    """Restore a backup into a temporary folder, check every file, and print how long it took.
+
+    If a file is missing or damaged, the exit code is 4.
+    """
     from app.ops.backup import drill as try_out  # noqa: PLC0415  loads the database
 
     with _printing_refusals(lang, load_settings(None)):
@@ -201,7 +206,7 @@ def drill(
     facts = {"number": str(done.files), "minutes": f"{minutes:.1f}", "faults": str(len(done.faults))}
     print_sentence(lang, "drill", "bad" if done.faults else "good", **facts)
     if done.faults:
-        raise typer.Exit(Exit.SOME_FAILED)
+        raise typer.Exit(Exit.INCOMPLETE)
 
 
 def restore(
@@ -212,7 +217,8 @@ def restore(
 ) -> None:
     """Restore a backup into an empty data folder (or an empty database and bucket).
 
-    A backup with errors is also restored: missing or damaged files are listed, and the exit code is 1.
+    A backup with errors is also restored: missing or damaged files are listed, and the exit code is 4.
+    Recordings that were erased after the backup are skipped and counted; they do not change the exit code.
     """
     from sqlalchemy.engine import make_url  # noqa: PLC0415  slow import
 
@@ -232,7 +238,7 @@ def restore(
     _print_copied(lang, "restore", copied, **places, rows=rows)
     print_sentence(lang, "restore", "ledger", name=LEDGER_FILE)
     if copied.faults:
-        raise typer.Exit(Exit.SOME_FAILED)
+        raise typer.Exit(Exit.INCOMPLETE)
 
 
 def verify(
@@ -268,7 +274,11 @@ def verify(
 
 
 def recover(data: DataOption = None, lang: LanguageOption = "en") -> None:
-    """Restore recordings that the database has lost from the side files; existing rows do not change."""
+    """Restore recordings that the database has lost from the side files; existing rows do not change.
+
+    Recordings that could not be recovered completely are listed, and the exit code is 4. Erased recordings
+    are skipped and counted; they do not change the exit code.
+    """
     from app.ops.place import check_recoverable  # noqa: PLC0415  loads the database
     from app.ops.recover import recover as bring_back  # noqa: PLC0415
 
@@ -284,9 +294,11 @@ def recover(data: DataOption = None, lang: LanguageOption = "en") -> None:
         print_sentence(lang, "recover", "copy", at=done.copied_at)
     print_sentence(lang, "recover", "done", **facts)
     _print_accounts(lang, done.accounts)
+    if done.erased:
+        print_sentence(lang, "recover", "erased", number=str(done.erased))
     if done.troubles:
         print_sentence(lang, "recover", "bad", number=str(len(done.troubles)))
-        raise typer.Exit(Exit.SOME_FAILED)
+        raise typer.Exit(Exit.INCOMPLETE)
 
 
 def doctor(data: DataOption = None, lang: LanguageOption = "en") -> None:

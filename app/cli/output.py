@@ -42,6 +42,8 @@ class Exit(IntEnum):
     SOME_FAILED = 1
     USAGE = 2
     NOTHING_DONE = 3
+    INCOMPLETE = 4
+    """A backup or a data folder could not be restored completely."""
     INTERRUPTED = 130
     NOBODY_READS = 141
     """The code of a program that SIGPIPE ends."""

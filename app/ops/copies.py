@@ -16,12 +16,19 @@ from contextlib import closing
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from sqlalchemy import Engine, create_engine, select
 from sqlalchemy.exc import DBAPIError
 
-from app.library.database.connect import LEFT_OUT, find_database_file, read_revision
+from app.errors import DiskFull
+from app.library.database.connect import (
+    FULL_DISK,
+    LEFT_OUT,
+    find_database_file,
+    read_revision,
+    translate_database_errors,
+)
 from app.library.database.tables import REVISION, recordings
 from app.library.recordings import delete_recording
 from app.library.rows import PURGING
@@ -56,7 +63,8 @@ def keep_daily_copy(settings: Settings, engine: Engine) -> None:
 def renew_copies(settings: Settings, engine: Engine) -> None:
     """Delete every copy, and write a new one without recordings that are being purged.
 
-    Raises DiskFull or OSError if the purge is unfinished: call this again before its last rows are deleted.
+    On a full disk :func:`keep_daily_copy` writes the new copy later. Raises OSError if the purge is
+    unfinished: call this again before its last rows are deleted.
     """
     if engine.dialect.name != "sqlite":
         return
@@ -66,7 +74,10 @@ def renew_copies(settings: Settings, engine: Engine) -> None:
             path.unlink()
         if folder.is_dir():
             sync_folder(folder)
-        _write(settings, engine)
+        try:
+            _write(settings, engine)
+        except DiskFull:
+            logger.warning("the disk is full: no copy of the rows could be written")
 
 
 def restore_copy(settings: Settings) -> str:
@@ -130,16 +141,25 @@ def _write(settings: Settings, engine: Engine) -> None:
     for left in folder.glob(f"{part.name}*"):
         left.unlink()
     try:
-        with translate_disk_full():
+        with translate_disk_full(), translate_database_errors(f"sqlite:///{part}"):
             create_file(part).close()
             with closing(engine.raw_connection()) as connection:
-                connection.cursor().execute("VACUUM INTO ?", (str(part),))
+                _vacuum_into(connection.cursor(), part)
             _leave_out(part)
             sync_file(part)
             part.rename(copy)
             sync_folder(folder)
     finally:
         part.unlink(missing_ok=True)
+
+
+def _vacuum_into(cursor: Any, part: Path) -> None:
+    try:
+        cursor.execute("VACUUM INTO ?", (str(part),))
+    except sqlite3.OperationalError as error:
+        raise (
+            DiskFull() if any(sign in str(error) for sign in FULL_DISK) else OSError(str(error))
+        ) from error
 
 
 def _leave_out(part: Path) -> None:

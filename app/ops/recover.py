@@ -192,6 +192,8 @@ class Recovered:
     accounts: Accounts = NO_ACCOUNTS
     copied_at: str = ""
     """Date of the daily copy that was restored first."""
+    erased: int = 0
+    """Number of erased recordings that were found in the store or the database and skipped."""
 
 
 def recover(settings: Settings) -> Recovered:
@@ -226,7 +228,8 @@ def recover(settings: Settings) -> Recovered:
 def _recover(store: JobStore, storage: Storage, *, has_copy: bool) -> Recovered:
     unknown = find_unknown(store, storage)
     finish_purges(storage, unknown)
-    for recording_id in storage.find_erased() & store.find_recordings():
+    known_erased = storage.find_erased() & store.find_recordings()
+    for recording_id in known_erased:
         store.mark_purging(recording_id)  # an older database was restored: the next start deletes it again
     names, before = storage.find_recordings(), store.find_recordings()
     results = frozenset(storage.find_names())
@@ -257,6 +260,7 @@ def _recover(store: JobStore, storage: Storage, *, has_copy: bool) -> Recovered:
         reports=added["reports"],
         known=len(before),
         troubles=tuple(troubles),
+        erased=len(known_erased.union(unknown.erased)),
     )
 
 

@@ -49,9 +49,12 @@ from app.store.folder import (
     borrow_recording,
     borrow_result,
     check_folder,
+    check_free,
     load_extra,
     open_storage,
 )
+from app.store.permissions import restrict_new_files
+from app.store.reserve import RESERVE_BYTES
 
 IDLE_S = 0.25
 RENEWAL_S = 1.0
@@ -236,6 +239,7 @@ def _delay(worker: WorkerContext, job: Job, lease: Lease, code: str, pause_s: fl
 
 def _attempt(worker: WorkerContext, job: Job, token: str, lease: Lease) -> Outcome:
     worker.storage.drop_temporary(TEMPORARY_S)  # a killed worker may have left copies from a bucket
+    check_free(worker.storage.root, RESERVE_BYTES)  # the last of the disk is for reading and deleting
     out = worker.storage.open_attempt(job.id, token)
     limits = choose_limits(worker.settings, job.size_bytes)
     # The digest was just verified: the child need not compute it again.
@@ -327,6 +331,7 @@ def main() -> None:
     parser.add_argument("--data", type=Path, required=True, help="data folder of the server")
     parser.add_argument("--parent", type=int, help="end when this process is gone")
     arguments = parser.parse_args()
+    restrict_new_files()
     start_logging()
     try:
         run_by_settings(Settings(data_dir=arguments.data), arguments.parent)

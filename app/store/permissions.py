@@ -23,6 +23,7 @@ OUR_FILES = frozenset(
         "erasures.jsonl",
         "has_accounts",
         "open.html",
+        "reserve",
         "secret",
         "server.key",
         "server.lock",
@@ -31,6 +32,11 @@ OUR_FILES = frozenset(
 )
 DATABASE_ENDINGS = ("", "-wal", "-shm", "-journal")
 OUR_DATABASE = "acromion.sqlite3"
+
+
+def restrict_new_files() -> None:
+    """Make every file of this process and its children private, also files that libraries write."""
+    os.umask(OTHERS)
 
 
 def make_folder(folder: Path) -> None:

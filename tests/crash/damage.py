@@ -447,9 +447,9 @@ def _restore(scene: Scene) -> None:
         scene.seen.word = "no backup to restore"
         return
     restored = scene.run("restore", source, "--data", into)
-    words = {0: "whole", 1: "restored, names the damage"}
+    words = {0: "whole", 4: "restored, names the damage"}
     scene.seen.word, scene.seen.detail = words.get(restored.exit_code, "refused"), _tell(restored)
-    if restored.exit_code not in (0, 1):
+    if restored.exit_code not in (0, 4):
         scene.seen.expect(scene.cell.part == "database", f"restore: exit {restored.exit_code}")
         return
     found = _hash_recordings(into)
@@ -457,19 +457,19 @@ def _restore(scene: Scene) -> None:
     for recording_id, digest in scene.store.recordings.items():
         scene.seen.expect(recording_id == lost or digest in found, f"not restored: {recording_id}")
     if scene.cell.part in PROMISED:
-        scene.seen.expect(restored.exit_code == 1, "restore calls it whole")
+        scene.seen.expect(restored.exit_code == 4, "restore calls it whole")
 
 
 def _recover(scene: Scene) -> None:
     recovered, seen = scene.run("recover", "--data", scene.store.folder), scene.seen
-    words = {0: "recovered", 1: "recovered, names the rest"}
+    words = {0: "recovered", 4: "recovered, names the rest"}
     seen.word, seen.detail = words.get(recovered.exit_code, "refused"), _tell(recovered)
     if scene.cell.part != "database":
-        seen.expect(recovered.exit_code in (0, 1), f"recover: exit {recovered.exit_code}")
+        seen.expect(recovered.exit_code in (0, 4), f"recover: exit {recovered.exit_code}")
         return
     server = scene.serve("log-after")
     if not server.runs:
-        seen.expect(recovered.exit_code not in (0, 1), "no start after a recovery")
+        seen.expect(recovered.exit_code not in (0, 4), "no start after a recovery")
         return
     rows = [*_list_rows(server, trashed=False), *_list_rows(server, trashed=True)]
     known = {row["id"]: row["note"] for row in rows}

@@ -31,6 +31,7 @@ from app.ops.recover import (
 from app.queue.leader import Leader
 from app.services import Services
 from app.store.folder import TEMPORARY_S
+from app.store.reserve import keep_reserve
 
 CHECK_PERIOD_S = 1.0
 SIDE_FILES_AT_ONCE = 200
@@ -51,6 +52,7 @@ async def run_housekeeping(services: Services) -> None:
             await anyio.sleep(CHECK_PERIOD_S)
             now_s = time.monotonic()
             try:
+                await run_to_end(keep_reserve, services.storage.root)
                 if not await run_to_end(leader.is_leader):
                     looked_s = aged_s = now_s  # the leader counts this time
                     continue

@@ -39,6 +39,7 @@ from app.library.audit_log import (
     set_actor,
 )
 from app.services import SUBJECT, find_services
+from app.store.reserve import free_reserve
 
 ONE_READING_S = 15 * 60.0
 MAX_RECENT_READS = 10_000
@@ -240,7 +241,7 @@ class Access:
         try:
             if contains_token(f"{path}?{scope['query_string'].decode('latin-1')}"):
                 raise TokenInAddress
-            subject = await run_sync(self._gate.find_subject, _read_credentials(HTTPConnection(scope)))
+            subject = await run_sync(self._find_subject, HTTPConnection(scope))
             if subject is not None:
                 scope[SUBJECT] = subject
         except AppError as refusal:
@@ -254,6 +255,11 @@ class Access:
             if recorder.refusal is None:
                 raise
             await self._refuse(scope, receive, send, recorder.refusal)
+
+    def _find_subject(self, connection: HTTPConnection) -> Subject | None:
+        """Find who asks; every request may write to the audit log, so room is made for that."""
+        free_reserve(find_services(connection).storage.root)
+        return self._gate.find_subject(_read_credentials(connection))
 
     async def _run(self, subject: Subject | None, scope: Scope, receive: Receive, send: Send) -> None:
         if subject is None or not _is_long_running(scope):

@@ -231,7 +231,7 @@ def test_the_doctor_names_a_server_key_that_fits_no_second_factor_and_the_cure(
 
     done = CliRunner().invoke(app, doctor)
 
-    assert "ok    server.key reads" in before.output
+    assert "ok    server.key can decrypt" in before.output
     assert done.exit_code == 1
     assert f"(not with {secret}: second factors 1, webhooks 0)" in done.output
     assert "acromion account reset LOGIN --second-factor" in done.output

@@ -299,7 +299,7 @@ def test_the_page_asks_with_the_number_before_a_term_that_deletes(house: House, 
     before = house.services.retention.find_all()["recordings"]
     caller.post("/retention", data={"recordings": "10", "confirmed": "yes"}, headers=clinician)
 
-    assert re.search(r"Recordings, with [^<]*: 1<", asked.text)
+    assert re.search(r"Recordings, and [^<]*: 1<", asked.text)
     assert before is None
     assert house.services.retention.find_all()["recordings"] == 10
 

@@ -54,7 +54,7 @@ def test_exit_code_total_and_problems_agree_and_what_was_left_aside_is_told(stud
     result, out = studied
 
     assert result.exit_code == 1
-    for told in ("en échec\u00a0: 1", "laissés de côté\u00a0: 1", "lost.gt3x"):
+    for told in ("en échec\u00a0: 1", "ignorés\u00a0: 1", "lost.gt3x"):
         assert told in result.stderr
     assert [row["code"] for row in read_table(out / "problems.csv")] == ["E-EMPTY"]
 

@@ -511,8 +511,8 @@ def address(shared: TestClient, shift_gt3x: Path) -> str:
     ("periods", "line", "why"),
     [
         ([INSIDE, REVERSED], 3, "before it begins"),
-        ([OUTSIDE], 2, "outside of"),
-        ([INSIDE, OUTSIDE], 3, "outside of"),
+        ([OUTSIDE], 2, "outside"),
+        ([INSIDE, OUTSIDE], 3, "outside"),
         ([INSIDE, INSIDE | {"start_s": 10}], 3, "overlap"),
     ],
 )

@@ -370,7 +370,7 @@ def test_a_backup_with_faults_restores_what_is_whole_and_lists_the_rest(
 
     restored = acromion("restore", path)
 
-    assert restored.exit_code == 1
+    assert restored.exit_code == 4
     assert f"MISSING recordings/{finished.recording_id}" in restored.output
     assert f"MISSING recordings/{finished.recording_id}" in acromion("verify").output
     store = JobStore(new)
@@ -389,7 +389,7 @@ def test_a_damaged_file_is_restored_as_it_is_and_does_not_replace_a_good_one(
 
     again = restore(path)
 
-    assert (first.exit_code, restored) == (1, b"the Recording")
+    assert (first.exit_code, restored) == (4, b"the Recording")
     assert (again.exit_code, place.read_bytes()) == (0, b"the recording")
 
 
