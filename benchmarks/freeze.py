@@ -177,7 +177,7 @@ def _expand(word: str, work: Path) -> list[str]:
 
 
 def _write_angles(work: Path) -> None:
-    """Write the true angle of the first simulated recording as a ready angle series at 20 Hz."""
+    """Write the true angle of the first simulated recording as a precomputed angle series at 20 Hz."""
     import pyarrow.parquet as pq  # noqa: PLC0415  only here
 
     truth = next((work / "gt9x").glob("*truth*.parquet"))

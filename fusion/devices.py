@@ -19,7 +19,7 @@ class KnownDevice:
 
     ``device``: the value of :attr:`fusion.recording.Recording.device`.
     ``name``: the maker's name for it; the same in every language.
-    ``form``: "binary", "table", "zip" of two tables, or "capture" of ready angles.
+    ``form``: "binary", "table", "zip" of two tables, or "capture" of precomputed angles.
     ``header``, ``above``: patterns of the header line and of the lines above it, ignoring case; one match is
     enough.
     ``acc_unit``, ``gyr_unit``, ``time_unit``: units of columns whose names have none; "" if unknown.

@@ -175,7 +175,7 @@ class ElevationSegment:
     ``valid``: shape (n,). Whether every sample of the row is fused and trusted. The diary has no effect:
     breaks stay valid.
     ``vertical``: shape (n, 3), float32, read by slices of rows: unit vector to the zenith in the sensor
-    frame; None for a ready angle series. Computed again on each read, except that it is stored if a row has
+    frame; None for an angle series. Computed again on each read, except that it is stored if a row has
     several samples (:class:`fusion.elevation.VerticalOnDemand`).
     ``sigma_deg``: shape (seconds,), float32: standard deviation of the angle in each second of the segment,
     without the error of the pose (:mod:`fusion.orientation.smoothed`); None if the method does not estimate
@@ -209,10 +209,10 @@ class Elevation:
     """Arm elevation through the recording, with gaps between the segments.
 
     ``segments``: in time order.
-    ``method``: the estimator; None for a ready angle series and for an angle read from ``elevation.parquet``.
+    ``method``: the estimator; None for an angle series and for an angle read from ``elevation.parquet``.
     ``bias_sigma_deg``: standard deviation of the angle over the whole recording, without the error of the
     pose. For `smoothed`, the root mean square over the seconds. Includes the uncertainty of the axis if the
-    sensor turned on the arm. None for a ready angle series.
+    sensor turned on the arm. None for a precomputed angle series.
     """
 
     segments: tuple[ElevationSegment, ...]

@@ -19,7 +19,7 @@ def tabulate_elevation(source: Analysis | Elevation) -> pd.DataFrame:
     Parameters
     ----------
     source
-        An analysis of a recording or of ready angles, or the result of :func:`fusion.read_elevation`.
+        An analysis of a recording or of precomputed angles, or the result of :func:`fusion.read_elevation`.
 
     Returns
     -------

@@ -48,7 +48,7 @@ Step = Literal["checking", "calibrating", "fusing", "counting"]
 SOFT_TISSUE_SIGMA_DEG = 4.0
 """Difference between a sensor on the skin and the humerus: 2 to 5 deg on four people (docs/validation.md)."""
 UNKNOWN_SIGMA_DEG = 0.0
-"""For ready angles, whose error is unknown: their intervals only include the sampling of the day."""
+"""For precomputed angles, whose error is unknown: their intervals only include the sampling of the day."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,7 +57,7 @@ class Analysis:
 
     ``recording``: the recording.
     ``settings``: as given, or the defaults.
-    ``calibration``: the pose; None for a ready angle series.
+    ``calibration``: the pose; None for a precomputed angle series.
     ``elevation``: the angle, at most about 100 rows a second; also valid in breaks.
     ``exclusions``: all time excluded from the analysis, including the breaks of the diary.
     ``time``: how the time of the recording was used.
@@ -267,7 +267,7 @@ def analyse_angles(
     on_step: Callable[[Step], None] = ignore_step,
     diary: tuple[DiaryEntry, ...] = (),
 ) -> Analysis:
-    """Return the analysis of a ready angle series (columns ``time_s,elevation_deg``; empty is missing)."""
+    """Return the analysis of an angle series (columns ``time_s,elevation_deg``; empty is missing)."""
     return _count_ready(*read_angle_series(file), on_step, diary)
 
 

@@ -186,7 +186,7 @@ class Recording:
 
     @property
     def holds_samples(self) -> bool:
-        """Whether an inertial sensor measured it; a ready angle has segments without samples."""
+        """Whether an inertial sensor measured it; a precomputed angle has segments without samples."""
         return any(len(segment) for segment in self.segments)
 
     @property

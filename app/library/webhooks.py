@@ -126,7 +126,7 @@ def announce_batch(connection: Connection, batch_id: str) -> None:
     hooks = _read_hooks(connection)
     if not hooks:
         return
-    # lock the batch, so that two last analyses do not each count the other as unfinished
+    # lock the batch: two analyses that end together must not each count the other as unfinished
     connection.execute(select(batches.c.id).where(batches.c.id == batch_id).with_for_update())
     going_on = analyses.c.state.in_((JobState.QUEUED, JobState.RUNNING))
     count = select(func.count()).where(analyses.c.id.in_(select_items(batch_id)), going_on)

@@ -92,7 +92,7 @@ def name_method(findings: Findings) -> str:
 
 
 def name_pose(findings: Findings) -> str:
-    """Return the reference of the angle; a day without a pose differs from one with a pose."""
+    """Return the pose, or "axis" without one; angles with different references must not be compared."""
     return (findings.calibration.pose or "axis") if findings.calibration else ""
 
 

@@ -1,4 +1,4 @@
-"""One small, valid recording of each format, as the start for mutations."""
+"""One small, valid recording of each format, from which mutations start."""
 
 import gzip
 import io
@@ -140,7 +140,7 @@ def unpack(content: bytes) -> dict[str, str]:
 
 
 def pack_again(members: dict[str, str], damaged: bytes) -> bytes:
-    """Return a zip of the members, with the gyroscope's replaced by the damaged one."""
+    """Return a zip of the members, with damaged bytes in place of the gyroscope table."""
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w") as packed:
         for name, text in members.items():

@@ -29,7 +29,7 @@ class Section:
 
 
 def judge(what: str, value: float, limit: float, unit: str = "deg", decimals: int = 3) -> Goal:
-    """Compare a figure with its upper limit, as printed."""
+    """Compare a figure, rounded as it is printed, with its upper limit."""
     reached = f"{value:.{decimals}f} {unit}"
     return Goal(what, f"<= {limit:.{decimals}f} {unit}", reached, round(value, decimals) <= limit)
 
@@ -48,7 +48,7 @@ def render_section(name: str, section: Section, made_with: str) -> str:
 
 
 def render_details(section: Section) -> str:
-    """Return everything that the document omits."""
+    """Return the whole section, including the tables that the document omits."""
     return "\n\n".join([f"## {section.title}", *section.shown, *section.details])
 
 
@@ -63,7 +63,7 @@ def find_sections(text: str, names: Sequence[str]) -> dict[str, str]:
 
 
 def assemble(preface: str, sections: Mapping[str, str]) -> str:
-    """Return the document, with the number of goals that are met at its top."""
+    """Return the document; a summary above the sections counts the goals that are met."""
     counts = [re.findall(r"(\d+)/(\d+) \|$", text, re.MULTILINE) for text in sections.values()]
     met, every = (sum(int(pair[k]) for pairs in counts for pair in pairs) for k in (0, 1))
     summary = f"Of the goals for the angle, {met} of {every} are met."
@@ -71,7 +71,7 @@ def assemble(preface: str, sections: Mapping[str, str]) -> str:
 
 
 def draw_goals(goals: Iterable[Goal]) -> str:
-    """Return one row for goals that only differ in the measured object; missed goals are bold."""
+    """Return a table; goals that only differ in the measured object share a row; missed goals are bold."""
     grouped: dict[tuple[str, str], list[tuple[str, Goal]]] = {}
     for goal in goals:
         of, _, figure = goal.what.rpartition(": ")

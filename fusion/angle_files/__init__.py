@@ -1,4 +1,4 @@
-"""Files with an angle or an orientation that need no sensor fusion: motion capture and ready angles.
+"""Files with an angle or an orientation that need no sensor fusion: motion capture and precomputed angles.
 
 They are the reference in a comparison. Motion capture files can also be analysed as recordings.
 """

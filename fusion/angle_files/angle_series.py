@@ -1,4 +1,4 @@
-"""Ready angles on even grids: the CSV of angles, and the rows of any file of angles or orientations."""
+"""Precomputed angles on even grids: the CSV of angles, and the rows of any file of angles or orientations."""
 
 import hashlib
 from collections.abc import Mapping
@@ -29,7 +29,7 @@ from fusion.readers.source import Source, hash_source
 from fusion.recording import MICROSECONDS, Float64Array, FloatArray, IntArray, QualityFlag, Recording, Segment
 from fusion.runs import find_runs
 
-# A ready angle series: a CSV with the columns ``time_s`` and ``elevation_deg``; an empty cell is missing.
+# An angle series: a CSV with the columns ``time_s`` and ``elevation_deg``; an empty cell is missing.
 #
 # Separated by commas, semicolons or tabs. With semicolons or tabs the decimal mark may be a comma (French
 # Excel).
@@ -79,7 +79,7 @@ class AngleRows:
 
 
 def read_angle_series(file: BinaryIO) -> tuple[Recording, Elevation]:
-    """Read a ready angle series from an open binary file that can be rewound.
+    """Read a precomputed angle series from an open binary file that can be rewound.
 
     The segments of the recording have a start and a rate but no samples: shape (0, 3).
 
@@ -283,7 +283,7 @@ class AngleFile:
     ``elevation_deg``: shape (n,), float32: 0 hanging, 90 level, 180 overhead; None until the arm axis is
     known.
     ``up``: shape (n, 3), float32: the unit vector to the zenith in the frame of the segment or sensor; None
-    if the file contains ready angles.
+    if the file contains precomputed angles.
     ``axis``: shape (3,), unit vector along the upper arm towards the shoulder in that frame; None if unknown.
     ``understood``: the reader's interpretation of the file, for people.
     """

@@ -384,7 +384,7 @@ class TaskAgreement:
 class Comparison:
     """Two measurements of one arm, aligned and compared.
 
-    ``axis``: the source of the reference's angle: a ready angle, the arm's segment in the file, or an
+    ``axis``: the source of the reference's angle: a precomputed angle, the arm's segment in the file, or an
     orientation calibrated at the same moment as our side.
     ``pairs``: all compared rows: the tasks if there is a task list, otherwise all common time.
     """

@@ -323,7 +323,7 @@ class LoweredEntries:
 # Rest of the upper arm: arm down and nearly still, and the longest time without it.
 #
 # Neutral and slow: elevation under 20 deg and generalised speed under 5 deg/s for at least 3 s without a gap.
-# Without a vertical (a ready angle series) the speed of inclination is used. The figure describes the
+# Without a vertical (a precomputed angle series) the speed of inclination is used. The figure describes the
 # position of the arm, not whether its muscles rested.
 
 NEUTRAL_DEG = 20.0

@@ -86,14 +86,14 @@ def _list_outside(
 SHORTEST_SEGMENT_US = MICROSECONDS
 SHORTEST_RECORDING_US = 10 * MICROSECONDS
 WITHOUT_MINIMUM = ("angles", "mvn")
-"""Devices of ready angles, which can be analysed at any length."""
+"""Devices of precomputed angles, which can be analysed at any length."""
 
 
 def find_exclusions(recording: Recording, blocks: Blocks | None = None) -> tuple[Span, ...]:
     """Return the excluded time: docked or asleep, segments under 1 s, clipped samples with 100 ms margins.
 
     The spans are disjoint, in time order and within the recording; if reasons overlap, the first of this list
-    is used. They start and end with rows of the angle, so that no partial row remains. A ready angle series
+    is used. They start and end with rows of the angle, so that no partial row remains. An angle series
     has no samples, so only the exclusions of its file apply. ``blocks``: the reduced recording, if the caller
     has it already.
     """
@@ -191,7 +191,7 @@ def account_time(
     segment and each exclusion. Such a difference counts as excluded, not missing. ``flags``: more caveats,
     which may explain why too little time is left.
 
-    Raises TooShort: less than 10 s are analysed (ready angles: nothing is).
+    Raises TooShort: less than 10 s are analysed (precomputed angles: nothing is).
     """
     analysed_us = sum(
         round(

@@ -131,9 +131,9 @@ def read_recording(
     file_name
         Used only to notice a wrong extension; by default the file object's own name.
     rate_hz
-        Sampling rate in Hz that a person gives, for layouts without time; ignored where the file states it.
+        Sampling rate in Hz that a person gives, for layouts without time; ignored if the file states it.
     sha256
-        The digest of the bytes, hexadecimal, where the caller has it already; else it is computed here.
+        The digest of the bytes, hexadecimal, if the caller already has it; else it is computed here.
     profile
         What the columns of a table mean, or which of its sensors is on the arm, for tables whose header does
         not tell, which other formats ignore; and when the pose was held.
@@ -146,7 +146,7 @@ def read_recording(
     Raises
     ------
     fusion.errors.FusionError
-        No recording can be given; code and facts say why.
+        The file cannot be read as a recording; code and facts give the reason.
     OSError
         A path that cannot be opened.
     """
@@ -177,17 +177,16 @@ def read_recording(
 
 
 def _is_read_by_profile(content: Source, profile: ColumnProfile) -> bool:
-    """Return whether a table is read as a profile says; an order of dates does not undo a device's form."""
+    """Return whether the profile decides how a table is read; for ActiLife's, an order of dates does not."""
     if identify_content(content.head) != "text":
         return False
     return profile.names_columns or (profile.date_order is not None and not actilife_csv.recognise(content))
 
 
 def _check_readings(recording: Recording) -> Recording:
-    """Leave out first what was not measured, so that the rest can be judged; then units, axes and faults.
+    """Exclude unmeasured samples, then check units, axes and faults of the rest.
 
-    A channel that stuck is told by movement in g and deg/s: if a file states no units, the search follows
-    their settling.
+    Finding a stuck channel needs movement in g and deg/s: if a file states no units, they are found first.
     """
     alive = leave_out_held(refuse_dead(leave_out_zeros(recording)))
     is_stated = are_units_stated(alive)

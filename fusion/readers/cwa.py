@@ -1,4 +1,4 @@
-"""Axivity AX6 `.cwa`: accelerometer and gyroscope, in blocks with a stamp of the device's clock each.
+"""Axivity AX6 `.cwa`: accelerometer and gyroscope, in blocks that each have a stamp of the device's clock.
 
 Source: Open Movement, Docs/ax3/cwa.h and ax3-technical.md. Compared to the readers that were looked at
 (openmovement, actipy, scikit-digital-health): a block whose checksum fails is missing time, never samples and
@@ -128,8 +128,8 @@ def note_damage(tally, size_bytes):  # type: ignore[no-untyped-def]
 def pass_sector(buffer, at_byte, tally):  # type: ignore[no-untyped-def]
     """Step over a sector that is not a block; return the next place to read.
 
-    Where the next sector can follow, the framing is trusted and this block alone is lost; else the next
-    block that verifies is hunted byte by byte.
+    If the next sector can follow a block, only this block is lost. Otherwise the next valid block is searched
+    for byte by byte.
     """
     if tally[HUNTED_BYTES] == 0 and is_unwritten(buffer, at_byte, at_byte + BLOCK_BYTES):
         return at_byte + BLOCK_BYTES
@@ -220,16 +220,16 @@ class Blocks:
         return len(self.first_row)
 
     def take(self, chosen: NDArray[np.bool_] | Indices) -> "Blocks":
-        """Return some of them, or all in another order."""
+        """Return some of the blocks, or all in another order."""
         return Blocks(*(getattr(self, name)[chosen] for name in self.__slots__))
 
 
 def order_blocks(
     blocks: Blocks, columns: SampleColumns, session: int
 ) -> tuple[Blocks, tuple[QualityFlag, ...]]:
-    """Leave out other sessions and doubles, put late blocks into their place; the columns follow.
+    """Drop other sessions and duplicates, and sort late blocks; the columns are reordered alike.
 
-    ``session``: the session that the header names.
+    ``session``: the session in the header.
     """
     is_own = find_session(blocks, session)
     own = blocks.take(is_own)
@@ -256,7 +256,7 @@ def order_blocks(
 
 
 def find_session(blocks: Blocks, named: int) -> NDArray[np.bool_]:
-    """Mark the blocks of one session: the named one if any block is of it, else the one of most blocks.
+    """Mark the blocks of one session: the named one if it has blocks, else the one with most blocks.
 
     A device's file is emptied when it is set up again: a block with another number is left over from an
     earlier recording, perhaps another person's. Blocks without a number (0) are kept.
@@ -270,9 +270,9 @@ def find_session(blocks: Blocks, named: int) -> NDArray[np.bool_]:
 
 
 def find_order(blocks: Blocks) -> tuple[Indices, int]:
-    """Order by number where number and clock agree that blocks came late; also how many did.
+    """Return the order of the blocks and how many were late, by number and clock.
 
-    A number that goes back while the clock goes on is a device that started again.
+    If the number steps back while the clock advances, the device restarted and no block was late.
     """
     order = np.arange(len(blocks))
     back = np.diff(blocks.sequence) <= 0
@@ -301,7 +301,7 @@ def find_doubles(blocks: Blocks) -> NDArray[np.bool_]:
 
 
 def count_identical(blocks: Blocks, columns: SampleColumns, doubles: Indices) -> int:
-    """How many of the doubles have the content of the block before."""
+    """Return how many of the duplicates have the content of the block before."""
     alike = doubles[blocks.n_rows[doubles] == blocks.n_rows[doubles - 1]]
     if len(alike) == 0:
         return 0
@@ -313,7 +313,7 @@ def count_identical(blocks: Blocks, columns: SampleColumns, doubles: Indices) ->
 
 
 def find_rows(blocks: Blocks) -> Indices:
-    """The rows of blocks one after the other."""
+    """Return the rows of the blocks, in their order."""
     stops = np.cumsum(blocks.n_rows)
     shifts = np.repeat(blocks.first_row - (stops - blocks.n_rows), blocks.n_rows)
     rows: Indices = np.arange(len(shifts)) + shifts
@@ -335,7 +335,7 @@ Floats = NDArray[np.float64]
 
 
 def nominal_hz(rate_code: NDArray[np.int64]) -> Floats:
-    """The rate that was asked of the sensor (Open Movement, cwa.h)."""
+    """Return the rate that the sensor was set to (Open Movement, cwa.h)."""
     return np.asarray(HIGHEST_RATE_HZ / 2.0 ** (HIGHEST_CODE - (rate_code & HIGHEST_CODE)), np.float64)
 
 
@@ -368,9 +368,9 @@ def measure_periods(blocks: Blocks) -> Floats:
     Raises
     ------
     UnusableTime
-        Stamps and nominal rate have nothing to do with each other.
+        The stamps do not fit the nominal rate.
     UnknownRate
-        A rate is none that shows an arm's movement.
+        A rate is outside the range that shows arm movement.
     """
     at_row = np.cumsum(blocks.n_rows) - blocks.n_rows + blocks.anchor_row
     rows, steps_us = np.diff(at_row), np.diff(blocks.anchor_us).astype(np.float64)
@@ -392,7 +392,7 @@ def measure_periods(blocks: Blocks) -> Floats:
 
 
 def place_starts(blocks: Blocks, period_us: Floats) -> Floats:
-    """The time of each block's first row, us; from the numbers of the blocks where one has no stamp."""
+    """Return the time of each block's first row, us; for a block without a stamp, from its number."""
     missed = np.clip(np.diff(blocks.sequence, prepend=blocks.sequence[0] - 1) - 1, 0, None)
     missed = np.where(missed * blocks.n_rows * period_us > LONGEST_GAP_US, 0, missed)
     rows_us = blocks.n_rows * period_us
@@ -406,14 +406,14 @@ def place_starts(blocks: Blocks, period_us: Floats) -> Floats:
 
 
 def find_lags(starts_us: Floats, lengths_us: Floats) -> Floats:
-    """How much later each block begins than the one before it ends."""
+    """Return how much later each block begins than the one before ends."""
     return starts_us[1:] - (starts_us[:-1] + lengths_us[:-1])
 
 
 def find_limits(blocks: Blocks, starts_us: Floats, period_us: Floats) -> tuple[float, Floats]:
-    """How much the stamps scatter, and from which lag on time is missing before each block but the first.
+    """Return the scatter of the stamps, and the lag that means missing time, for each block but the first.
 
-    Where the numbers say that a block is missing, half a period is enough.
+    If the numbers show a missing block, half a period is enough.
     """
     lags_us = find_lags(starts_us, blocks.n_rows * period_us)
     if len(lags_us) == 0:
@@ -428,10 +428,9 @@ def find_limits(blocks: Blocks, starts_us: Floats, period_us: Floats) -> tuple[f
 
 
 def mend_starts(starts_us: Floats, lengths_us: Floats, limits_us: Floats) -> int:
-    """Put stamps that those around them contradict into line, in place; return how many.
+    """Correct stamps that contradict their neighbours, in place; return how many.
 
-    Raises UnusableTime: one block in ten would have a wrong stamp or a hole before it: the stamps are of no
-    use.
+    Raises UnusableTime if one block in ten would have a wrong stamp or a hole before it.
     """
     lags_us = find_lags(starts_us, lengths_us)
     places = np.flatnonzero(np.abs(lags_us) > limits_us)
@@ -459,7 +458,7 @@ def mend_starts(starts_us: Floats, lengths_us: Floats, limits_us: Floats) -> int
 
 
 def find_holes(blocks: Blocks, starts_us: Floats, period_us: Floats, limits_us: Floats) -> Holes:
-    """Where rows are missing, the clock was set or the rate changed."""
+    """Find the places with missing rows, a clock that was set or a changed rate."""
     lags_us = find_lags(starts_us, blocks.n_rows * period_us)
     steps_us = lags_us + period_us[:-1]
     is_other_rate = np.diff(period_us) != 0.0
@@ -472,7 +471,7 @@ def find_holes(blocks: Blocks, starts_us: Floats, period_us: Floats, limits_us: 
 
 
 def fit_runs(blocks: Blocks, holes: Holes, starts_us: Floats, period_us: Floats) -> list[FittedRun]:
-    """Lay a line through the stamps of each unbroken run."""
+    """Fit a line to the stamps of each unbroken run."""
     is_cut = holes.added == 0
     row_edges = [0, *holes.row[is_cut].tolist(), int(blocks.n_rows.sum())]
     edges = [*np.searchsorted(blocks.first_row, row_edges[:-1]).tolist(), len(blocks)]
@@ -494,8 +493,8 @@ def fit_runs(blocks: Blocks, holes: Holes, starts_us: Floats, period_us: Floats)
 def fit_ends(starts_us: Floats, places: Floats, period_us: float) -> tuple[float, float]:
     """Fit a line from a run's first stamps to its last; return the offset of its first row and its period.
 
-    Not least squares: over hours the sensor's clock wanders with its temperature, and a line through the
-    middle of that would miss the ends, by which durations are known.
+    Least squares would not do: over hours the sensor's clock drifts with its temperature, so a line through
+    the middle would miss the ends, and the ends give the duration.
     """
     off_us = starts_us - starts_us[0] - places * period_us
     n = min(END_BLOCKS, len(places) // 4)
@@ -635,8 +634,8 @@ def decode_log(pieces: Iterable[bytes], size_bytes: int = 0, source: Source | No
     """Find and decode the blocks in one pass over what follows the header.
 
     ``pieces``: the bytes after the header.
-    ``size_bytes``: of the file, from which the room for the samples is estimated.
-    ``source``: what the pieces come from, where too many rows are to be refused.
+    ``size_bytes``: size of the file, to estimate the room for the samples.
+    ``source``: source of the pieces, to refuse too many rows.
     """
     log = BlockLog(SampleColumns(source, has_stamps=False))
     to_come = size_bytes
@@ -681,10 +680,10 @@ def find_ranges(heads: NDArray[np.void]) -> tuple[NDArray[np.float32], NDArray[n
 
 
 def build_blocks(heads: NDArray[np.void]) -> Blocks:
-    """Return the numbers of decoded blocks, and the row at which each one's stamp holds.
+    """Return the numbers of decoded blocks, and the row to which each stamp belongs.
 
-    The stamp's fraction came later than its whole seconds: for older readers the row was moved to where the
-    whole second would be at the nominal rate. That is undone.
+    The format got fractions of a second later. For older readers, the device moves the row to the place of
+    the whole second at the nominal rate; this function undoes that.
     """
     rate_code = (heads["rate"] & 0xF).astype(np.int64)
     has_fraction = heads["fraction"] & HAS_FRACTION != 0

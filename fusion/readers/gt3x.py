@@ -184,8 +184,8 @@ def pass_damage(
 ) -> int:
     """Step over bytes that are not a valid record; return the next place to read.
 
-    Where the damaged record's own size leads to the next good record, its framing is trusted and only its
-    content is lost. Else the framing is lost and the next separator whose checksum verifies is hunted.
+    If the damaged record's size leads to the next good record, only its content is lost. Otherwise the search
+    continues at the next separator with a valid checksum.
     """
     if tally[RESYNCS] + tally[BAD_CHECKSUMS] == 0:
         tally[DAMAGE_S] = tally[LAST_S]
@@ -293,7 +293,7 @@ def decode_ssp_float(value: int) -> float:
 
 
 def parse_schema(payload: bytes) -> SensorSchema | None:
-    """Decode a SENSOR_SCHEMA payload; None where it contradicts itself."""
+    """Decode a SENSOR_SCHEMA payload; None if it contradicts itself."""
     if len(payload) < HEADER_BYTES:
         return None
     schema_id, n_columns, _ = struct.unpack_from("<3H", payload)
@@ -599,7 +599,7 @@ def find_doubles(
 
 
 def find_runs(seconds: Seconds) -> tuple[tuple[Run, ...], tuple[QualityFlag, ...]]:
-    """Cut the seconds where the clock does not step by one, or the row layout changes.
+    """Cut the seconds at each step of the clock other than one, and at each change of the row layout.
 
     A step back, or a step forward by more than a day, is a clock that was set: the next run follows at once,
     because the length of the break is unknown.
@@ -623,7 +623,7 @@ def find_runs(seconds: Seconds) -> tuple[tuple[Run, ...], tuple[QualityFlag, ...
 
 
 def order_seconds(seconds: Seconds, acc: NDArray[np.float32], gyr: NDArray[np.float32]) -> Timeline:
-    """Repair lonely stamps, leave out doubles and partial seconds, and find the runs."""
+    """Repair single wrong stamps, drop duplicates and partial seconds, and find the runs."""
     stamps, repaired = repair_outliers(seconds.unix_s)
     stamped = replace(seconds, unix_s=stamps)
     kept, identical, differing = find_doubles(stamped, acc, gyr)
@@ -691,7 +691,7 @@ class DeviceText:
     encoding: str = "utf-8"
 
     def number(self, key: str) -> float | None:
-        """A number with decimal point or comma, or None: `8,0` and `100 Hz` are understood."""
+        """Parse a number with decimal point or comma, such as `8,0` or `100 Hz`; None for anything else."""
         found = re.match(r"\s*([-+]?\d+(?:[.,]\d+)?)", self.values.get(key, ""))
         return float(found.group(1).replace(",", ".")) if found else None
 
@@ -796,12 +796,12 @@ class DeviceLog:
     """The content of log.bin, gathered piece by piece.
 
     ``columns``: the samples of all decoded records, in g and deg/s.
-    ``decoded``: where the samples of each batch of records lie.
-    ``decoder``: the schema in force; None before the first, and if it has no usable channels.
-    ``labels``: of the columns of all schemas.
-    ``n_undecoded``: SENSOR_DATA records that no schema fits.
-    ``held``: Unix seconds and payloads of samples that came before the first schema.
-    ``primary_seconds``: those of the primary accelerometer that were looked at.
+    ``decoded``: the places of the samples of each batch of records.
+    ``decoder``: decoder of the current schema; None before the first, or if it has no usable channels.
+    ``labels``: names of the columns of all schemas.
+    ``n_undecoded``: number of SENSOR_DATA records that fit no schema.
+    ``held``: Unix seconds and payloads of samples before the first schema.
+    ``primary_seconds``: checked seconds of the primary accelerometer.
     """
 
     columns: SampleColumns = field(default_factory=lambda: SampleColumns(has_stamps=False))
@@ -850,8 +850,8 @@ def decode_log(pieces: Iterable[bytes], size_bytes: int = 0, source: Source | No
     """Scan and decode log.bin in one pass over its pieces.
 
     ``pieces``: the bytes of log.bin.
-    ``size_bytes``: its size by the archive's directory, from which the room for the samples is estimated.
-    ``source``: the file up to the end of log.bin, where too many rows are to be refused.
+    ``size_bytes``: its size in the archive's directory, to estimate the room for the samples.
+    ``source``: the file up to the end of log.bin, to refuse too many rows.
     """
     log = DeviceLog(SampleColumns(source, has_stamps=False))
     to_come = size_bytes
@@ -879,7 +879,7 @@ def decode_log(pieces: Iterable[bytes], size_bytes: int = 0, source: Source | No
 
 
 def _take_records(log: DeviceLog, buffer: NDArray[np.uint8], records: NDArray[np.int64]) -> None:
-    """Take records with a schema at most as the first record: then all samples have one schema."""
+    """Process records of one schema; only the first record may be a schema."""
     is_sample = records[:, 0] == SENSOR_DATA
     for kind, unix_s, first, size in records[~is_sample].tolist():
         payload = buffer[first : first + size].tobytes()
@@ -918,7 +918,7 @@ def _take_schema(log: DeviceLog, payload: bytes) -> None:
 def _take_samples(
     log: DeviceLog, decoder: RowDecoder, buffer: NDArray[np.uint8], records: NDArray[np.int64]
 ) -> None:
-    """Decode the records that are of the decoder's schema and hold whole rows."""
+    """Decode the records with the decoder's schema and whole rows."""
     firsts, sizes = records[:, 2], records[:, 3]
     n_rows, odd_bytes = np.divmod(sizes - 2, decoder.schema.row_bytes)
     fits = (sizes >= 2) & (n_rows > 0) & (odd_bytes == 0)
@@ -1087,7 +1087,7 @@ def flag_damage(scan: ScanTally, timeline: Timeline) -> tuple[QualityFlag, ...]:
 def flag_rates(
     text: DeviceText, log: DeviceLog, timeline: Timeline, segments: Sequence[Segment]
 ) -> tuple[QualityFlag, ...]:
-    """Where header, nominal rate and the two accelerometers contradict each other."""
+    """Flag contradictions between header, nominal rate and the two accelerometers."""
     seen = log.primary_seconds
     rate_hz = round(max(segments, key=len).rate_hz, 3)
     flags: tuple[QualityFlag, ...] = ()

@@ -30,15 +30,15 @@ Table = NDArray[np.float64]
 
 
 def measure_sanity(recording: Recording) -> dict[str, object]:
-    """1 g at rest, and the gyroscope's axes and scale, as the data show them.
+    """Measure 1 g at rest, and the gyroscope's axes and scale, from the data.
 
     ``rest_g``: length of the acceleration at still moments, None without any. ``turns``: windows of 8 s in
     which gravity turned enough to tell something. ``handedness``: +1 wholly right-handed, -1 wholly
     left-handed, from how well the angular rate and its opposite explain the turns. ``axes``: the readings
     that explain them as rates about x, y and z, "+x +y +z" where all is right. ``gyro_scale``: the factor on
     the rates that explains slow ones best, 1 if it is right, give or take ``gyro_scale_margin`` (twice
-    its standard error). Figures from turns are None if there are too few turns. The recording is taken as it
-    came through :mod:`fusion.checks.physics`: what was corrected there is among the warnings.
+    its standard error). Figures from turns are None if there are too few turns. The recording has already
+    passed :mod:`fusion.checks.physics`; its corrections are among the warnings.
     """
     rests = find_rests(recording.segments)
     offset_dps = np.median(rests.gyr, axis=0) if len(rests) else np.zeros(3)
@@ -163,7 +163,7 @@ def preview_head(head: bytes, file_name: str = "", rate_hz: float | None = None)
 
 
 def _preview_text(head: bytes, file_name: str, rate_hz: float | None) -> Preview:
-    """Read the whole lines as if they were the file."""
+    """Read the complete lines as if they were the whole file."""
     lines = head[: head.rfind(b"\n") + 1]
     try:
         recording = read_recording(io.BytesIO(lines), file_name=file_name, rate_hz=rate_hz, sha256="-")
@@ -196,7 +196,7 @@ def _preview_zip(head: bytes, rate_hz: float | None) -> Preview:
 
 
 def _preview_cwa(head: bytes) -> Preview:
-    """Read the blocks that came; a gyroscope that is off in the first of them is off in all."""
+    """Read the blocks received; if the gyroscope is off in the first, it is off in all."""
     try:
         log = cwa.decode_log([head[HEADER_BYTES:]])
         if not log.columns.rows:
@@ -209,7 +209,7 @@ def _preview_cwa(head: bytes) -> Preview:
 
 
 def _preview_gt3x(members: dict[str, bytes]) -> Preview:
-    """Read the log as far as it came (info.txt may be the last member); else what info.txt says."""
+    """Read the received part of the log; without it, read info.txt (it may be the last member)."""
     text = parse_device_text(members.get("info.txt", b"")[:MAX_TEXT_BYTES])
     with suppress(FusionError):
         log = gt3x.decode_log([members.get("log.bin", b"")])
@@ -236,7 +236,7 @@ def _summarise(recording: Recording) -> Preview:
 
 
 def _unpack_members(head: bytes) -> Iterator[tuple[str, bytes]]:
-    """Unpack the members that the head holds, the last one as far as it came."""
+    """Unpack the members in the head, and the received part of the last one."""
     at = 0
     while head[at : at + 4] == ZIP_MAGIC and at + _LOCAL_HEADER.size <= len(head):
         _, _, flags, method, _, _, _, packed, _, name_bytes, extra_bytes = _LOCAL_HEADER.unpack_from(head, at)
@@ -251,7 +251,7 @@ def _unpack_members(head: bytes) -> Iterator[tuple[str, bytes]]:
 
 
 def _inflate(body: bytes, window_bits: int) -> tuple[bytes, int]:
-    """Unpack what came, and tell how many bytes it took; nothing if it is broken: it is judged later."""
+    """Unpack the received part; return it and the bytes used. A broken one is empty: it is judged later."""
     unpacker = zlib.decompressobj(window_bits)
     try:
         content = unpacker.decompress(body, MAX_UNPACKED_BYTES)

@@ -52,11 +52,11 @@ class Room(Generic[Item]):
             self._resize_in_memory(rows)
 
     def replace(self, values: NDArray[Item]) -> None:
-        """Hold these, in the place of all."""
+        """Replace all values by these."""
         self.values, self._is_in_file = values, False
 
     def _grow_in_file(self, rows: int) -> bool:
-        """Grow in a file, where the values before may be already; False where that cannot be."""
+        """Grow in a file, which may already contain the values; return False if that is impossible."""
         size_bytes = rows * self.values.itemsize * (self._width[0] if self._width else 1)
         if size_bytes < LEAST_FILE_BYTES or not hasattr(os, "posix_fallocate"):
             return False
@@ -70,9 +70,9 @@ class Room(Generic[Item]):
         return True
 
     def _map(self, size_bytes: int) -> mmap.mmap | None:
-        """Map the file, with the room for it taken on the disk; None if there is no room.
+        """Map the file after reserving its room on the disk; None if there is no room.
 
-        Want of room that is found later, at the moment of writing, would end the process.
+        If the disk were full only at the moment of writing, the process would end.
         """
         try:
             if self._file is None:
@@ -124,16 +124,16 @@ def check_rows(rows: int, read_bytes: int, all_bytes: int, least_row_bytes: floa
 
     ``rows``: how many rows the first ``read_bytes`` of the file contain; the total is estimated from them.
     ``read_bytes``, ``all_bytes``: of the file, packed as it may be.
-    ``least_row_bytes``: the least that a row takes of the file.
+    ``least_row_bytes``: fewest bytes of a row in the file.
 
     Raises
     ------
     UnsafeArchive
-        The rows are packed as those of no sensor are.
+        The rows are compressed more than any sensor's rows.
     TooLong
-        There are more than any device records.
+        There are more rows than any device records.
     MemoryError
-        The system does not grant what the rows to come will need.
+        The system does not have the memory that the remaining rows need.
     """
     if rows <= UNASKED_ROWS:
         return
@@ -153,7 +153,7 @@ class SampleColumns:
     ``acc``, ``gyr``: shape (capacity, 3), float32, in the units of the file times the reader's scale.
     ``stamps``: shape (capacity,), int64: microseconds, or row numbers where the layout has no time. Empty
     where the reader keeps time in another way.
-    ``rows``: how many of them are filled.
+    ``rows``: number of filled rows.
     """
 
     def __init__(self, source: Source | None = None, *, has_stamps: bool = True) -> None:
@@ -195,9 +195,9 @@ class SampleColumns:
         return slice(first, self.rows)
 
     def reserve(self, read_bytes: int, to_come_bytes: int) -> None:
-        """Take room for what is to come, if it holds as many rows a byte as what was read.
+        """Reserve room for the rest of the file, if it has as many rows per byte as the part read.
 
-        Room costs memory only as it is filled.
+        Reserved room uses memory only when it is filled.
         """
         foreseen_bytes = min(to_come_bytes, MOST_FORESEEN_BYTES)
         foreseen = round(1.02 * self.rows * foreseen_bytes / read_bytes)
@@ -217,13 +217,13 @@ class SampleColumns:
         self.trim()
 
     def arrange(self, rows: NDArray[np.int64]) -> None:
-        """Put these rows, in this order, in the place of all; for damaged files, since it copies them."""
+        """Keep these rows, in this order. Only for damaged files, because it copies the rows."""
         for room in self._rooms:
             room.replace(room.values[rows])
         self.rows = len(rows)
 
     def open_holes(self, rows: NDArray[np.int64], added: NDArray[np.int64]) -> None:
-        """Put ``added`` interpolated rows in before each of ``rows``; stamps stay as they are.
+        """Insert ``added`` interpolated rows before each of ``rows``; the stamps do not change.
 
         In place: no second copy of the samples is made. No view of them may exist yet.
         """
@@ -242,7 +242,7 @@ class SampleColumns:
 def open_rows(
     values: NDArray[np.float32], n_rows: int, rows: NDArray[np.int64], added: NDArray[np.int64]
 ) -> None:
-    """Put rows in before each of ``rows`` by linear interpolation, in place, from the end backwards.
+    """Insert linearly interpolated rows before each of ``rows``, in place, from the end backwards.
 
     ``values`` has room for them after its ``n_rows``.
     """
@@ -265,10 +265,10 @@ def open_rows(
 
 
 def drop_blank_rows(columns: SampleColumns) -> tuple[QualityFlag, ...]:
-    """Take out stamped rows of zeros that are neither a sample nor a hole (W-ROWS-DROPPED).
+    """Drop stamped rows of zeros that are neither a sample nor a hole (W-ROWS-DROPPED).
 
-    They are rows whose stamp is zero too (a block of a card that was never written), and all rows of zeros
-    where these stand between the samples everywhere (read before the sensor had a new sample).
+    These are rows with a zero stamp (a card block that was never written). All rows of zeros are also dropped
+    if they are spread through the whole file (read before the sensor had a new sample).
     """
     is_blank = mark_fillers(columns.acc, columns.gyr, measure_usual(columns.acc))
     if not is_blank.any():

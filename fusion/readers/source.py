@@ -53,11 +53,11 @@ class PairNames:
 class Source:
     """A file as the readers see it.
 
-    ``file``: gives the content, unpacked where the file itself is packed.
+    ``file``: the content, unpacked if the file itself is packed.
     ``name``: of the file or the member; only its extension is used.
     ``size_bytes``: of the file itself.
     ``head``: the first 64 KiB of the content.
-    ``packed``: the file itself, if ``file`` gives what is unpacked from it.
+    ``packed``: the packed file, if ``file`` is unpacked from it.
     ``pair``: the tables of the archive that are read as one recording.
     ``left_aside``: files of the archive that are not part of the recording.
     """
@@ -72,12 +72,12 @@ class Source:
 
     @property
     def read_bytes(self) -> int:
-        """How far the file itself, packed as it may be, has been read."""
+        """Return how many bytes of the file itself, packed or not, have been read."""
         return (self.packed or self.file).tell()
 
     @property
     def extension(self) -> str:
-        """Lower case, with its dot; empty where the name has none."""
+        """Return the extension in lower case, with its dot; empty if the name has none."""
         return PurePath(self.name.replace("\\", "/")).suffix.lower()
 
 
@@ -98,7 +98,7 @@ class HashedFile(io.RawIOBase):
         self._running: Future[None] | None = None
 
     def read(self, size: int = -1) -> bytes:
-        """Read on, and hash what was not hashed before."""
+        """Read the next bytes, and hash the new ones."""
         piece = self._file.read(size)
         if self._at <= self._hashed_bytes < self._at + len(piece):
             self._hash(memoryview(piece)[self._hashed_bytes - self._at :])
@@ -123,7 +123,7 @@ class HashedFile(io.RawIOBase):
         return True
 
     def finish(self) -> str:
-        """Read what is left and give the digest of the whole, hexadecimal."""
+        """Read the rest and return the digest of the whole file, hexadecimal."""
         self.seek(self._hashed_bytes)
         while self.read(CHUNK_BYTES):
             pass
@@ -206,7 +206,7 @@ ALLOWED_COMPRESSION = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 
 
 def open_archive(source: Source) -> zipfile.ZipFile:
-    """Open the archive and refuse what could do harm, by its directory alone.
+    """Open the archive and refuse a harmful one, judging by its directory.
 
     Raises
     ------
@@ -249,7 +249,7 @@ def _check_member(member: zipfile.ZipInfo) -> None:
 
 
 def check_parts(archive: zipfile.ZipFile) -> None:
-    """Refuse an archive that is no `.gt3x` of the generation with a gyroscope.
+    """Refuse an archive that is not a `.gt3x` from a device with a gyroscope.
 
     Raises OldDevice, MissingMember or UnknownFormat.
     """
@@ -279,7 +279,7 @@ def read_member(
 ) -> Iterator[bytes]:
     """Unpack a member in pieces, counting what really comes out; never to disk.
 
-    Raises CorruptArchive: the member fails its CRC or its compressed stream is broken.
+    Raises CorruptArchive if the member fails its CRC or its compressed stream is broken.
     """
     left = limit_bytes
     try:

@@ -1,4 +1,4 @@
-"""The meaning of the columns: channel, axis and unit by their names, times by their stamps."""
+"""Find the meaning of columns: channel, axis and unit from the names, the form of times from the stamps."""
 
 import math
 import re
@@ -99,8 +99,8 @@ OTHER_UNITS = frozenset(
 class Column:
     """A column understood: ``axis`` 0 to 2 for acceleration and angular rate, ``unit`` as written or None.
 
-    ``sensor``: which of several it belongs to; "" where the table holds one. ``is_narrow``: of two
-    accelerometers of one sensor, the one of the smaller range.
+    ``sensor``: its sensor if the table contains several; else "". ``is_narrow``: the accelerometer with the
+    smaller range, if a sensor has two.
     """
 
     name: str
@@ -112,7 +112,7 @@ class Column:
 
 
 def parse_column_name(name: str) -> Column:
-    """Find channel, axis and unit of a header's field."""
+    """Parse channel, axis and unit from a field of the header."""
     text = _tidy(name)
     plain, unit = _split_bracketed(text)
     vector = _match_vector(name, plain, unit)
@@ -190,7 +190,7 @@ Vector = tuple[int, int, int]
 
 
 def choose_vector(columns: Sequence[Column], channel: Channel) -> Vector | None:
-    """Places of x, y, z of a channel; None unless each is there exactly once."""
+    """Return the places of x, y, z of a channel; None unless each exists exactly once."""
     chosen = [(k, c) for k, c in enumerate(columns) if c.channel == channel]
     if any(not column.is_narrow for _, column in chosen):
         chosen = [(k, column) for k, column in chosen if not column.is_narrow]
@@ -201,7 +201,7 @@ def choose_vector(columns: Sequence[Column], channel: Channel) -> Vector | None:
 
 
 def choose_acceleration(columns: Sequence[Column]) -> tuple[Vector | None, Vector | None]:
-    """Places of the acceleration, and of the gravity that it may lack; None for what is not there.
+    """Return the places of the acceleration, and of the gravity it may lack; None for an absent one.
 
     Core Motion's "acceleration" lacks gravity, Android's does not: the name is clear only if both
     accelerations are there.
@@ -213,7 +213,7 @@ def choose_acceleration(columns: Sequence[Column]) -> tuple[Vector | None, Vecto
 
 
 def name_missing(columns: Sequence[Column]) -> dict[str, str]:
-    """Name the channels that are absent, and the channels that are there more than once.
+    """Return the names of absent channels, and of channels that occur more than once.
 
     Returns facts of a refusal: ``missing`` and ``doubled`` ("gy, gz"), each only if there is one.
     """
@@ -236,7 +236,7 @@ FEWEST_EPOCH_WORDS = 2
 
 
 def names_epochs(names: Sequence[str]) -> bool:
-    """Whether a header is that of counts or epochs: two such words at least, and no axis of a gyroscope."""
+    """Return whether a header names counts or epochs: at least two such words, and no gyroscope axis."""
     words = [re.sub(r"[^a-z0-9]", "", name.lower()) for name in names]
     is_raw = any(parse_column_name(name).channel == "gyr" for name in names)
     return not is_raw and sum(word in EPOCH_WORDS for word in words) >= FEWEST_EPOCH_WORDS
@@ -256,10 +256,10 @@ UNIT_NAMES = {TIME_UNITS_EXPONENT[unit]: unit for unit in ("s", "ms", "us", "ns"
 
 @dataclass(frozen=True, slots=True)
 class TimeUnit:
-    """Power of ten to microseconds, and that of the unit in the header where it cannot be.
+    """Power of ten to microseconds; also that of the header's unit if it is impossible.
 
-    ``stated_hz``, ``rate_hz``: at what rate the first rows come, by the header and as taken. ``is_days``:
-    the stamps are a spreadsheet's days.
+    ``stated_hz``, ``rate_hz``: rate of the first rows by the header's unit and by the chosen unit.
+    ``is_days``: the stamps are a spreadsheet's days.
     """
 
     exponent: int
@@ -282,7 +282,7 @@ class TimeUnit:
         return (QualityFlag(Caveat.UNITS, facts=facts),)
 
     def refuse_doubtful(self, columns: SampleColumns) -> None:
-        """Refuse rows so slow by the header that only the readings can tell, where they do not.
+        """Refuse a header's unit that gives a very low rate, unless the readings are smooth.
 
         Raises UnknownRate.
         """
@@ -315,10 +315,10 @@ def count_from_1970(stamps: NDArray[np.int64]) -> None:
 
 
 def find_time_unit(times: Sequence[float], unit: str | None) -> TimeUnit | None:
-    """Find the unit of a column by its first times; None if neither header nor times give one.
+    """Find the unit of a column from its first times; None if neither header nor times show one.
 
-    A unit in the header holds, unless no sensor writes rows so fast or so slowly and another unit fits. The
-    time since 1970 keeps the header's unit, however slowly the rows come.
+    The header's unit applies unless it gives a rate that no sensor has and another unit fits. Time since 1970
+    keeps the header's unit at any rate.
     """
     stated = TIME_UNITS_EXPONENT.get(unit or "")  # a damaged row of units may name another quantity
     times = [time for time in times if math.isfinite(time)]  # a damaged row has no time
@@ -340,13 +340,13 @@ def find_time_unit(times: Sequence[float], unit: str | None) -> TimeUnit | None:
 
 
 def guess_exponent(times: Sequence[float]) -> int | None:
-    """The unit in which the rows would come at 8 to 2000 Hz; None if there is none."""
+    """Return the unit that gives a rate of 8 to 2000 Hz; None if there is none."""
     slowest_hz, fastest_hz = PLAUSIBLE_RATE_HZ
     return next((one for one in UNIT_NAMES if slowest_hz <= _rate_hz(times, one) <= fastest_hz), None)
 
 
 def _rate_hz(times: Sequence[float], exponent: int) -> float:
-    """The rate by the usual step, 0 where the times do not advance; the newest row may stand first."""
+    """Return the rate from the usual step, 0 if the times do not advance; the newest row may be first."""
     steps = [after - before for before, after in pairwise(times)]
     if not steps:
         return 0.0
@@ -358,9 +358,9 @@ def _rate_hz(times: Sequence[float], exponent: int) -> float:
 
 
 def measure_roughness(values: NDArray[np.float32]) -> float:
-    """How far readings are from those before, shape (n, 3), as a share of how far any two are apart.
+    """Return the distance of successive readings, shape (n, 3), relative to that of any two readings.
 
-    von Neumann's ratio (Ann Math Stat 1941;12:367), halved, of all axes together: 0 smooth, 1 unrelated.
+    Half of von Neumann's ratio (Ann Math Stat 1941;12:367) over all axes: 0 smooth, 1 unrelated.
     """
     values = values[:LOOKED_AT_ROWS]
     if len(values) < 2:
@@ -397,11 +397,11 @@ def order_dates(
 ) -> tuple[DateOrder, bool]:
     """Find the order of day, month and year of the dates in rows, and whether the header contradicts it.
 
-    Where the dates themselves leave it open, the order that a person gives goes first, then the header's
-    start date, if one order alone comes near it, then the header's date format. The format is last because a
-    program that saves a file again writes the dates in another form and leaves the header as it was.
+    If the dates do not decide it, these do, in this order: the order that a person gives; the header's start
+    date, if only one order comes near it; the header's date format. The format is last because a program that
+    saves a file again may rewrite the dates without changing the header.
 
-    Raises UnusableTime: day and month, or a year of two digits, cannot be told apart.
+    Raises UnusableTime if day and month, or a two-digit year, cannot be told apart.
     """
     open_to = find_orders(parts)
     if len(open_to) == 1:
@@ -420,7 +420,7 @@ def order_dates(
 
 
 def find_orders(parts: Sequence[tuple[str, ...]]) -> list[DateOrder]:
-    """The orders of day, month and year in which all of these are dates."""
+    """Return the orders of day, month and year in which all of these are valid dates."""
     if len(parts[0][0]) == YEAR_DIGITS:
         return ["ymd"]
     orders: tuple[DateOrder, ...] = (
@@ -430,9 +430,9 @@ def find_orders(parts: Sequence[tuple[str, ...]]) -> list[DateOrder]:
 
 
 def find_order_by_span(first: tuple[str, ...], last: tuple[str, ...]) -> DateOrder | None:
-    """The one order in which a file's first date and its last lie near each other; None where several do.
+    """Return the only order in which a file's first and last dates are close; None if several are.
 
-    Over midnight 03/03 becomes 04/03 by one order and 03/04 by the other; the wrong one leaps by a month.
+    A recording past midnight goes from 03/03 to 04/03: one day in one order, a month in the other.
     """
     spans = {one: (_read_date(first, one), _read_date(last, one)) for one in find_orders([first, last])}
     near = [one for one, (begun, ended) in spans.items() if begun and _is_near(ended, begun)]
@@ -440,7 +440,7 @@ def find_order_by_span(first: tuple[str, ...], last: tuple[str, ...]) -> DateOrd
 
 
 def _read_start(head: str, word: DateOrder | None) -> date | None:
-    """The start date of the header by the format that it names; by the other where that gives no date."""
+    """Parse the header's start date in the format it names, or in the other if that gives no date."""
     found = START_DATE.search(head)
     if found is None:
         return None
@@ -582,7 +582,7 @@ def _find_parts(lines: Sequence[str]) -> list[tuple[str, ...]]:
 
 
 def _find_offset_s(found: dict[int, re.Match[str]]) -> int | None:
-    """The offset of the first row that tells one."""
+    """Return the offset of the first row that has one."""
     for line, match in found.items():
         if match["zone"]:
             offset_s = parse_zone_s(match["zone"])
@@ -626,9 +626,9 @@ MOST_CHANGES = 20
 
 @dataclass(frozen=True, slots=True)
 class OffsetChange:
-    """The first stamp with another offset, microseconds since 1970 on the first row's clock, and the offsets.
+    """The first stamp with another offset, and both offsets in seconds east of UTC.
 
-    ``first_s``: that of the first row; seconds east of UTC.
+    The stamp is in microseconds since 1970 on the first row's clock. ``first_s``: offset of the first row.
     """
 
     at_us: int
@@ -640,7 +640,7 @@ class OffsetChange:
 class StampWriter:
     """Rewrites the stamps of one table, from its first row on.
 
-    ``changes``: where the offset from UTC changed.
+    ``changes``: changes of the offset from UTC.
     """
 
     def __init__(self, dialect: DateDialect) -> None:
@@ -685,9 +685,9 @@ class StampWriter:
         return moment.isoformat(timespec="microseconds")
 
     def _write_undated(self, found: re.Match[str]) -> str:
-        """Add the date that follows on to a time of day: a step back of more than a few hours is midnight.
+        """Add the date to a time of day; a step back of more than a few hours means that midnight passed.
 
-        A step forward is a pause, however long, unless it leads back over midnight to a row that came late.
+        A step forward is a pause of any length, unless the row is a late one from before midnight.
         """
         hour = _count_hour(found)
         time_s = 3600.0 * hour + 60.0 * int(found["minute"]) + float(_read_seconds(found).replace(",", "."))
@@ -739,7 +739,7 @@ def rewrite_pieces(pieces: Iterable[bytes], writer: TextWriter | None) -> Iterat
 def flag_changes(changes: Iterable[OffsetChange], first_stamp_us: int) -> tuple[QualityFlag, ...]:
     """Flag the first 20 changes of the offset from UTC.
 
-    W-DST where the clocks of some zone changed so at about that time, W-OFFSET elsewhere.
+    W-DST if some time zone made this change at about that time, else W-OFFSET.
     """
     flags: tuple[QualityFlag, ...] = ()
     for change in list(changes)[:MOST_CHANGES]:

@@ -77,13 +77,13 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:
     UnknownRate
         The layout has no time and no rate is given.
     fusion.errors.UnusableTime
-        The stamps are not those of an even sampling.
+        The stamps do not come from even sampling.
     """
     return _read_planned(source, plan_table(_read_layout(source)), rate_hz)
 
 
 def read_profiled(source: Source, profile: ColumnProfile, rate_hz: float | None = None) -> Recording:
-    """Read a table whose columns a person has named; ``rate_hz`` goes before the profile's.
+    """Read a table whose columns a person has named; ``rate_hz`` overrides the profile's rate.
 
     Raises FusionError: as :func:`read`.
     """
@@ -104,7 +104,7 @@ def _read_layout(source: Source, order: DateOrder | None = None) -> TextLayout:
 
 
 def _read_planned(source: Source, plan: TablePlan, rate_hz: float | None) -> Recording:
-    """From a plan to a recording: rows, their times, the segments, the caveats."""
+    """Turn a plan into a recording: rows, their times, segments, caveats."""
     layout, time = plan.layout, plan.time
     rows = read_table(source, plan)
     columns = rows.columns
@@ -181,9 +181,9 @@ def _find_burst_rate_hz(columns: SampleColumns) -> float:
 
 
 def _flag_rates(plan: TablePlan, grid: Grid, rate_hz: float | None) -> tuple[QualityFlag, ...]:
-    """Flag a rate unlike that in the preamble, an impossible time unit, and a rate without times.
+    """Flag a rate that differs from the preamble, an impossible time unit, and a rate without times.
 
-    The last with its source: preamble, person or layout (W-DRIFT, W-UNITS, W-RATE).
+    W-DRIFT, W-UNITS and W-RATE; W-RATE names the source of the rate: preamble, person or layout.
     """
     stated_hz, used_hz = _find_stated_hz(plan.layout), MICROSECONDS / grid.period_us
     flags = flag_drift(stated_hz, used_hz) if stated_hz > 0.0 else ()
@@ -196,13 +196,13 @@ def _flag_rates(plan: TablePlan, grid: Grid, rate_hz: float | None) -> tuple[Qua
 
 
 def _find_stated_hz(layout: TextLayout) -> float:
-    """Read the rate that the preamble states; 0 where it states none."""
+    """Read the rate that the preamble states; 0 if it states none."""
     found = (STATED_RATE.search(line) for line in layout.preamble)
     return next((float(match.group(1)) for match in found if match), 0.0)
 
 
 def read_positive(text: str | None) -> float | None:
-    """Return a number of a preamble; None for none, and for what no range can be."""
+    """Parse a positive number of a preamble; None if there is none or it cannot be a range."""
     try:
         value = float(text or "")
     except ValueError:
@@ -211,7 +211,7 @@ def read_positive(text: str | None) -> float | None:
 
 
 def _read_pose(facts: Mapping[str, str]) -> tuple[dict[str, Any], tuple[QualityFlag, ...]]:
-    """Read what the preamble states of the pose, and flag the lines of it that cannot be read (W-HEADER)."""
+    """Read the pose in the preamble, and flag its unreadable lines (W-HEADER)."""
     unread: list[str] = []
 
     def read(name: str, parse: Callable[[str], T]) -> T | None:
@@ -239,7 +239,7 @@ def _read_pose_window(text: str) -> tuple[tuple[float, float], ...]:
 
 
 def _read_stated(plan: TablePlan, *, is_in_g: bool) -> Stated:
-    """Return what the header states of units and time."""
+    """Return the units and the time that the header states."""
     device = plan.layout.device
     acc_unit, gyr_unit = "g" if is_in_g else plan.acceleration.unit, plan.angular_rate.unit
     units_from = name_unit_source(acc_unit, gyr_unit, is_known=bool(device and device.frame == "right"))
@@ -291,7 +291,7 @@ UNIX_SECONDS = TimeColumn("number", TimeUnit(6))
 
 
 def recognise_binary(source: Source) -> bool:
-    """Whether the head holds records whose microseconds and seconds behave as such."""
+    """Return whether the head contains records with plausible microseconds and seconds."""
     head = np.frombuffer(source.head[: len(source.head) // RECORD.itemsize * RECORD.itemsize], RECORD)
     if len(head) < MIN_RECORDS:
         return False
@@ -300,7 +300,7 @@ def recognise_binary(source: Source) -> bool:
 
 
 def recognise_text(source: Source) -> bool:
-    """Whether the head holds ten columns, a stamp and nine whole numbers, and no header."""
+    """Return whether the head has ten columns, a stamp and nine whole numbers, and no header."""
     layout = None if b"\0" in source.head else sniff_layout(source)
     if layout is None or layout.header is not None or layout.n_columns != len(TEXT_TARGETS):
         return False

@@ -1,7 +1,7 @@
 """The lines of a text table: whole lines of bytes to float32 columns.
 
 Lines of exactly the usual fields are read on the plain path: column by column, on runs of lines whose field
-ends are known, so that each loop is short and its branches are foreseen. A number there has at most 16
+ends are known, so that each loop is short and its branches are predictable. A number there has at most 16
 characters: it is loaded as two machine words, its decimal mark is removed by shifting, all digits are
 checked at once and folded pairwise into an integer (D. Lemire, "Quickly parsing eight digits", 2018). All
 other lines are read on the careful path, byte by byte: any number of digits, exponents, quotes, padding,
@@ -188,14 +188,14 @@ def _find_dot(word: int, dots: int) -> int:
 
 @njit(cache=True, nogil=True, forceinline=True)
 def _close_gap(word: int, place_bits: int, filling: int) -> int:
-    """Take the byte at ``place_bits`` out: what is before it moves up, ``filling`` comes in behind."""
+    """Remove the byte at ``place_bits``: the bytes before it move up, and ``filling`` follows."""
     below = (ONE << place_bits) - ONE
     return (word & (~below << EIGHT)) | ((word & below) << EIGHT) | filling
 
 
 @njit(cache=True, nogil=True, forceinline=True)
 def _find_others(word: int) -> int:
-    """A bit for each byte that is none of 0 to 9; 0 where all are."""
+    """Return a bit for each byte other than the digits 0 to 9; 0 if all are digits."""
     return (((word & LOW_BITS) + ABOVE_NINE) | word) & TOP_BITS
 
 

@@ -46,7 +46,7 @@ MIN_COLUMNS = 6
 
 
 def split_fields(line: str, delimiter: str) -> list[str]:
-    """Fields of a line; runs of spaces are one delimiter; empty fields at the end are dropped."""
+    """Return the fields of a line; runs of spaces are one delimiter; empty last fields are dropped."""
     fields = line.split() if delimiter == " " else line.split(delimiter)
     while len(fields) > 1 and not fields[-1].strip():
         fields.pop()
@@ -58,7 +58,7 @@ def _is_value(field: str) -> bool:
 
 
 def is_row(line: str, delimiter: str) -> bool:
-    """Whether a line is a row of at least six values, not all absent."""
+    """Return whether a line is a row of at least six values, not all absent."""
     if delimiter != " " and line.count(delimiter) < MIN_COLUMNS - 1:
         return False
     fields = split_fields(line, delimiter)
@@ -92,7 +92,7 @@ class Header:
 
 
 def find_header(lines: Sequence[str], first_row: int, delimiter: str) -> Header | None:
-    """Understand the lines above the first row; None where they name no columns."""
+    """Parse the lines above the first row; None if they name no columns."""
     width = len(split_fields(lines[first_row], delimiter))
     above = range(first_row - 1, max(-1, first_row - 1 - REACH), -1)
     fields = {k: split_fields(COMMENT.sub("", lines[k]), delimiter) for k in above}
@@ -153,7 +153,7 @@ def _read_merged_header(
 
 
 def _find_names(fields: dict[int, list[str]], width: int) -> int | None:
-    """The line that names most axes; else the nearest with three known names, or with one among words."""
+    """Return the line with the most axis names; else the nearest with three names, or one among words."""
     axes = {
         k: sum(_split_sensor(parse_column_name(field)).channel in ("acc", "gyr") for field in row)
         for k, row in fields.items()
@@ -170,7 +170,7 @@ def _find_names(fields: dict[int, list[str]], width: int) -> int | None:
 
 
 def _find_sensor_names(labels: Sequence[str], columns: Sequence[Column]) -> set[str]:
-    """The sensors that a line above the names gives, one for each column; none for any other line."""
+    """Return the sensor of each column, from a line above the names; empty for any other line."""
     if len(labels) != len(columns):
         return set()
     found = [label for label, column in zip(labels, columns, strict=True) if column.channel in ("acc", "gyr")]
@@ -179,10 +179,10 @@ def _find_sensor_names(labels: Sequence[str], columns: Sequence[Column]) -> set[
 
 
 def find_sensors(columns: Sequence[Column]) -> dict[str, tuple[Column, ...]]:
-    """The sensors whose six columns are all there: by the line above the names, or by their names.
+    """Return the sensors with all six columns, from the line above the names or from the names.
 
-    Each with the columns as they are to be read for it: those of the other sensors are "other". A time that
-    has no sensor is everybody's.
+    Each comes with its view of the columns: columns of other sensors are "other". A time column without a
+    sensor belongs to all of them.
     """
     named = [_split_sensor(column) for column in columns]
     labels = dict.fromkeys(column.sensor for column in named if column.channel in ("acc", "gyr"))
@@ -198,7 +198,7 @@ def find_sensors(columns: Sequence[Column]) -> dict[str, tuple[Column, ...]]:
 
 
 def _split_sensor(column: Column) -> Column:
-    """Find the sensor in a name that holds more than axis and channel: `left_acc_x`, `IMU 2 Gyroscope X`."""
+    """Find the sensor in a name with more than axis and channel: `left_acc_x`, `IMU 2 Gyroscope X`."""
     if column.sensor or column.channel in ("acc", "gyr"):
         return column
     plain, bracket, rest = column.name.partition("(")
@@ -316,7 +316,7 @@ def _read_labels(line: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 
 def _find_groups(lines: Sequence[str]) -> tuple[tuple[str, ...], ...]:
-    """Find the names of the lines that make a row together; none if they name fewer than two sensors."""
+    """Find the names of the lines that form one row; empty if they name fewer than two sensors."""
     named = [labels for labels, _ in map(_read_labels, lines) if len(labels) >= len(AXES)]
     counts = Counter(named)
     usual = [labels for labels in dict.fromkeys(named) if counts[labels] >= FEWEST_LINES]
@@ -406,7 +406,7 @@ class TextLayout:
 def find_layout(head: str, order: DateOrder | None = None) -> TextLayout | None:
     """Understand the head of a table; None if no rows of six numbers are found.
 
-    Every reader asks this of the same head, so the last answers are kept.
+    Every reader calls this for the same head, so the last results are cached.
 
     Raises
     ------
@@ -439,7 +439,7 @@ def find_layout(head: str, order: DateOrder | None = None) -> TextLayout | None:
 
 
 def _find_table(head: str, order: DateOrder | None) -> TextLayout | None:
-    """Understand a head, where the rows do not name their values."""
+    """Parse a head whose rows do not name their values."""
     try:
         dates, doubt = find_dates(head, order), None
     except UnusableTime as error:  # another column may hold a time that can be read
@@ -483,10 +483,10 @@ def _begins_with_words(lines: Sequence[str], delimiter: str) -> bool:
 
 
 def _hide_words(lines: Sequence[str]) -> tuple[str, list[str]]:
-    """Write 0 for the words of columns without a channel; no lines if the rows have fewer than six numbers.
+    """Replace words in columns without a channel by 0; return no lines if rows have fewer than six numbers.
 
-    A label, the name of a device: such a column is left aside, and the rows are rows all the same. If no
-    header names six channels, a person may name them.
+    Columns with a label or a device name are ignored, so that the rows can be read. If no header names six
+    channels, a person may name them.
     """
     for k, line in enumerate(lines):
         for delimiter in DELIMITERS[:-1]:
@@ -510,7 +510,7 @@ def _hide_words(lines: Sequence[str]) -> tuple[str, list[str]]:
 
 
 def _hide_fields(row: str, delimiter: str, columns: Sequence[Column]) -> str:
-    """Hide labels, and dates of a form that is not known."""
+    """Hide labels, and dates in an unknown form."""
     fields = row.split(delimiter)
     if len(fields) < len(columns):
         return row
@@ -521,7 +521,7 @@ def _hide_fields(row: str, delimiter: str, columns: Sequence[Column]) -> str:
 
 
 def _tab_single_spaces(lines: Sequence[str]) -> list[str] | None:
-    """Write tabs for spaces where the header has a name for each space of a row, not for each run of them."""
+    """Replace spaces by tabs if the header has one name per space of a row, not one per run of spaces."""
     rows = [k for k, line in enumerate(lines) if is_row(line, " ")]
     header = find_header(lines, rows[0], " ")
     if header is None:
@@ -579,7 +579,7 @@ COARSEST_STEP_G = 0.009
 
 
 def read_layout(source: Source, order: DateOrder | None = None) -> TextLayout | None:
-    """Understand a table by its head, and by its middle and tail if the head holds whole numbers only.
+    """Parse a table from its head, and from its middle and tail if the head has whole numbers only.
 
     Raises
     ------
@@ -608,7 +608,7 @@ def read_layout(source: Source, order: DateOrder | None = None) -> TextLayout | 
 
 
 def sniff_layout(source: Source, order: DateOrder | None = None) -> TextLayout | None:
-    """Understand a table by its head and, where that leaves day and month open, by its last row.
+    """Parse a table from its head and, if day and month remain ambiguous, from its last row.
 
     Raises FusionError: as :func:`find_layout`.
     """
@@ -621,7 +621,7 @@ def sniff_layout(source: Source, order: DateOrder | None = None) -> TextLayout |
 
 
 def _read_tail(source: Source) -> str:
-    """The last bytes as text; a packed file is unpacked to its end."""
+    """Return the last bytes as text; a packed file is unpacked to its end."""
     tail = b""
     if isinstance(source.file, UnpackedFile):
         for chunk in read_chunks(source):
@@ -707,7 +707,7 @@ def read_text_pieces(source: Source) -> Iterator[bytes]:
 
 
 def drop_lines(pieces: Iterable[bytes], line_count: int) -> Iterator[bytes]:
-    """Leave out the first ``line_count`` lines."""
+    """Skip the first ``line_count`` lines."""
     for piece in pieces:
         at = 0
         while line_count and (end := piece.find(b"\n", at) + 1):
@@ -717,12 +717,12 @@ def drop_lines(pieces: Iterable[bytes], line_count: int) -> Iterator[bytes]:
 
 
 def read_line_pieces(pieces: Iterable[bytes]) -> Iterator[LinePiece]:
-    """Cut pieces at line ends; a last line without one is given one.
+    """Cut pieces at line ends; add a line end to a last line without one.
 
-    Most lines are left where they lie. Only those at the seams are copied: a line that goes on in the next
-    piece, and those too near the ends of the bytes for :mod:`fusion.readers.tables.csv_lines`.
+    Only lines at the seams are copied: a line that continues in the next piece, and lines too near the ends
+    of the bytes for :mod:`fusion.readers.tables.csv_lines`.
 
-    Raises UnknownFormat: a line is longer than 64 KiB: not a table of samples.
+    Raises UnknownFormat if a line is longer than 64 KiB, because no table of samples has such a line.
     """
     carried = b""
     for piece in pieces:

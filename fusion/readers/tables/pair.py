@@ -1,4 +1,4 @@
-"""A zip with one table of the accelerometer and one of the gyroscope, as the apps of phones write it.
+"""A zip with one table for the accelerometer and one for the gyroscope, as phone apps write it.
 
 phyphox, Sensor Logger and MetaWear's app write such files. Both tables have the times of one clock; the
 acceleration is interpolated linearly at the times of the gyroscope.
@@ -69,7 +69,7 @@ MICROSECOND_STAMPS = TimeColumn("number")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ThreeAxes:
-    """One of the tables: times in microseconds, (n,), values (n, 3) as they stand, and their unit.
+    """One of the tables: times in microseconds, (n,), values as written, (n, 3), and their unit.
 
     ``dropped``: rows that could not be read, or whose time does not advance. ``started``: the first row's
     time of a calendar, if another column holds the time.
@@ -89,7 +89,7 @@ class ThreeAxes:
 
 
 def recognise(source: Source) -> bool:
-    """Whether it is an archive with one table of each sensor."""
+    """Return whether the file is an archive with one table of each sensor."""
     return source.pair is not None
 
 
@@ -99,9 +99,9 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
     Raises
     ------
     NoGravity
-        The acceleration is without gravity, and no table holds it.
+        The acceleration lacks gravity, and no table contains it.
     UnknownColumns
-        A table has not a time and three axes by name.
+        A table lacks a named time or three named axes.
     NoSamples, UnreadableRows, UnusableTime, fusion.errors.UnknownRate
     """
     archive = open_archive(source)
@@ -179,7 +179,7 @@ def _read_table(archive: zipfile.ZipFile, name: str, channel: Literal["acc", "gy
 
 
 def _read_moment_us(text: str) -> float:
-    """Read a time of a calendar as microseconds since 1970, on its own clock."""
+    """Parse a date and time as microseconds since 1970, without a time zone."""
     moment = datetime.fromisoformat(text.strip(' "').replace(",", ".")).replace(tzinfo=UTC)
     return moment.timestamp() * MICROSECONDS
 
@@ -211,7 +211,7 @@ def _spread_bursts(
 
 
 def _read_lines(archive: zipfile.ZipFile, name: str) -> Iterator[str]:
-    """Unpack the lines of a table, counted as they come out."""
+    """Unpack and count the lines of a table."""
     if archive.getinfo(name).file_size > MOST_BYTES:
         raise UnsafeArchive(reason="size", limit=MOST_BYTES)
     carried = b""
@@ -229,11 +229,9 @@ def _load(
     places: Sequence[int],
     read_time: Callable[[str], float],
 ) -> Float64Array:
-    """Read the columns at ``places``, the first of which holds the time.
+    """Read the columns at ``places``; the first is the time.
 
-    Lines that cannot be read become rows that are not numbers.
-
-    Raises UnreadableRows: they are more than 5 %.
+    Unreadable lines become rows of NaN. Raises UnreadableRows if they are more than 5 %.
     """
 
     def read_points() -> Iterator[str]:

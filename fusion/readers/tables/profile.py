@@ -1,4 +1,4 @@
-"""A column profile: the columns of a table, named by a person where its header does not name them."""
+"""A column profile: names that a person gives to the columns of a table whose header does not name them."""
 
 import hashlib
 import io
@@ -58,22 +58,22 @@ CHOICES: Mapping[str, Sequence[object]] = {
 
 @dataclass(frozen=True, slots=True)
 class ColumnProfile:
-    """Which column of a table is what.
+    """The meaning of each column of a table.
 
-    ``acceleration``, ``angular_rate``: columns of x, y and z; empty where ``sensor`` names them.
+    ``acceleration``, ``angular_rate``: columns of x, y and z; empty if ``sensor`` names them.
     ``acceleration_unit``, ``angular_rate_unit``: as in :mod:`fusion.readers.tables.columns`; empty: found
     from the data.
-    ``acceleration_factor``, ``angular_rate_factor``: g and deg/s for one unit of the file; where given, the
-    units do not count.
-    ``time``: column of the time; None where the rows hold none: then ``rate_hz`` is needed.
+    ``acceleration_factor``, ``angular_rate_factor``: g and deg/s for one unit of the file; they override
+    the units.
+    ``time``: column of the time; None if there is none: then ``rate_hz`` is needed.
     ``time_unit``: empty: found from the data.
     ``rate_hz``: rows per second, for tables without time.
     ``date_order``: tells "dmy" from "mdy"; None: found from the data. A profile may state this alone.
-    ``name``: what the profile is called.
-    ``sensor``: which sensor of a table of several is on the arm, by its name there.
+    ``name``: name of the profile.
+    ``sensor``: name of the sensor on the arm, if a table contains several.
     ``pose_held``: "start": in every recording with this profile the pose was held at the start of wear; "no":
-    not so, though a file's header states it. A profile may say this alone, of a device whose columns are
-    known.
+    it was not, even if a file's header states it. A profile may contain only this, for a device with known
+    columns.
     """
 
     acceleration: tuple[Place, ...] = ()
@@ -92,7 +92,7 @@ class ColumnProfile:
 
     @property
     def names_columns(self) -> bool:
-        """Whether it says which column is what."""
+        """Return whether the profile names columns."""
         return bool(self.sensor or self.acceleration)
 
     def __post_init__(self) -> None:
@@ -108,7 +108,7 @@ class ColumnProfile:
 def parse_profile(text: str) -> ColumnProfile:
     """Read a saved profile.
 
-    Raises UnusableProfile: it is not JSON, or a value in it cannot be.
+    Raises UnusableProfile if it is not JSON or contains an impossible value.
     """
     try:
         values = json.loads(text)
@@ -186,7 +186,7 @@ def apply_profile(layout: TextLayout, profile: ColumnProfile) -> TextLayout:
 
 
 def _find_names(layout: TextLayout, profile: ColumnProfile) -> list[str]:
-    """The header's fields; a header that was not recognised as one stands just before the rows."""
+    """Return the header's fields; an unrecognised header is the line just before the rows."""
     if layout.header is not None:
         return [column.name for column in layout.columns]
     wanted = {p for p in (*profile.acceleration, *profile.angular_rate) if isinstance(p, str)}

@@ -1,4 +1,4 @@
-"""A table of samples, from its layout to a recording: plan of the columns, rows, stamps, clock."""
+"""Turn a table of samples into a recording: plan of the columns, rows, stamps, clock."""
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -62,7 +62,7 @@ class TimeColumn:
 
     ``kind``: "row number" if no column holds a time; "packet counter": the 16-bit number of a packet;
     "number": a number in some unit; "calendar": a date with a time, or a time of day.
-    ``unit``: that of a number, and whether the header states another.
+    ``unit``: unit of a number, and whether the header states another.
     ``offset_s``: seconds east of UTC that calendar stamps carry; None: a bare wall clock.
     ``has_date``: False for times of day.
     ``is_doubtful``: day and month may be the other way round.
@@ -103,8 +103,8 @@ class TimeColumn:
     def repair(self, columns: SampleColumns, changes: Sequence[OffsetChange] = ()) -> tuple[QualityFlag, ...]:
         """Repair the order and the stamps of the rows, in place; return the caveats.
 
-        Stamps that carry an offset were put on the first row's clock as they were read, with these changes.
-        Only a bare wall clock may hold the hour's step of daylight saving.
+        Stamps with an offset already follow the first row's clock; ``changes``: changes of the offset. Only
+        stamps without an offset may contain the one-hour step of daylight saving.
         """
         has_offset = self.offset_s is not None
         is_epoch = self.counts_since_1970(int(np.median(columns.stamps[:JUDGED_ROWS])))
@@ -118,7 +118,7 @@ class TimeColumn:
 
 
 def read_epoch(first_stamp_us: int) -> datetime | None:
-    """Microseconds since 1970 as a time in UTC; None for what a counter from power-on can show."""
+    """Return microseconds since 1970 as a time in UTC; None if a counter from power-on can reach them."""
     moment = datetime_at_us(first_stamp_us)
     return moment.replace(tzinfo=UTC) if moment is not None and is_clock_set(moment) else None
 
@@ -160,7 +160,7 @@ class TablePlan:
 def plan_table(layout: TextLayout) -> TablePlan:
     """Decide which column goes where, and with which factor.
 
-    A unit that the header does not state is left to :mod:`fusion.checks.physics`: the factor is then 1.
+    If the header states no unit, the factor is 1 and :mod:`fusion.checks.physics` finds the unit.
 
     Raises NoGyroscope, NoGravity, SeveralSensors or UnknownColumns.
     """
@@ -189,9 +189,9 @@ def plan_table(layout: TextLayout) -> TablePlan:
 
 
 def choose_sensor(layout: TextLayout, sensor: str = "") -> TextLayout:
-    """Leave the columns of one sensor, where a table holds several.
+    """Keep the columns of one sensor if a table contains several.
 
-    Raises SeveralSensors: nobody said which one is on the arm, or none has that name.
+    Raises SeveralSensors if no sensor was chosen, or if none has that name.
     """
     sensors = find_sensors(layout.columns)
     names = ", ".join(name for name in sensors if name)[:LONGEST_LIST]
@@ -218,7 +218,7 @@ def _refuse_columns(layout: TextLayout) -> NoReturn:
 
 
 def _choose_stamp(layout: TextLayout) -> tuple[int | None, TimeColumn]:
-    """Place and kind of the stamp column; in a table without time a packet counter tells of lost packets."""
+    """Return place and kind of the stamp column; without times, a packet counter shows lost packets."""
     columns, calendars = layout.columns, _find_calendars(layout)
     places = [k for k, column in enumerate(columns) if column.channel == "time"]
     places.sort(key=lambda k: (columns[k].name == ARRIVAL, columns[k].unit is None))
@@ -269,7 +269,7 @@ def choose_calendar(layout: TextLayout) -> TimeColumn:
 
 
 def read_times(fields: Sequence[str], decimal: str) -> list[float]:
-    """The fields as numbers; an empty list if one of them is not a number, or all are absent."""
+    """Return the fields as numbers; empty if one is not a number or all are absent."""
     try:
         times = [float(field.replace(decimal, ".")) for field in fields if field]
     except ValueError:
@@ -293,9 +293,9 @@ STAMP_KINDS = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TableRows:
-    """The rows of a table; ``changes``: where the offset from UTC that the stamps carry changed.
+    """The rows of a table.
 
-    ``flags``: rows that were left out and why.
+    ``changes``: changes of the stamps' offset from UTC; ``flags``: dropped rows, with the reason.
     """
 
     columns: SampleColumns
@@ -395,7 +395,7 @@ CORE_MOTION = "rotationrate"
 
 
 def add_gravity(source: Source, plan: TablePlan, columns: SampleColumns) -> bool:
-    """Read a table again for the gravity that its acceleration may lack, and add it; whether it was.
+    """Read a table again for gravity that its acceleration may lack; return whether it was added.
 
     Gravity without a unit is in the unit of the acceleration.
     """
@@ -415,11 +415,11 @@ def put_back_gravity(
 ) -> bool:
     """Add gravity to an acceleration that lacks it, in place; return whether it did.
 
-    Both were read by ``scale_g``. The unit does not depend on its name: gravity is 1 g long, and the
-    acceleration beside it is in the same unit. Rows without gravity are left out. Core Motion's readings, in
-    g, are turned over: the sum is then what an accelerometer measures.
+    Both were scaled by ``scale_g``. The stated unit does not matter: gravity is 1 g long, and the
+    acceleration beside it has the same unit. Rows without gravity are dropped. The sign of Core Motion's
+    readings, in g, is reversed, so that the sum is what an accelerometer measures.
 
-    Raises NoGravity: the acceleration lacks gravity by its name, and the columns hold none.
+    Raises NoGravity if the acceleration's name says that it lacks gravity and the columns contain none.
     """
     order = np.argsort(gravity.stamps, kind="stable")
     stamps = gravity.stamps[order]
@@ -482,7 +482,7 @@ def _read_stated_start(facts: Mapping[str, str]) -> datetime | None:
 def find_clock(layout: TextLayout, time: TimeColumn, first_us: int) -> TableClock:
     """Read the clock at the first row: from the preamble (`# start: 2026-03-02T07:58:00-05:00`) or a stamp.
 
-    If both tell it and differ, the rows' own time is taken; the preamble's offset holds for both.
+    If both exist and differ, the rows' time is used; the preamble's offset applies to both.
     """
     start = time.read_start(first_us)
     flags: tuple[QualityFlag, ...] = ()
@@ -505,7 +505,7 @@ def find_clock(layout: TextLayout, time: TimeColumn, first_us: int) -> TableCloc
 
 
 def build_clock(start: datetime | None, flags: tuple[QualityFlag, ...] = ()) -> TableClock:
-    """Keep a start that a clock that was set can show, with its zone; flag one in UTC (W-UTC)."""
+    """Keep a plausible start, with its zone; flag one in UTC (W-UTC)."""
     start, unset = trust_clock(start)
     offset = start.utcoffset() if start else None
     if offset is None:
@@ -524,9 +524,9 @@ def build_recording(
     device: str = "other",
     **facts: Any,
 ) -> Recording:
-    """Put the segments, the clock and the caveats of any table together.
+    """Build a recording from the segments, the clock and the caveats of any table.
 
-    ``flags``: those before the clock's; ``facts``: further fields of the recording.
+    ``flags``: the caveats before those of the clock; ``facts``: further fields of the recording.
     """
     return Recording(
         device=device,

@@ -1,1 +1,1 @@
-"""From stamps of rows to even segments: clock, repair, grid, joining."""
+"""Turn row stamps into even segments: clock, repair, grid, joining."""

@@ -33,7 +33,7 @@ DAY, NEAR = timedelta(days=1), timedelta(seconds=2)
 
 
 def find_zone(display_name: str) -> ZoneInfo | None:
-    """The zone of a Windows display name; None for a name that is not in ``WINDOWS_ZONES``."""
+    """Return the zone of a Windows display name; None if ``WINDOWS_ZONES`` does not have it."""
     keys = [key for part, key in WINDOWS_ZONES.items() if part in display_name]
     try:
         return ZoneInfo(keys[0]) if keys else None
@@ -44,7 +44,7 @@ def find_zone(display_name: str) -> ZoneInfo | None:
 def follow_zone(
     first_unix_s: int, duration_s: int, zone: ZoneInfo
 ) -> tuple[datetime, tuple[QualityFlag, ...]]:
-    """Return the start with the zone's offset at that time; flag a change of it before the end (W-DST)."""
+    """Return the start with the zone's offset then; flag a change of the offset before the end (W-DST)."""
 
     def read_offset(at_s: int) -> timedelta:
         moment = datetime.fromtimestamp(first_unix_s + at_s, UTC).astimezone(zone)
@@ -64,14 +64,14 @@ def follow_zone(
 
 @cache
 def load_zones() -> tuple[ZoneInfo, ...]:
-    """All zones that this machine knows."""
+    """Return all time zones that this machine knows."""
     return tuple(ZoneInfo(name) for name in sorted(available_timezones()))
 
 
 def is_change_of_offset(moment: datetime, before_s: int, after_s: int) -> bool:
-    """Whether some zone went from one offset to the other within a day of a moment, which is aware.
+    """Return whether some time zone changed between these offsets within a day of an aware ``moment``.
 
-    A day: loggers notice the change when they are next connected, or do it at midnight.
+    The tolerance is a day because loggers apply the change when they are next connected, or at midnight.
     """
     steps = ((moment - DAY, timedelta(seconds=before_s)), (moment + DAY, timedelta(seconds=after_s)))
     return any(
@@ -80,7 +80,7 @@ def is_change_of_offset(moment: datetime, before_s: int, after_s: int) -> bool:
 
 
 def is_change_of_wall_clock(reading: datetime, step_s: int) -> bool:
-    """Whether some zone's clocks step so at this reading, which is naive, give or take two seconds."""
+    """Return whether some zone's clocks step by ``step_s`` within two seconds of this naive reading."""
 
     def measure_step_s(zone: ZoneInfo) -> float:
         before = (reading - NEAR).replace(tzinfo=zone).astimezone(UTC)
@@ -98,12 +98,12 @@ LARGEST_DRIFT = 0.005
 
 
 def is_clock_set(start: datetime) -> bool:
-    """Whether a device of this kind can have been worn then."""
+    """Return whether the year is plausible for a recording, so the clock was set."""
     return FIRST_PLAUSIBLE_YEAR <= start.year <= LAST_PLAUSIBLE_YEAR
 
 
 def trust_clock(start: datetime | None) -> tuple[datetime | None, tuple[QualityFlag, ...]]:
-    """Keep a start that a clock that was set can show; else None and a caveat (W-CLOCK-UNSET)."""
+    """Return the start if its year is plausible; else None and a caveat (W-CLOCK-UNSET)."""
     if start is None or is_clock_set(start):
         return start, ()
     return None, (QualityFlag(Caveat.CLOCK_UNSET),)
@@ -120,7 +120,7 @@ def datetime_at_us(unix_us: int) -> datetime | None:
 
 
 def hash_serial(serial: str) -> str | None:
-    """SHA-256 of a serial, first 12 hexadecimal digits: tells devices apart, names none."""
+    """Return 12 hexadecimal digits of a serial's SHA-256: they distinguish devices without naming one."""
     return hashlib.sha256(serial.strip().encode()).hexdigest()[:12] if serial.strip() else None
 
 

@@ -37,7 +37,7 @@ LATE_ROWS = 32
 """How far to look for stamps that make up for a late one."""
 PACE_ROWS = 32
 LARGEST_CHANGE = 0.03
-"""A pace further from the usual one than this is another rate: no clock drifts so far."""
+"""A pace that differs more than this from the usual one is another rate: no clock drifts that far."""
 EVEN_PART, SAME_PACE = 0.4, 0.02
 
 
@@ -46,7 +46,7 @@ EVEN_PART, SAME_PACE = 0.4, 0.02
 
 @njit(cache=True, nogil=True)
 def find_late_window(stamps: NDArray[np.int64], row: int) -> tuple[int, int]:
-    """The rows among which ``row`` and what follows it belong: first, and first after; (row, row): none."""
+    """Return the window (first, stop) into which a late ``row`` sorts; (row, row) if there is none."""
     highest = stamps[row - 1]
     if highest - stamps[row] > LONGEST_DELAY_US:
         return row, row
@@ -65,7 +65,7 @@ def find_late_window(stamps: NDArray[np.int64], row: int) -> tuple[int, int]:
 def is_even(
     stamps: NDArray[np.int64], order: NDArray[np.int64], window: tuple[int, int], least_us: float
 ) -> bool:
-    """Whether the sorted window and its neighbours are never closer than ``least_us``."""
+    """Return whether all rows of the sorted window and its neighbours are at least ``least_us`` apart."""
     first, stop = window
     before = stamps[first - 1] if first > 0 else stamps[first + order[0]] - 2 * np.int64(least_us) - 1
     for k in order:
@@ -79,7 +79,7 @@ def is_even(
 def sort_windows(
     acc: NDArray[np.float32], gyr: NDArray[np.float32], stamps: NDArray[np.int64], least_us: float
 ) -> int:
-    """Put rows that came late into their place, in place; return how many came late."""
+    """Sort rows that arrived late, in place; return how many there were."""
     late = 0
     row = 1
     while row < len(stamps):
@@ -105,9 +105,9 @@ def sort_windows(
 
 @njit(cache=True, nogil=True)
 def find_equal_runs(stamps: NDArray[np.int64], shortest_rows: int) -> NDArray[np.int64]:
-    """Rows that share a stamp, ``shortest_rows`` of them or more: first and first after, shape (m, 2).
+    """Return runs of at least ``shortest_rows`` rows with one stamp: (first, stop), shape (m, 2).
 
-    In such a run some row at a multiple of half its least length has its like so many rows later.
+    Only every ``half``-th row is compared with the row ``half`` later: each such run contains one such pair.
     """
     half = max(1, shortest_rows // 2)
     runs = np.empty((len(stamps) // max(shortest_rows, 1) + 1, 2), np.int64)
@@ -131,9 +131,9 @@ def find_equal_runs(stamps: NDArray[np.int64], shortest_rows: int) -> NDArray[np
 def spread_runs(
     stamps: NDArray[np.int64], edges: NDArray[np.int64], step_us: float, usual: NDArray[np.float64]
 ) -> None:
-    """Place the rows of each run of equal stamps evenly over the time until the next stamp, in place.
+    """Spread the rows of each run of equal stamps evenly over the time until the next stamp, in place.
 
-    ``usual``: how many rows such a run has if none is lost, one for each.
+    ``usual``: for each run, the number of rows it has if none is lost.
     """
     for run in range(len(edges) - 1):
         first, stop = edges[run], edges[run + 1]
@@ -168,7 +168,7 @@ def mend_stamps(stamps: NDArray[np.int64], period_us: float) -> int:
 
 @njit(cache=True, nogil=True)
 def is_made_up(stamps: NDArray[np.int64], row: int, period_us: float) -> bool:
-    """Whether the rows after a long step come so fast that nothing was lost."""
+    """Return whether the rows after a long step catch up, so that nothing was lost."""
     for ahead in range(1, LATE_ROWS):
         if row + ahead >= len(stamps):
             return False
@@ -184,7 +184,7 @@ def is_made_up(stamps: NDArray[np.int64], row: int, period_us: float) -> bool:
 def find_long_steps(
     stamps: NDArray[np.int64], limit_us: float, period_us: float, rows: NDArray[np.int64]
 ) -> int:
-    """Write the rows before which time is missing or runs backwards; return how many there are in all."""
+    """Fill ``rows`` with the rows that follow missing time or a step back; return the total count."""
     found = 0
     for k in range(1, len(stamps)):
         step = stamps[k] - stamps[k - 1]
@@ -199,7 +199,7 @@ def find_long_steps(
 def fit_line(
     stamps: NDArray[np.int64], rows: NDArray[np.int64], added: NDArray[np.int64]
 ) -> tuple[float, float, float]:
-    """Least squares of stamps on their place in the grid; return offset, period and RMS of the residuals.
+    """Fit the stamps to the grid by least squares; return offset, period and RMS of the residuals.
 
     Before each of ``rows`` the place grows by ``added``. The fit uses the small distances from the line
     through the first and the last stamp: sums over the stamps themselves would lose all their digits in a
@@ -235,13 +235,13 @@ def fit_line(
 
 @njit(cache=True, nogil=True)
 def is_even_step(stamps: NDArray[np.int64], row: int, pace_us: float, quantum_us: float) -> bool:
-    """Whether the step to ``row`` can be one of a sampling at this pace."""
+    """Return whether the step to ``row`` fits sampling at this pace."""
     return abs(stamps[row] - stamps[row - 1] - pace_us) <= EVEN_PART * pace_us + quantum_us  # type: ignore[no-any-return]
 
 
 @njit(cache=True, nogil=True)
 def is_even_run(stamps: NDArray[np.int64], row: int, pace_us: float, quantum_us: float) -> bool:
-    """Whether two times ``PACE_ROWS`` rows come evenly at this pace: the change is not among them."""
+    """Return whether the next 2 × ``PACE_ROWS`` rows keep this pace, with no change among them."""
     later = row + PACE_ROWS
     later_us = (stamps[later + PACE_ROWS] - stamps[later]) / PACE_ROWS
     if abs(later_us - pace_us) > SAME_PACE * pace_us:
@@ -256,7 +256,7 @@ def is_even_run(stamps: NDArray[np.int64], row: int, pace_us: float, quantum_us:
 def is_own_step(
     stamps: NDArray[np.int64], row: int, pace_us: float, period_us: float, quantum_us: float
 ) -> bool:
-    """Whether the step to ``row`` is even at this pace, and nearer to it than to the usual one."""
+    """Return whether the step to ``row`` fits this pace, and fits it better than the usual one."""
     step = stamps[row] - stamps[row - 1]
     is_near = abs(step - pace_us) < abs(step - period_us)
     return is_near and is_even_step(stamps, row, pace_us, quantum_us)
@@ -266,7 +266,7 @@ def is_own_step(
 def find_stretches(
     stamps: NDArray[np.int64], period_us: float, quantum_us: float, found: NDArray[np.int64]
 ) -> int:
-    """Write stretches whose rows come evenly at another pace; return how many there are in all."""
+    """Fill ``found`` with the stretches that keep another pace; return the total count."""
     least_us = max(LARGEST_CHANGE * period_us, 2 * quantum_us / PACE_ROWS)
     count = reached = row = 0
     while row + 2 * PACE_ROWS < len(stamps):
@@ -284,15 +284,15 @@ def find_stretches(
             found[count, 0], found[count, 1] = first, stop
         count += 1
         row = stop
-        reached = stop - 1  # that row belongs to the rate at which the next one follows
+        reached = stop - 1  # the step after that row decides its rate
     return count
 
 
 # The grid.
 #
-# A step longer than 1.5 periods is a hole. Compared to that rule, a step is not a hole where the stamps after
-# it make up for it, because the row was then stamped late, not lost; and a clock too coarse for the rate
-# (whole milliseconds at 952 Hz) is allowed its own step.
+# A step longer than 1.5 periods is a hole, with two exceptions: if the next stamps catch up, the row was
+# stamped late, not lost; and if the clock is too coarse for the rate (whole milliseconds at 952 Hz), a step
+# of the clock is not a hole.
 
 LONGEST_GAP_US = 86_400 * MICROSECONDS
 SLOWEST_HZ, FASTEST_HZ = 10.0, 4000.0
@@ -317,10 +317,10 @@ class Grid:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Holes:
-    """Where time is missing or the clock was set, in order, one entry each.
+    """Places with missing time or a clock that was set, in order, one entry each.
 
-    ``row``: the first row after it; ``step_us``: since the row before; ``added``: rows that are to be put in
-    (0: the segment ends).
+    ``row``: the first row after it; ``step_us``: time since the row before; ``added``: rows to insert (0: the
+    segment ends).
     """
 
     row: NDArray[np.int64]
@@ -329,12 +329,12 @@ class Holes:
 
     @property
     def is_set(self) -> NDArray[np.bool_]:
-        """Where the clock was set: nothing says how long the break was."""
+        """Whether the clock was set, so that the length of the break is unknown."""
         is_set: NDArray[np.bool_] = (self.step_us <= 0) | (self.step_us > LONGEST_GAP_US)
         return is_set
 
     def take(self, first_row: int, stop_row: int) -> "Holes":
-        """Those inside a run of rows, counted from its first."""
+        """Return the holes inside a run of rows, counted from its first row."""
         chosen = slice(np.searchsorted(self.row, first_row, "right"), np.searchsorted(self.row, stop_row))
         return Holes(self.row[chosen] - first_row, self.step_us[chosen], self.added[chosen])
 
@@ -359,7 +359,7 @@ class FittedRun:
 def cut_stamped(columns: SampleColumns) -> Grid:
     """Cut rows with stamps in microseconds that :func:`repair_row_times` has repaired.
 
-    Raises UnusableTime or UnknownRate: the stamps give no even sampling at a usable rate.
+    Raises UnusableTime or UnknownRate if the stamps are not an even sampling at a usable rate.
     """
     stamps = columns.stamps
     mended = spread_coarse_stamps(stamps)
@@ -394,7 +394,7 @@ def cut_counted(columns: SampleColumns, rate_hz: float) -> Grid:
     A skipped number is a row that could not be read; a pause is a break of unknown length, so the next
     segment follows at once.
 
-    Raises UnknownRate: the rate is none that shows an arm's movement.
+    Raises UnknownRate if the rate is outside the range that shows arm movement.
     """
     if not SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
         raise UnknownRate(m=rate_hz)
@@ -442,7 +442,7 @@ FITTED_ROWS = 64
 
 
 def place_segments(columns: SampleColumns, holes: Holes, runs: list[FittedRun]) -> tuple[Segment, ...]:
-    """Put the bridged rows in and lay the runs on the recording's clock."""
+    """Insert the bridged rows and place the runs on the recording's clock."""
     is_bridge = holes.added > 0
     columns.open_holes(holes.row[is_bridge], holes.added[is_bridge])
     segments: list[Segment] = []
@@ -468,7 +468,7 @@ def place_segments(columns: SampleColumns, holes: Holes, runs: list[FittedRun]) 
 def flag_time(holes: Holes, replaced_rows: int, jitter_periods: float) -> tuple[QualityFlag, ...]:
     """Flag a clock that was set, and jitter.
 
-    ``replaced_rows``: stamps that were put into line; ``jitter_periods``: their RMS from the even grid.
+    ``replaced_rows``: number of corrected stamps; ``jitter_periods``: RMS distance from the even grid.
     """
     found = {
         Caveat.CLOCK_FWD: replaced_rows + int(np.count_nonzero(holes.step_us > LONGEST_GAP_US)),
@@ -506,9 +506,10 @@ def spread_coarse_stamps(stamps: NDArray[np.int64]) -> tuple[QualityFlag, ...]:
 
 
 def find_usual_counts(counts: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the rows that a stamp has if none is lost: those of its stretch if that is of an even rate.
+    """Return, for each stamp, the number of rows that share it if none is lost.
 
-    Others take those of the even stretch before, or of the first one; without any, the median holds for all.
+    Within a stretch of even counts it is the median of the stretch; between stretches, that of the stretch
+    before (at the start, of the first). If no stretch is even, it is the median of all counts.
     """
     usual = np.full(len(counts), float(np.median(counts)))
     differs = np.abs(np.diff(counts)) > np.maximum(1.0, SAME_COUNT * counts[1:])
@@ -521,11 +522,11 @@ def find_usual_counts(counts: NDArray[np.int64]) -> NDArray[np.float64]:
 
 
 EVEN_STEP_PERIODS = 0.4
-"""Sorted rows are at least so many periods apart, else two runs of samples would be mixed."""
+"""Sorted rows are at least this many periods apart; closer rows would mix two runs of samples."""
 
 
 def count_backward(stamps: NDArray[np.int64]) -> int:
-    """How many stamps are earlier than the one before."""
+    """Return how many stamps are earlier than the one before."""
     return int(np.count_nonzero(stamps[1:] < stamps[:-1]))
 
 
@@ -541,16 +542,16 @@ COARSE_CLOCK_US = 1000
 def estimate_period_us(stamps: NDArray[np.int64]) -> float:
     """Estimate the sample period; any share of the rows may be lost.
 
-    The mean of the single steps, where most steps are alike: lost rows make steps of two periods and more,
-    and those do not count. Where the clock is too coarse to tell a single step from a double one, and where
-    rows arrive in bunches, the median over blocks of 32 rows, which is right while few rows are lost.
+    If most steps are alike, this is the mean of the single steps; steps of two periods and more, which lost
+    rows cause, do not count. If the clock is too coarse to distinguish a single step from a double one, or if
+    rows arrive in bunches, it is the median over blocks of 32 rows, which is right if few rows are lost.
 
     Raises
     ------
         UnusableTime
             Fewer than two rows, or stamps that do not advance.
         UnknownRate
-            The rate is none that shows an arm's movement.
+            The rate is outside the range that shows arm movement.
     """
     if len(stamps) < 2:
         raise UnusableTime(why="rows")
@@ -573,7 +574,7 @@ def estimate_period_us(stamps: NDArray[np.int64]) -> float:
 
 
 def steps_between(stamps: NDArray[np.int64], rows: int) -> NDArray[np.float64]:
-    """Time from a row to the ``rows``-th after it, divided by ``rows``; where it advances, thinned evenly."""
+    """Return the mean step over ``rows`` rows, from evenly spaced rows."""
     if len(stamps) < 2:
         return np.zeros(0)
     rows = min(rows, len(stamps) - 1)
@@ -583,7 +584,7 @@ def steps_between(stamps: NDArray[np.int64], rows: int) -> NDArray[np.float64]:
 
 
 def find_quantum_us(stamps: NDArray[np.int64]) -> int:
-    """The coarseness of the stamps: the greatest common divisor of their first steps."""
+    """Return the resolution of the stamps: the greatest common divisor of their first steps."""
     steps = np.abs(np.diff(stamps[:4096]))
     return int(np.gcd.reduce(steps[steps > 0], initial=0))
 
@@ -592,7 +593,7 @@ def find_quantum_us(stamps: NDArray[np.int64]) -> int:
 
 
 def find_holes(stamps: NDArray[np.int64], period_us: float) -> Holes:
-    """Where rows are missing."""
+    """Find the places with missing rows."""
     quantum_us = find_quantum_us(stamps)  # so coarse a clock shows 2 ms at 952 Hz in whole milliseconds
     even_us = quantum_us * math.ceil(period_us / quantum_us - 1e-6) if quantum_us else 0.0
     limit_us = max(1.5 * period_us, even_us)
@@ -610,15 +611,15 @@ def find_holes(stamps: NDArray[np.int64], period_us: float) -> Holes:
 
 WINDOW_ROWS = 1000
 MOST_HOLES_PART, FREE_HOLES = 0.1, 100
-"""One row in ten that begins a hole is not an even sampling; a few are free, for short files."""
+"""If more than one row in ten begins a hole, sampling is not even; short files may have a few."""
 LEAST_EVEN_PART = 0.5
-"""With fewer rows in even stretches the stamps are not those of a sampling."""
+"""With a smaller share of rows in even stretches, the stamps do not come from sampling."""
 
 
 def find_even_rows(holes: Holes, rows: int) -> NDArray[np.bool_]:
     """Mark the rows of windows in which at most one row in ten begins a hole, shape (rows,).
 
-    Raises UnusableTime: they are fewer than half.
+    Raises UnusableTime if they are fewer than half.
     """
     windows = np.bincount(holes.row // WINDOW_ROWS, minlength=-(-rows // WINDOW_ROWS))
     is_even = np.repeat(windows <= MOST_HOLES_PART * WINDOW_ROWS, WINDOW_ROWS)[:rows]
@@ -630,13 +631,13 @@ def find_even_rows(holes: Holes, rows: int) -> NDArray[np.bool_]:
 # Stretches whose rows come at another rate (every second row lost, say).
 
 SHORTEST_SLOW_US = 10 * MICROSECONDS
-"""For less, rows that are lacking are bridged, and the segment goes on."""
+"""In a shorter stretch, missing rows are bridged and the segment continues."""
 
 
 def find_rate_changes(stamps: NDArray[np.int64], period_us: float) -> Stretches:
-    """Find the stretches that become segments of another rate.
+    """Find the stretches that become segments with another rate.
 
-    A row belongs to the rate at which the next one follows.
+    The step after a row decides to which rate the row belongs.
     """
     quantum_us = float(find_quantum_us(stamps))
     quantum_us *= quantum_us <= COARSE_CLOCK_US
@@ -652,7 +653,7 @@ def find_rate_changes(stamps: NDArray[np.int64], period_us: float) -> Stretches:
 
 
 def leave_stretches(holes: Holes, stretches: Stretches, rows: int) -> tuple[Holes, Stretches]:
-    """Return the holes outside the stretches, and the stretches without a last row that leads elsewhere."""
+    """Return the holes outside the stretches, and the stretches without a last row of another rate."""
     kept = np.ones(len(holes.row), np.bool_)
     for first, stop in stretches:
         kept[np.searchsorted(holes.row, first, "right") : np.searchsorted(holes.row, stop)] = False
@@ -662,7 +663,7 @@ def leave_stretches(holes: Holes, stretches: Stretches, rows: int) -> tuple[Hole
 
 
 def choose_period_us(stamps: NDArray[np.int64], stretches: Stretches, period_us: float) -> float:
-    """Return the period that most rows have: that of the longest stretch, where stretches hold most rows."""
+    """Return the period of most rows: the longest stretch's if stretches contain most rows."""
     rows = stretches[:, 1] - stretches[:, 0]
     if 2 * rows.sum() <= len(stamps):
         return period_us
@@ -671,7 +672,7 @@ def choose_period_us(stamps: NDArray[np.int64], stretches: Stretches, period_us:
 
 
 def flag_rates(stamps: NDArray[np.int64], stretches: Stretches) -> tuple[QualityFlag, ...]:
-    """Flag stretches at another rate, with that of the longest one (W-RATE-CHANGE)."""
+    """Flag stretches at another rate; report the rate of the longest (W-RATE-CHANGE)."""
     if len(stretches) == 0:
         return ()
     steps = stretches[:, 1] - stretches[:, 0] - 1
@@ -687,24 +688,23 @@ def flag_rates(stamps: NDArray[np.int64], stretches: Stretches) -> tuple[Quality
 # Stamped rows before they are cut into segments: what keeps a day-long log whole, and nothing more.
 #
 # A counter that starts over, an hour of daylight saving, a copied block, a clock that stopped or left for a
-# while. Rows in any other order are not corrected: the newest first is refused, and a piece in the wrong
-# place reads like a clock that was set (W-CLOCK-BACK). :func:`repair_row_times` stands first; the steps
-# follow in its order.
+# while. No other order is corrected: a table with the newest row first is refused, and a piece in the wrong
+# place looks like a clock that was set (W-CLOCK-BACK). The functions below :func:`repair_row_times` are its
+# steps, in order.
 
 
 def repair_row_times(
     columns: SampleColumns, *, tick_us: int = 0, is_wall_clock: bool = False
 ) -> tuple[QualityFlag, ...]:
-    """Mend the stamps of rows, in place, or leave rows out; return the caveats.
+    """Correct the stamps of rows, in place, or drop rows; return the caveats.
 
-    A table whose stamps only advance is passed once and left as it is.
+    A table whose stamps only advance is read once and not changed.
 
     ``columns``: rows with stamps in microseconds.
-    ``tick_us``: microseconds of one count, where the stamps are those of a counter that may start over; else
-    0.
-    ``is_wall_clock``: the stamps are those of a clock that may follow daylight saving.
+    ``tick_us``: microseconds of one count if a counter that may start over made the stamps; else 0.
+    ``is_wall_clock``: the stamps come from a clock that may follow daylight saving.
 
-    Raises UnusableTime: the newest row stands first, or the clock stands still for most rows.
+    Raises UnusableTime if the newest row is first, or if the clock stood still during most rows.
     """
     stamps = columns.stamps[: columns.rows]
     backward = count_backward(stamps)
@@ -721,7 +721,7 @@ def repair_row_times(
 
 
 TURNED_SHARE = 0.9
-"""So many of the steps run backwards in a table that was turned round."""
+"""Share of backward steps from which a table counts as reversed."""
 
 
 # A wall clock that followed daylight saving.
@@ -736,10 +736,10 @@ PART_ROWS = 1 << 14
 
 
 def undo_daylight_saving(stamps: NDArray[np.int64]) -> tuple[QualityFlag, ...]:
-    """Take an hour's step out of wall-clock stamps where the clocks were changed, in place.
+    """Remove the one-hour step of daylight saving from wall-clock stamps, in place.
 
-    Only a step of one hour, at a moment at which the clocks of some zone step so, is taken for that; rows may
-    be lost around it for up to ten minutes. The stamps go on by the clock of the first row.
+    A step counts only if it is one hour and some time zone changes its clocks by it at that moment. Up to ten
+    minutes of rows may be lost around it. All stamps then follow the clock of the first row.
     """
     first_steps = np.diff(stamps[:FIRST_ROWS])
     advances = first_steps[first_steps > 0]  # many rows share a coarse stamp
@@ -765,7 +765,7 @@ def undo_daylight_saving(stamps: NDArray[np.int64]) -> tuple[QualityFlag, ...]:
 
 
 def _find_long_steps(stamps: NDArray[np.int64], longer_than_us: int) -> list[int]:
-    """Rows after which the clock steps far either way; in parts, so that no array as long is made."""
+    """Return the rows that a long step in either direction follows; works in parts to save memory."""
     return [
         first + int(place)
         for first in range(0, len(stamps), PART_ROWS)
@@ -777,11 +777,11 @@ def _find_long_steps(stamps: NDArray[np.int64], longer_than_us: int) -> list[int
 
 BITS = 32
 MARGIN_US = 60 * MICROSECONDS
-"""A wrap is one only near both ends of the counter: a logger that started again is none."""
+"""A wrap goes from this near the counter's end to this near its start; a restarted logger does not."""
 
 
 def unwrap_counter(stamps: NDArray[np.int64], tick_us: int) -> tuple[QualityFlag, ...]:
-    """Undo the wraps of a counter of ``tick_us`` a count, in place (W-WRAP); 0 if stamps are not counts."""
+    """Undo the wraps of a counter, in place (W-WRAP); ``tick_us`` is 0 if the stamps are not counts."""
     if tick_us == 0 or count_backward(stamps) == 0:
         return ()
     wrap_us = 2**BITS * tick_us
@@ -797,19 +797,19 @@ USUAL_PACE_ROWS = 1024
 
 @dataclass(frozen=True, slots=True)
 class Pace:
-    """How the stamps of a table usually advance: from row to row on average, and in one step of the clock."""
+    """Usual advance of a table's stamps: the mean from row to row, and one step of the clock."""
 
     period_us: float
     step_us: float
 
     @property
     def longest_us(self) -> float:
-        """A longer step forward than this separates two pieces."""
+        """The longest step within a piece; a longer one separates two pieces."""
         return max(1.5 * self.step_us, LONGEST_BRIDGE_US)
 
 
 def measure_pace(stamps: NDArray[np.int64]) -> Pace:
-    """Measure how the stamps usually advance; zeros where they do not."""
+    """Measure how the stamps usually advance; zeros if they do not."""
     steps = steps_between(stamps, 1)
     paces = steps_between(stamps, min(USUAL_PACE_ROWS, max(1, len(stamps) // 8)))
     usual = [float(np.median(found[found > 0])) if np.any(found > 0) else 0.0 for found in (paces, steps)]
@@ -819,19 +819,19 @@ def measure_pace(stamps: NDArray[np.int64]) -> Pace:
 # A clock that stood still, or was wrong for a while.
 
 FAR_US = 60 * MICROSECONDS
-"""A single row at either end of a file, so far from the others, is an outlier."""
+"""A single row at either end of a file is an outlier if it is this far from the others."""
 LOOKED_AT_ROWS = 8193
 SHORTEST_STOP_US, SHORTEST_STOP_STEPS = 500_000, 3.0
-"""So long, and so many steps of the clock, rows have one stamp only if the clock stopped."""
+"""If rows share a stamp for at least this time and this many steps of the clock, the clock stopped."""
 LEAST_TIMED_PART = 0.5
 FREE_STOPS, BETWEEN_STOPS_US = 3, 60 * MICROSECONDS
-"""More than a few, and more than one a minute, are rows that came in bunches."""
+"""With more stops than a few and one a minute, rows arrived in bunches and no clock stopped."""
 
 
 def leave_out_stopped(columns: SampleColumns) -> tuple[QualityFlag, ...]:
-    """Leave out rows of one and the same stamp: nobody can say when they were measured (W-ROWS-DROPPED).
+    """Drop rows recorded while the clock stood still: their time is unknown (W-ROWS-DROPPED).
 
-    Raises UnusableTime: most rows would be left out.
+    Raises UnusableTime if most rows would be dropped.
     """
     stamps = columns.stamps[: columns.rows]
     pace = measure_pace(stamps)
@@ -850,7 +850,7 @@ def leave_out_stopped(columns: SampleColumns) -> tuple[QualityFlag, ...]:
 
 
 def has_outlying_ends(stamps: NDArray[np.int64]) -> bool:
-    """Whether the first stamps, or the last one, lie over a minute before or after the others."""
+    """Return whether the first stamps or the last one are over a minute before or after the others."""
     if len(stamps) < 3:
         return False
     differs = stamps[:LOOKED_AT_ROWS] != stamps[0]
@@ -859,9 +859,9 @@ def has_outlying_ends(stamps: NDArray[np.int64]) -> bool:
 
 
 def place_outliers(columns: SampleColumns) -> tuple[QualityFlag, ...]:
-    """Put rows whose clock left for a while and came back after the rows before them (W-CLOCK-FWD).
+    """Move rows with a temporarily wrong clock to directly after the rows before them (W-CLOCK-FWD).
 
-    They keep the distances of their stamps, unless these stood still.
+    They keep the distances of their stamps; if their clock stood still, they are spaced evenly.
     """
     stamps = columns.stamps[: columns.rows]
     pace = measure_pace(stamps)
@@ -888,7 +888,7 @@ def place_outliers(columns: SampleColumns) -> tuple[QualityFlag, ...]:
 
 
 def leave_out_ends(columns: SampleColumns) -> tuple[QualityFlag, ...]:
-    """Leave out a first or a last row that lies alone, over a minute from the others (W-ROWS-DROPPED)."""
+    """Drop a first or last row that is over a minute from the others (W-ROWS-DROPPED)."""
     stamps = columns.stamps[: columns.rows]
     kept = np.ones(len(stamps), np.bool_)
     if len(stamps) >= 3:
@@ -904,16 +904,16 @@ def _leave_out(columns: SampleColumns, kept: NDArray[np.bool_]) -> tuple[Quality
     return flag_counts({Caveat.ROWS_DROPPED: dropped})
 
 
-# Rows that are in a table twice: a copy that went on from too early, or a file put after itself.
+# Rows that are in a table twice: a copy resumed too early, or a file appended to itself.
 
 LEAST_ROWS = 10
-"""So many rows alike in all readings and in their stamps, and not all one, come about by copying only."""
+"""This many rows with repeated stamps and readings, not all the same, can only be a copy."""
 MOST_STEPS = 64
-"""Steps back that are looked into: each takes a look through the rows before it."""
+"""The most steps back that are checked; each check searches all earlier rows."""
 
 
 def leave_out_repeats(columns: SampleColumns) -> tuple[QualityFlag, ...]:
-    """Take out, in place, rows that come again after a step back of the clock (W-DUP, in rows)."""
+    """Drop, in place, rows that repeat earlier ones after a step back of the clock (W-DUP, in rows)."""
     stamps = columns.stamps[: columns.rows]
     count = count_backward(stamps)
     if not 0 < count <= MOST_STEPS:
@@ -931,7 +931,7 @@ def leave_out_repeats(columns: SampleColumns) -> tuple[QualityFlag, ...]:
 
 
 def _count_repeated(columns: SampleColumns, row: int) -> int:
-    """How many rows from ``row`` on repeat, stamps and readings, those from the first that is like it on."""
+    """Return how many rows from ``row`` on repeat the stamps and readings of an earlier block."""
     stamps, acc, gyr = columns.stamps[: columns.rows], columns.acc, columns.gyr
     like = np.flatnonzero(stamps[:row] == stamps[row])
     like = like[((acc[like] == acc[row]) & (gyr[like] == gyr[row])).all(axis=1)]

@@ -17,15 +17,15 @@ LONGEST_SPAN_US = 31 * 86_400 * MICROSECONDS
 
 
 def join_recordings(recordings: Sequence[Recording]) -> Recording:
-    """Put recordings of one device one after the other by its clock.
+    """Join recordings of one device, in the order of its clock.
 
-    Their order does not matter. The same file given twice counts once (W-DUP-FILE). At a seam up to 2 s of
-    the later file are dropped where the earlier one still runs (W-DUP). The time between two files is missing
-    (W-GAP).
-    Where the offset from UTC changes between two files, the first file's offset holds for all (W-DST, or
-    W-OFFSET if no zone's clocks changed so at about that time).
+    A file that is listed twice counts once (W-DUP-FILE). If two files overlap by up to 2 s, the overlapping
+    rows of the later file are dropped (W-DUP). Time between two files is missing (W-GAP). If the offset from
+    UTC changes between two files, all times use the first file's offset (W-DST, or W-OFFSET if no time zone
+    made this change at about that time).
 
-    Raises UnusableJoin: nothing to join, no clock, several devices, more overlap, or a span of over a month.
+    Raises UnusableJoin if there is nothing to join, no clock, several devices, a longer overlap, or a span of
+    over a month.
     """
     ordered = _order(recordings)
     starts = [_start_of(recording) for recording in ordered]
