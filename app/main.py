@@ -74,7 +74,7 @@ from app.start_checks import (
 )
 from app.store.folder import FolderLock, check_folder, load_extra, open_storage
 from app.store.permissions import create_file, make_folder, restrict_new_files, restrict_permissions
-from app.store.reserve import keep_reserve
+from app.store.reserve import free_reserve, keep_reserve
 from app.version import software_version
 from fusion.errors import FusionError
 
@@ -158,6 +158,7 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
     check_host_names(settings)
     check_passwords(settings)
     start_logging()
+    free_reserve(settings.data_dir)  # the first look at the database may write
     with translate_start_errors(settings):
         check_exposure(settings, has_accounts=AccountStore(settings).exist())
     listener = listen(settings)

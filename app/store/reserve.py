@@ -35,13 +35,14 @@ def keep_reserve(root: Path) -> None:
     path = root / RESERVE_FILE
     if path.exists() or shutil.disk_usage(root).free < 4 * RESERVE_BYTES:
         return
+    part = root / f"{RESERVE_FILE}.part"
+    part.unlink(missing_ok=True)  # of a server that was killed
     try:
-        with create_file(path) as file:
+        with create_file(part) as file:
             if hasattr(os, "posix_fallocate"):
                 os.posix_fallocate(file.fileno(), 0, RESERVE_BYTES)
             else:
                 file.write(os.urandom(RESERVE_BYTES))
-    except FileExistsError:
-        pass
-    except OSError:  # another process used the space
-        path.unlink(missing_ok=True)
+        part.replace(path)
+    except OSError:  # another process used the space, or keeps the reserve
+        part.unlink(missing_ok=True)
