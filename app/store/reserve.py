@@ -22,8 +22,9 @@ FULL_BYTES = RESERVE_BYTES // 2
 def free_reserve(root: Path) -> None:
     """Remove the reserve if the disk is full, and the decoded samples if it is still full then."""
     with suppress(OSError):
-        if shutil.disk_usage(root).free < FULL_BYTES:
-            (root / RESERVE_FILE).unlink(missing_ok=True)
+        if shutil.disk_usage(root).free >= FULL_BYTES:
+            return
+        (root / RESERVE_FILE).unlink(missing_ok=True)
         if shutil.disk_usage(root).free < FULL_BYTES:
             for path in (root / "cache").glob("rec_*"):
                 path.unlink(missing_ok=True)
