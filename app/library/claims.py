@@ -161,9 +161,11 @@ def find_next(connection: Connection) -> str | None:
     The analyses of one recording run one after another: each report states which one it replaces. Subjects
     whose analyses timed out repeatedly in the last hour come after all others.
     """
-    slow = _find_slow_subjects(connection)
+    first = _find_next(connection)
+    if first is None or not (slow := _find_slow_subjects(connection)):  # nothing more to ask while none waits
+        return first
     others = analyses.c.asked_by.is_(None) | analyses.c.asked_by.not_in(slow)
-    return (_find_next(connection, others) if slow else None) or _find_next(connection)
+    return _find_next(connection, others) or first
 
 
 def _find_slow_subjects(connection: Connection) -> Sequence[str]:
