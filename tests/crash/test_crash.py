@@ -52,10 +52,10 @@ def test_without_fsync_the_same_power_cut_loses_recordings(tmp_path: Path) -> No
 
 @pytest.fixture
 def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """A disk of 12 MB in memory."""
+    """A disk of 96 MB in memory: room for the reserve, and for what analyses leave free."""
     disk = tmp_path / "small"
     disk.mkdir()
-    subprocess.run(["mount", "-t", "tmpfs", "-o", "size=12m", "tmpfs", str(disk)], check=True)
+    subprocess.run(["mount", "-t", "tmpfs", "-o", "size=96m", "tmpfs", str(disk)], check=True)
     yield disk
     subprocess.run(["umount", str(disk)], check=True)
 
@@ -68,8 +68,8 @@ def test_a_full_disk_is_said_so_and_the_server_recovers_when_there_is_room(
     try:
         with httpx2.Client(base_url=site.address, timeout=None) as client:
             kept = client.post("/api/v1/analyze", content=b"first").json()
-            (small_disk / "ballast").write_bytes(bytes(4 << 20))
-            full = client.post("/api/v1/analyze", content=bytes(10 << 20))
+            (small_disk / "ballast").write_bytes(bytes(56 << 20))
+            full = client.post("/api/v1/analyze", content=bytes(40 << 20))
             still = client.get(f"/api/v1/analyses/{kept['id']}")
             (small_disk / "ballast").unlink()
             after = client.post("/api/v1/analyze", content=b"second")
