@@ -25,9 +25,9 @@ def test_no_file_of_a_run_is_open_to_others_under_a_wide_umask(tmp_path: Path, r
     seen: dict[str, int] = {}
     try:
         asked = server.send(recording, subject="P01")
-        while server.see(asked["id"])["state"] in ("queued", "running"):  # temporary files, too
+        while (view := server.see(asked["id"]))["state"] in ("queued", "running"):  # temporary files, too
             seen |= _list_modes(tmp_path)
-            time.sleep(0.02)
+            time.sleep(0.1)
         tus = {"Tus-Resumable": "1.0.0", "Upload-Length": "9"}
         server.client.post("/api/v1/uploads", headers=tus)
         server.client.get(f"/api/v1/recordings/{asked['recording_id']}/inspection")
@@ -36,6 +36,7 @@ def test_no_file_of_a_run_is_open_to_others_under_a_wide_umask(tmp_path: Path, r
         server.stop()
     seen |= _list_modes(tmp_path)
 
+    assert view["state"] == "succeeded", (view, (tmp_path / "log").read_text())
     assert any("cache/" in name and name.endswith(".samples") for name in seen)
     assert any(name.endswith("results.json") for name in seen)
     assert {name: oct(mode) for name, mode in seen.items() if mode & OPEN_TO_OTHERS} == {}
