@@ -3,7 +3,7 @@
     python -m benchmarks.live [--hours 8] [--minutes 10] [--sessions 20] [--seconds 60]
 
 Each part prints its line. The server is killed with SIGKILL while lines arrive at 100 Hz; the loss is counted
-in the recording that the next server creates from the rest.
+in the recording that the next server makes of the remaining data.
 """
 
 import argparse

@@ -135,7 +135,7 @@ def build_versions(
             VersionRow(
                 job.id,
                 fill(number, {"n": str(version)}),
-                format_time(job.created_at),
+                format_time(job.created_at, language),
                 ", ".join(f"{name} ({time})" if time else name for name, time in changes),
                 request.reason,
                 job.id == shown.id,

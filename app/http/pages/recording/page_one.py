@@ -22,7 +22,7 @@ from fusion.conventions import MAIN_THRESHOLD_DEG
 
 MAX_EPISODES = 10
 MIN_EPISODE_S = 0.5
-"""As for every episode (fusion.exposure.stays): shorter stays do not count, shorter gaps do not end one."""
+"""As in fusion.exposure.stays: shorter stays do not count, and a shorter gap does not end an episode."""
 AROUND_S = 5.0
 """Time shown before and after an episode."""
 
@@ -87,7 +87,7 @@ def list_minutes(findings: Findings, language: Language) -> Minutes:
 def _list_highlights(
     findings: Findings, day: DayFile, language: Language
 ) -> tuple[list[Highlight], list[Highlight]]:
-    """Return the 15 minutes with most time above 60 deg and the longest stay; and the highest episodes."""
+    """Return the 15 minutes with most time above 60 deg and the longest stay, then the highest episodes."""
     clock, report_clock = DayClock.of(day.facts), Clock(findings.recording.start, language)
     words = load_wording(language, "page")["page_one"]
 
