@@ -42,7 +42,7 @@ class Cost:
 
     @property
     def moved_bytes(self) -> int:
-        """From the client to the web server, to the bucket, to the worker; the results to the bucket."""
+        """The recording goes to the web server, the bucket and the worker; the results go to the bucket."""
         return 3 * self.recording_bytes + self.result_bytes
 
     @property

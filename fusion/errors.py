@@ -216,7 +216,7 @@ class WrongScale(
     high_g="g at rest, most",
     dps="deg/s, largest",
 ):
-    """The reading at rest is not 1 g (facts: g; or low_g, high_g), or a rate is beyond any sensor (dps)."""
+    """The reading at rest is not 1 g (facts: g; or low_g, high_g), or no sensor has such a rate (dps)."""
 
 
 class UnknownUnit(UnusableRecording, code="E-UNIT", sensor=TERM):

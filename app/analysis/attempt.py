@@ -105,7 +105,7 @@ class Stopped:
 
 @dataclass(frozen=True, slots=True)
 class Unstarted:
-    """No child could be started because of the machine, not the file."""
+    """No child could be started; the cause is the machine, not the file."""
 
 
 Outcome = Finished | Refused | Died | Stopped | Unstarted

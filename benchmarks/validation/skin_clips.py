@@ -73,7 +73,7 @@ def _mount(clips: list[Clip], *, is_rigid: bool) -> list[Clip]:
 
 
 class Strap:
-    """The plate of one person in any posture: linear in the vertical in the arm's frame.
+    """The plate of one person in any posture, as a linear function of the vertical in the arm's frame.
 
     Fitted to the person's clips by least squares. ``Track`` uses it for held postures, because no plate was
     measured in them.

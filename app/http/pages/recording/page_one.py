@@ -46,7 +46,7 @@ class Highlight:
 class PageOne:
     """Page 1 of the report, and highlights: two time ranges, then the highest episodes.
 
-    ``minutes`` are those of the report's day, for the curve.
+    ``minutes`` are the minutes of the day as in the report; the curve shows them.
     """
 
     report: Report
@@ -72,7 +72,7 @@ def read_page_one(services: Services, job: Job, day: DayFile | None, language: L
 
 
 def list_minutes(findings: Findings, language: Language) -> Minutes:
-    """List the minutes of the report's day."""
+    """List the minutes of the day as the report shows them."""
     clock = Clock(findings.recording.start, language)
     runs = build_timeline(findings, clock, load_wording(language)).runs
     return tuple(
@@ -142,7 +142,7 @@ class CurveView:
 
 
 PlacedCurve = tuple[Job, str, float | None]
-"""An analysis, its name, and its start, s; None: by the time of day of its clock."""
+"""An analysis, its name, and its start, s; if the start is None, the time of day on its clock is used."""
 
 
 def build_curves(page: Page, laid: Sequence[PlacedCurve]) -> tuple[CurveView, ...]:
