@@ -141,7 +141,7 @@ class DrawnDistribution:
     draws: Resampling
 
     def find_shares(self, angles_deg: Sequence[float]) -> Float64Array:
-        """Return the share of each draw's time below angles, shape (k,), with its errors: (200, k)."""
+        """Return the share of each draw's time below each of k angles, with its errors: shape (200, k)."""
         error_deg, share = self.draws.error_deg[:, np.newaxis], self.draws.share[:, np.newaxis]
         cells = lower_thresholds(np.array(angles_deg, np.float64) - error_deg, share) * CELLS_PER_DEG
         shares = np.empty(cells.shape)
