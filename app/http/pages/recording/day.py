@@ -639,8 +639,17 @@ def _list_proposals(
 
 
 def _format_hour(hour: Mapping[str, Any], language: Language) -> str:
+    """Format the start of an hour; without a clock, the time since the first sample.
+
+    Any other label was stored by an earlier version and stays unchanged.
+    """
     label = str(hour["label"])
-    return format_elapsed(hour["start_s"]) if label.startswith("+") else format_iso_moment(label, language)
+    if label.startswith("+"):
+        return format_elapsed(hour["start_s"])
+    try:
+        return format_iso_moment(label, language)
+    except ValueError:
+        return label
 
 
 def build_hours(results: Mapping[str, Any], language: Language) -> list[tuple[str, ...]]:
