@@ -71,7 +71,7 @@ def measure_replay(
 
 
 def measure_latency(running: RunningServer, seconds: float) -> None:
-    """Measure from the arrival of the frames at the server to the screen, in headless Chromium."""
+    """Measure the latency from the arrival of frames at the server to the screen, in headless Chromium."""
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=["--no-sandbox"])
         page = browser.new_page()
@@ -159,7 +159,7 @@ async def feed_until_killed(running: RunningServer, address: str, seconds: float
 
 
 def measure_kill(folder: Path, after_s: float, *, is_busy: bool) -> float:
-    """Return the seconds lost when a fresh server is killed: sent before it, minus those in the recording."""
+    """Return the seconds that a kill of a fresh server loses: sent seconds minus those in the recording."""
     log = folder.with_suffix(".log")
     busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2 * is_busy)]
     try:

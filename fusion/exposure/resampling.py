@@ -214,7 +214,7 @@ def scale_draws(value: float, drawn: Float64Array, coarse: float) -> Float64Arra
 def find_intervals(drawn: Figures, raised: Mapping[str, Float64Array] | None = None) -> dict[str, Interval]:
     """Return the 2.5th and 97.5th percentiles of each figure; none if over 5 % of the draws lack it.
 
-    ``raised``: figures with the error of the N-pose; their intervals widen the second pair of limits.
+    ``raised``: the same figures with the error of the N-pose, for the second pair of limits.
     """
     if not drawn:
         return {}

@@ -112,7 +112,7 @@ def show_groups(page: UsedPage) -> Response:
 
 @dataclass(frozen=True, slots=True)
 class ReleaseCard:
-    """Who released the report and when ("" if it is not released), and whether the viewer may."""
+    """Who released the report and when ("" if nobody did), and whether the viewer may release it."""
 
     name: str
     when: str
