@@ -283,7 +283,7 @@ AskedDays = Annotated[ReportJobs[ProfileRequest], Depends(get_asked_days)]
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """A recording in the form: its analysis, its name, and whether it is a day, a day after, or neither."""
+    """A recording in the form; it may be chosen as a day, or as a day after the change."""
 
     id: str
     name: str
