@@ -183,13 +183,13 @@ def run_honest_session(address: str, token: str, end_s: float, log: Log) -> None
                 await asyncio.sleep(max(0.0, began_s + rows / RATE_HZ - time.monotonic()))
             await socket.send(json.dumps({"type": "stop"}))
             end = await asyncio.wait_for(hearing, SOCKET_S)
-            p95_ms = statistics.quantiles(taken_ms, n=20)[-1]
-            log.write("live", end, rows, status["frames"], status["lost"], f"{p95_ms:.0f}")
+            p95_ms = statistics.quantiles(taken_ms, n=20)[-1] if len(taken_ms) > 1 else 0.0
+            log.write("live", end, rows, status.get("frames", 0), status.get("lost", 0), f"{p95_ms:.0f}")
 
     while time.monotonic() < end_s - SOCKET_S:
         try:
             asyncio.run(run(min(end_s, time.monotonic() + 5 * SOCKET_S)))
-        except (ConnectionClosed, OSError, TimeoutError, KeyError, statistics.StatisticsError) as error:
+        except (ConnectionClosed, OSError, TimeoutError) as error:
             log.write("live", type(error).__name__, 0, 0, 0, 0)
 
 
@@ -279,7 +279,7 @@ def summarise(folder: Path) -> Iterator[str]:
     for row in events.get("quiet", ()):
         alone_s.setdefault(row[2], []).append(float(row[4]) + float(row[5]))
     shifts = [(row[2], float(row[4]), float(row[5]), row[3]) for row in events.get("shift", ())]
-    lengths_s = {name: statistics.median(taken) for name, taken in alone_s.items()}
+    lengths_s = {name: min(taken) for name, taken in alone_s.items()}
     for name, length_s in lengths_s.items():
         mine = [(wait_s, run_s) for shift, wait_s, run_s, _ in shifts if shift == name]
         if mine:

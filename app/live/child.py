@@ -21,7 +21,7 @@ from app.live.hub import SHOWN_HZ, SessionOptions
 from app.live.ports import PipePort, SessionFiles
 from app.live.raw_file import SYNC_S, Wearer, build_rule
 from app.live.recorder import Recorder
-from app.live.sources import LineSource, ReplaySource, Source, build_demo, open_replay
+from app.live.sources import LineSource, ReplaySource, Source, build_demo, compile_kernels, open_replay
 from app.store.folder import translate_disk_full
 from app.store.permissions import create_file
 from fusion.live import LiveRows, LiveStatus
@@ -41,6 +41,7 @@ def run(pipe: Connection, options: SessionOptions, files: SessionFiles, limits: 
     with suppress(BrokenPipeError):
         try:
             with translate_disk_full():
+                compile_kernels()
                 source = _open_source(port, options)
                 session = _Session(pipe, port, source, options, files)
         except Exception as error:  # noqa: BLE001 - the server shows the code

@@ -46,9 +46,12 @@ MAX_SESSIONS = 50
 ENDED_TERM_S = 3600.0
 """How long an ended session can be queried."""
 TICK_S = 0.2
-STOP_LIMIT_S = 10.0
+SENDER_LIMIT_S = 5.0
 STALL_S = 60.0
-"""The process of a session sends a message every second; after this silence it is killed."""
+"""The process of a session sends a message every second; after this silence it is killed. It may take as long
+to read the bytes that were received before a stop."""
+CLOSE_LIMIT_S = 10.0
+"""The same when the server stops."""
 CLOSED_TERM_S = 60.0
 """A session continues for this time after its page was closed, because the page may only be reloading."""
 LOST_TERM_S = 600.0
@@ -145,10 +148,12 @@ class SessionProcess:
             raise LiveStopped from error
         return message
 
-    def end(self) -> None:
-        """Kill the process if it runs, and close the pipe."""
+    def end(self, sender: threading.Thread) -> None:
+        """Kill the process if it runs; close the pipe when the thread that sends has noticed."""
         end_child(self._child)
-        self._pipe.close()
+        sender.join(SENDER_LIMIT_S)
+        if not sender.is_alive():  # else it could send into a file that reuses the number of the pipe
+            self._pipe.close()
 
 
 class RunningSession:
@@ -175,6 +180,7 @@ class RunningSession:
         self._commands: queue.SimpleQueue[Message] = queue.SimpleQueue()
         self._stops_s, self._ends_s = inf, inf
         self._is_over = threading.Event()
+        self._feeding: threading.Thread
 
     @property
     def pid(self) -> int:
@@ -235,17 +241,17 @@ class RunningSession:
             self.are_cues_paused = paused
             self._send({"type": "cues", "paused": paused})
 
-    def stop(self) -> None:
-        """Ask the session to end after the bytes received so far; it ends with or without further frames."""
-        self._stops_s = min(self._stops_s, time.monotonic())
+    def stop(self, limit_s: float = STALL_S) -> None:
+        """Ask the session to end after the bytes received so far, at the latest after this time."""
+        self._stops_s = min(self._stops_s, time.monotonic() + limit_s)
 
     def open(self, piece: bytes, limit_s: float) -> None:
         """Pass the first bytes on and wait for the facts of the source.
 
         Raises LiveStopped, or RecordedProblem with the code of a refusal.
         """
-        feeding = threading.Thread(target=self._feed, args=(piece,), name="live-feed", daemon=True)
-        feeding.start()
+        self._feeding = threading.Thread(target=self._feed, args=(piece,), name="live-feed", daemon=True)
+        self._feeding.start()
         try:
             end_s, first = time.monotonic() + limit_s, None
             while first is None:
@@ -257,7 +263,7 @@ class RunningSession:
             self._facts, self._status = first["source"], first["status"]
         except BaseException:
             self._is_over.set()
-            self._process.end()
+            self._process.end(self._feeding)
             raise
 
     def _feed(self, piece: bytes) -> None:
@@ -302,7 +308,7 @@ class RunningSession:
                 self.was_left = True
                 self.stop()
             if message is None:
-                if now_s - heard_s > STALL_S or now_s - self._stops_s > STOP_LIMIT_S:
+                if now_s - heard_s > STALL_S or now_s > self._stops_s:
                     raise LiveStopped
                 continue
             heard_s = now_s
@@ -356,7 +362,7 @@ class RunningSession:
     def _end(self, state: State, library: Library) -> None:
         """End the process and store the raw file; if that fails, the next server start retries."""
         self._is_over.set()
-        self._process.end()
+        self._process.end(self._feeding)
         analysis_id = ""
         try:
             if self._port is not None:
@@ -405,8 +411,7 @@ class LiveHub:
         try:
             piece = b"" if port is None else _wait_for_bytes(port, options.name, is_wanted)
             session = RunningSession(files, options, port, SessionProcess(options, files, limits))
-            limit_s = limits.wall_s if port is None else options.learn_limit_s + STALL_S
-            session.open(piece, limit_s)
+            session.open(piece, limits.wall_s)
             run = (session.run, self.library)
             thread = threading.Thread(target=copy_context().run, args=run, name="live", daemon=True)
             self._sessions[session.id], self._threads[session.id] = session, thread
@@ -432,9 +437,9 @@ class LiveHub:
     def close(self) -> None:
         """Stop all sessions when the server stops; their raw files become recordings."""
         for session in self._sessions.values():
-            session.stop()
+            session.stop(CLOSE_LIMIT_S)
         for thread in self._threads.values():
-            thread.join(2 * STOP_LIMIT_S)
+            thread.join(2 * CLOSE_LIMIT_S)
         for session in self._sessions.values():
             session.files.shown.unlink(missing_ok=True)
 

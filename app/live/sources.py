@@ -134,6 +134,17 @@ class LineSource:
         return piece, round(self._now_s() * MICROSECONDS)
 
 
+def compile_kernels() -> None:
+    """Compile the kernels of a session, which takes some seconds once per installation."""
+    still = Frames(
+        np.arange(10) * 10_000,
+        np.arange(10),
+        np.full((10, 3), (0, 0, 1), np.float32),
+        np.zeros((10, 3), np.float32),
+    )
+    LiveSession(100.0, np.array([0.0, 0.0, 1.0])).take(still)  # compile the kernels
+
+
 def open_lines(source: str, baud: int, early: Path, about: Mapping[str, Any]) -> LineSource:
     """Open a port: ``/dev/ttyACM0``, ``COM3``, ``udp://:5005``, ``tcp://board:5005``.
 
@@ -148,13 +159,7 @@ def open_lines(source: str, baud: int, early: Path, about: Mapping[str, Any]) ->
     except OSError:
         port.close()
         raise
-    still = Frames(
-        np.arange(10) * 10_000,
-        np.arange(10),
-        np.full((10, 3), (0, 0, 1), np.float32),
-        np.zeros((10, 3), np.float32),
-    )
-    LiveSession(100.0, np.array([0.0, 0.0, 1.0])).take(still)  # compile the kernels
+    compile_kernels()
     try:
         return LineSource(kept, source, now_s=kept.now_s)
     except (FusionError, LiveSourceFailed):
