@@ -48,10 +48,9 @@ ENDED_TERM_S = 3600.0
 TICK_S = 0.2
 SENDER_LIMIT_S = 5.0
 STALL_S = 60.0
-"""The process of a session sends a message every second; after this silence it is killed. It may take as long
-to read the bytes that were received before a stop."""
+"""The process of a session sends a message every second; after this silence it is killed."""
 CLOSE_LIMIT_S = 10.0
-"""The same when the server stops."""
+"""When the server stops, a session has this time to read the bytes received before; otherwise any time."""
 CLOSED_TERM_S = 60.0
 """A session continues for this time after its page was closed, because the page may only be reloading."""
 LOST_TERM_S = 600.0
@@ -178,7 +177,8 @@ class RunningSession:
         self._sequence = self._passed_bytes = 0
         self._came_s = 0.0
         self._commands: queue.SimpleQueue[Message] = queue.SimpleQueue()
-        self._stops_s, self._ends_s = inf, inf
+        self._closes_s, self._ends_s = inf, inf
+        self._is_stopping = threading.Event()
         self._is_over = threading.Event()
         self._feeding: threading.Thread
 
@@ -228,7 +228,7 @@ class RunningSession:
     def push(self, piece: bytes) -> bool:
         """Add bytes from a page to the session's source; return False while the source is full."""
         pushed = self._port.inner if isinstance(self._port, EarlyPort) else self._port
-        is_taken = isinstance(pushed, PushedPort) and self._stops_s == inf
+        is_taken = isinstance(pushed, PushedPort) and not self._is_stopping.is_set()
         return pushed.push(piece) if is_taken and isinstance(pushed, PushedPort) else True
 
     def ask_pose(self, countdown_s: float) -> None:
@@ -241,9 +241,10 @@ class RunningSession:
             self.are_cues_paused = paused
             self._send({"type": "cues", "paused": paused})
 
-    def stop(self, limit_s: float = STALL_S) -> None:
+    def stop(self, limit_s: float = inf) -> None:
         """Ask the session to end after the bytes received so far, at the latest after this time."""
-        self._stops_s = min(self._stops_s, time.monotonic() + limit_s)
+        self._closes_s = min(self._closes_s, time.monotonic() + limit_s)
+        self._is_stopping.set()
 
     def open(self, piece: bytes, limit_s: float) -> None:
         """Pass the first bytes on and wait for the facts of the source.
@@ -278,7 +279,7 @@ class RunningSession:
                 while not self._commands.empty():
                     self._process.send(json.dumps(self._commands.get()).encode())
                 is_behind = isinstance(port, EarlyPort | PushedPort) and port.is_behind
-                if self._stops_s < inf and not is_behind:
+                if self._is_stopping.is_set() and not is_behind:
                     self._process.send(json.dumps(STOP).encode())
                     return
                 if port is None:
@@ -307,13 +308,13 @@ class RunningSession:
             if self.is_left():
                 self.was_left = True
                 self.stop()
-            if message is None:
-                if now_s - heard_s > STALL_S or now_s > self._stops_s:
-                    raise LiveStopped
-                continue
-            heard_s = now_s
-            if "end" in message:
+            heard_s = heard_s if message is None else now_s
+            if message is not None and "end" in message:
                 return str(message["end"])
+            if now_s > min(heard_s + STALL_S, self._closes_s):
+                raise LiveStopped
+            if message is None:
+                continue
             if "cue" in message:
                 self._send_cue(message["cue"], library)
             elif "points" in message:
