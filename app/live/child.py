@@ -29,6 +29,8 @@ from fusion.recording import MICROSECONDS
 
 SEND_S = 0.01
 """Shortest time between two updates, so that a board that sends row by row does not flood the server."""
+REST_S = 0.02
+"""The process rests when it worked this much longer than it rested; an ordinary board never causes that."""
 FRESH_S = 0.5
 """The pose waits until data is at most this old: the wearer could not react to the pose in older data."""
 
@@ -91,7 +93,7 @@ class _Session:
 
     def run(self) -> None:
         """Process frames until the source ends or a stop arrives, using at most half of a core."""
-        worked_s = time.thread_time()
+        worked_s, at_s, debt_s = time.thread_time(), time.monotonic(), 0.0
         while not self._port.is_stopped and (frames := self._source.read()) is not None:
             if isinstance(self._source, ReplaySource):
                 self._port.read(0.0)
@@ -104,8 +106,11 @@ class _Session:
                     facts = {"time_s": round(cue.time_s, 3), **rule, "limit": get_limit(cue.rule)}
                     _send(self._pipe, {"cue": facts})
             self._report(is_idle=not len(frames))
-            before_s, worked_s = worked_s, time.thread_time()
-            time.sleep(worked_s - before_s)
+            work_s, passed_s = time.thread_time() - worked_s, time.monotonic() - at_s
+            worked_s, at_s = worked_s + work_s, at_s + passed_s
+            debt_s = max(0.0, debt_s + 2.0 * work_s - passed_s)
+            if debt_s > REST_S:
+                time.sleep(debt_s)
 
     def close(self) -> None:
         """Send the last update, and close the raw file as that of a stopped session."""
