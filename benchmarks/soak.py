@@ -343,11 +343,12 @@ def soak(server: RunningServer, shifts: list[Path], lasts_s: float, events: Path
             session = accounts.begin_session(person.id)
             cookie = f"acromion_session_{urlsplit(server.address).port}={session}"
             tokens[f"{login} page"] = cookie
-    wait_for(
-        lambda: httpx2.get(f"{server.address}api/v1/version", headers=_bear(tokens["honest"])).is_success
-    )
     began_s, honest, hostile = time.monotonic(), tokens["honest"], tokens["hostile"]
-    send_shifts(server.address, honest, shifts, began_s + 3600, Log(events / "quiet.csv", began_s), "quiet")
+    version = f"{server.address}api/v1/version"
+    wait_for(lambda: httpx2.get(version, headers=_bear(honest)).is_success)
+    quiet = Log(events / "quiet.csv", began_s)
+    open_pages(server.address, tokens["honest page"], began_s + QUIET_S, quiet, "quiet page")
+    send_shifts(server.address, honest, shifts, began_s + 3600, quiet, "quiet")
     end_s = time.monotonic() + lasts_s
     socket = server.address.replace("http", "ws") + "api/v1/live"
     clients: dict[str, Callable[..., None]] = {

@@ -379,6 +379,8 @@ class RunningSession:
         with self._lock:
             self.state, self.analysis_id, self.ended_s = state, analysis_id, time.monotonic()
             self._send(self._describe_end())
+            self._port = None  # an ended session is kept for an hour, but not its bytes and points
+            self._history.clear()
 
 
 @dataclass(slots=True)
