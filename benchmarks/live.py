@@ -32,7 +32,7 @@ from tests.app.live.made import count_stored_rows
 from tests.ways_in.servers import RunningServer
 
 HEADER = "# device: LSM9DS1\ntime_us,counter,acc_x_g,acc_y_g,acc_z_g,gyr_x_dps,gyr_y_dps,gyr_z_dps\n"
-RATE_HZ, CHUNK_ROWS = 100, 4
+RATE_HZ, CHUNK_ROWS, SETTLED_S = 100, 4, 10.0
 PERCENTILES = (50, 99)
 WATCH = """() => {
   window.taken = [];
@@ -124,20 +124,34 @@ async def feed_all(address: str, sessions: int, seconds: float) -> list[dict[str
     return await asyncio.gather(*(feed(address, seconds) for _ in range(sessions)))
 
 
+def measure_cpu_s(server: psutil.Process) -> float:
+    """Return the CPU time of a server and its child processes."""
+    times = [one.cpu_times() for one in (server, *server.children(recursive=True))]
+    return sum(one.user + one.system for one in times)
+
+
 def measure_many(running: RunningServer, sessions: int, minutes: float) -> None:
-    """Measure CPU and memory of the server, and the lost frames."""
+    """Measure CPU and memory of the server and of the sessions, and the lost frames."""
     server = psutil.Process(running.process.pid)
     address = running.address.replace("http", "ws") + "api/v1/live"
     asyncio.run(feed_all(address, 1, 5.0))  # loads the analysis code
-    before, began_s = server.cpu_times(), time.monotonic()
     own_s = resource.getrusage(resource.RUSAGE_SELF).ru_utime
-    found = asyncio.run(feed_all(address, sessions, 60.0 * minutes))
-    after, taken_s = server.cpu_times(), time.monotonic() - began_s
-    cpu_s = after.user + after.system - before.user - before.system
+
+    async def run() -> tuple[list[dict[str, Any]], float, float, float]:
+        feeding = asyncio.create_task(feed_all(address, sessions, 60.0 * minutes))
+        await asyncio.sleep(SETTLED_S)
+        before_s, began_s = measure_cpu_s(server), time.monotonic()
+        await asyncio.sleep(60.0 * minutes - 2 * SETTLED_S)
+        cpu_s, taken_s = measure_cpu_s(server) - before_s, time.monotonic() - began_s
+        children = sum(one.memory_full_info().pss for one in server.children(recursive=True))
+        return await feeding, cpu_s, taken_s, children
+
+    found, cpu_s, taken_s, children_bytes = asyncio.run(run())
     own_s = resource.getrusage(resource.RUSAGE_SELF).ru_utime - own_s
     print(
         f"{sessions} sessions at {RATE_HZ} Hz for {minutes:g} min: {100 * cpu_s / taken_s:.0f} % of a core, "
-        f"{server.memory_info().rss / (1 << 20):.0f} MiB, lost {sum(one['lost'] for one in found)} of "
+        f"server {server.memory_info().rss / (1 << 20):.0f} MiB, "
+        f"sessions {children_bytes / (1 << 20):.0f} MiB, lost {sum(one['lost'] for one in found)} of "
         f"{sum(one['frames'] for one in found)} (the benchmark itself: {100 * own_s / taken_s:.0f} %)"
     )
 

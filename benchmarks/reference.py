@@ -131,7 +131,10 @@ def _describe_parameter(parameter: Any, context: Any) -> list[str]:
         value = "" if parameter.is_flag else parameter.metavar or parameter.display_type(context)
     values = " or ".join(f"`{one}`" for one in value.strip("<>").split("|") if one)
     is_set = parameter.default not in (None, False, "", []) and not callable(parameter.default)
-    default = str(parameter.default) if is_set else stated.rstrip("]")
+    shown = getattr(parameter, "show_default", None)  # of an option that may also be in the environment
+    default = (
+        str(parameter.default) if is_set else stated.rstrip("]") or (shown if isinstance(shown, str) else "")
+    )
     return [name, values, "required" if parameter.required else _clean_cell(default), _clean_cell(meaning)]
 
 

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:  # the command line starts the fork server before it loads anything else
     from app.request import OnStage, Stage
 
-MODULES = ("app.analysis.attempt", "app.analysis.run", "app.analysis.inspect")
+MODULES = ("app.analysis.attempt", "app.analysis.run", "app.analysis.inspect", "app.live.child")
 
 
 def load() -> None:

@@ -197,12 +197,18 @@ def find_sensors(columns: Sequence[Column]) -> dict[str, tuple[Column, ...]]:
     }
 
 
+MOST_WORDS = 12
+"""Longer names are not searched for a sensor: each part of the name is tried."""
+
+
 def _split_sensor(column: Column) -> Column:
     """Find the sensor in a name with more than axis and channel: `left_acc_x`, `IMU 2 Gyroscope X`."""
     if column.sensor or column.channel in ("acc", "gyr"):
         return column
     plain, bracket, rest = column.name.partition("(")
     words = [word for word in re.split(r"[ _.:\-|/]+", plain) if word]
+    if len(words) > MOST_WORDS:
+        return column
     for length in range(len(words) - 1, 0, -1):
         for first in range(len(words) - length + 1):
             inner = parse_column_name(" ".join(words[first : first + length]) + " " + bracket + rest)

@@ -1,12 +1,14 @@
 """Archives: which of their files is the recording, and which files are left aside."""
 
 import io
+import struct
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from fusion.errors import SeveralSensors, UnsafeArchive
+from fusion.errors import CorruptArchive, SeveralSensors, UnsafeArchive
 from fusion.readers import ColumnProfile, read_recording
 from fusion.readers.tables.profile import propose_file_profile
 from fusion.recording import Recording
@@ -223,3 +225,20 @@ def test_a_first_time_that_no_clock_shows_is_left_aside() -> None:
     }
 
     assert read_archive(members).start is None
+
+
+@pytest.mark.parametrize("members", [1, 2])
+def test_an_index_that_points_before_the_start_of_a_file_on_disk_is_refused(
+    tmp_path: Path, members: int
+) -> None:
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w") as archive:
+        for number in range(members):
+            archive.writestr(f"{number}.csv", "time (s),X,Y,Z\n1,2,3,4\n")
+    content = bytearray(packed.getvalue())
+    place = len(content) - 6  # where the end record states the start of the index
+    struct.pack_into("<I", content, place, struct.unpack_from("<I", content, place)[0] + 100)
+    (tmp_path / "a.zip").write_bytes(content)
+
+    with pytest.raises(CorruptArchive):
+        read_recording(tmp_path / "a.zip")
