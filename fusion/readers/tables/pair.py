@@ -39,6 +39,7 @@ from fusion.readers.tables.rows import (
     TimeColumn,
     build_clock,
     build_recording,
+    holds_gravity,
     read_epoch,
 )
 from fusion.readers.time.clock import datetime_at_us
@@ -112,7 +113,8 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
     if names.gravity:  # put back, on the times of the acceleration
         gravity = _read_table(archive, names.gravity)
         parts = [np.interp(acc.time_us, gravity.time_us, part) for part in gravity.values.T]
-        acc = replace(acc, values=acc.values + np.stack(parts, axis=1))
+        if names.kind == "linear" or not holds_gravity(acc.values, np.stack(parts, axis=1)):
+            acc = replace(acc, values=acc.values + np.stack(parts, axis=1))
     elif names.kind == "linear" or (  # Sensor Logger took gravity out of its "Accelerometer"
         device is not None and device.device == "sensorlogger" and names.kind != "total"
     ):

@@ -11,6 +11,7 @@ from statistics import median
 from typing import Any, Literal, NoReturn
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
 from fusion.errors import CutByExcel, NoGravity, NoGyroscope, SeveralSensors, UnknownColumns, UnreadableRows
@@ -433,15 +434,22 @@ def put_back_gravity(
         if acc.channel == "linear":
             raise NoGravity
         return False
-    # the gravity that a total acceleration holds may be written with the other sign beside it
-    without_g = min(np.median(np.linalg.norm(acc_g + sign * parts_g, axis=1)) for sign in (-1.0, 1.0))
-    if acc.channel != "linear" and without_g < np.median(np.linalg.norm(acc_g, axis=1)):
-        return False  # gravity is in it
+    if acc.channel != "linear" and holds_gravity(acc_g, parts_g):
+        return False
     is_core_motion = CORE_MOTION in gyr.name.lower() and abs(length_g / scale_g - 1.0) < NEAR_ONE
     columns.acc[:] += gravity.acc[order[place]]
     columns.acc[:] *= np.float32((-1.0 if is_core_motion else 1.0) / length_g)
     columns.keep(has_gravity)
     return True
+
+
+def holds_gravity(acc: NDArray[np.floating[Any]], gravity: NDArray[np.floating[Any]]) -> bool:
+    """Return whether an acceleration, (n, 3), includes the gravity beside it: without it, it is shorter.
+
+    The gravity may be written with the other sign.
+    """
+    without = min(np.median(np.linalg.norm(acc + sign * gravity, axis=1)) for sign in (-1.0, 1.0))
+    return bool(without < np.median(np.linalg.norm(acc, axis=1)))
 
 
 # The clock at the first row, and the recording.
