@@ -97,7 +97,10 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:
     acc_unit, gyr_unit = choice.acc[0].unit, choice.gyr[0].unit
     if choice.gravity:
         scale_g = acc_scale_g(choice.gravity[0].unit) or 1.0
-        if put_back_gravity(columns, gravity, scale_g, choice.acc[0], choice.gyr[0]):
+        has_own_unit = acc_unit != choice.gravity[0].unit
+        if put_back_gravity(
+            columns, gravity, scale_g, choice.acc[0], choice.gyr[0], has_own_unit=has_own_unit
+        ):
             acc_unit = "g"
     time.unit.refuse_doubtful(columns)
     flags = drop_blank_rows(columns) if time.has_times else ()

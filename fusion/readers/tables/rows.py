@@ -396,29 +396,35 @@ CORE_MOTION = "rotationrate"
 
 
 def add_gravity(source: Source, plan: TablePlan, columns: SampleColumns) -> bool:
-    """Read a table again for gravity that its acceleration may lack; return whether it was added.
-
-    Gravity without a unit is in the unit of the acceleration.
-    """
+    """Read a table again for gravity that its acceleration may lack; return whether it was added."""
     if plan.gravity is None:
         return False
     targets = [IGNORED if 1 <= target <= 3 else target for target in plan.targets]
     for axis, place in enumerate(plan.gravity):
         targets[place] = 1 + axis
-    scale_g = acc_scale_g(plan.layout.columns[plan.gravity[0]].unit) or plan.acc_scale
+    unit, device = plan.layout.columns[plan.gravity[0]].unit, plan.layout.device
+    scale_g = acc_scale_g(unit) or plan.acc_scale
     beside = replace(plan, targets=tuple(targets), acc_scale=scale_g, gravity=None)
     gravity = read_table(source, beside).columns
-    return put_back_gravity(columns, gravity, scale_g, plan.acceleration, plan.angular_rate)
+    acc, gyr = plan.acceleration, plan.angular_rate
+    has_own_unit = acc.unit != unit and not (device and acc.unit == device.acc_unit)
+    return put_back_gravity(columns, gravity, scale_g, acc, gyr, has_own_unit=has_own_unit)
 
 
 def put_back_gravity(
-    columns: SampleColumns, gravity: SampleColumns, scale_g: float, acc: Column, gyr: Column
+    columns: SampleColumns,
+    gravity: SampleColumns,
+    scale_g: float,
+    acc: Column,
+    gyr: Column,
+    *,
+    has_own_unit: bool,
 ) -> bool:
     """Add gravity to an acceleration that lacks it, in place; return whether it did.
 
-    Both were scaled by ``scale_g``. The stated unit does not matter: gravity is 1 g long, and the
-    acceleration beside it has the same unit. Rows without gravity are dropped. The sign of Core Motion's
-    readings, in g, is reversed, so that the sum is what an accelerometer measures.
+    ``gravity`` was scaled by ``scale_g``, which does not matter: it is 1 g long. The acceleration has the
+    same unit, unless header or profile state one of its own. Rows without gravity are dropped. The sign of
+    Core Motion's readings, in g, is reversed, so that the sum is what an accelerometer measures.
 
     Raises NoGravity if the acceleration's name says that it lacks gravity and the columns contain none.
     """
@@ -437,6 +443,9 @@ def put_back_gravity(
     if acc.channel != "linear" and holds_gravity(acc_g, parts_g):
         return False
     is_core_motion = CORE_MOTION in gyr.name.lower() and abs(length_g / scale_g - 1.0) < NEAR_ONE
+    if has_own_unit and acc_scale_g(acc.unit):
+        gravity.acc[:] /= np.float32(length_g)
+        length_g = 1.0
     columns.acc[:] += gravity.acc[order[place]]
     columns.acc[:] *= np.float32((-1.0 if is_core_motion else 1.0) / length_g)
     columns.keep(has_gravity)
