@@ -23,6 +23,7 @@ from fusion.readers.tables.columns import (
     IN_MICROSECONDS,
     TIME_UNITS_EXPONENT,
     Column,
+    check_units,
     choose_acceleration,
     choose_vector,
     find_time_unit,
@@ -158,12 +159,13 @@ def _choose_columns(schema: pa.Schema) -> _Choice:
         for column, kind in zip(columns, schema.types, strict=True)
         if column.channel == "time" and (column.unit in TIME_UNITS_EXPONENT or pa.types.is_timestamp(kind))
     )
-    unit = columns[acc[0]].unit
+    for sensor, places in (("accelerometer", acc), ("gyroscope", gyr)):
+        check_units(sensor, [columns[place].unit for place in places])
     return _Choice(
         next(stamps, None),
         tuple(columns[place] for place in acc),
         tuple(columns[place] for place in gyr),
-        tuple(replace(columns[place], unit=columns[place].unit or unit) for place in gravity or ()),
+        tuple(columns[place] for place in gravity or ()),
     )
 
 

@@ -26,6 +26,7 @@ from fusion.readers.tables.columns import (
     StampWriter,
     TimeUnit,
     Vector,
+    check_units,
     choose_acceleration,
     choose_vector,
     count_from_1970,
@@ -163,13 +164,15 @@ def plan_table(layout: TextLayout) -> TablePlan:
 
     If the header states no unit, the factor is 1 and :mod:`fusion.checks.physics` finds the unit.
 
-    Raises NoGyroscope, NoGravity, SeveralSensors or UnknownColumns.
+    Raises NoGyroscope, NoGravity, SeveralSensors, UnknownColumns or UnknownUnit.
     """
     layout = choose_sensor(layout)
     acc, gravity = choose_acceleration(layout.columns)
     gyr = choose_vector(layout.columns, "gyr")
     if acc is None or gyr is None:
         _refuse_columns(layout)
+    for sensor, places in (("accelerometer", acc), ("gyroscope", gyr)):
+        check_units(sensor, [layout.columns[place].unit for place in places])
     targets = [IGNORED] * layout.n_columns
     for axis in range(3):
         targets[acc[axis]], targets[gyr[axis]] = 1 + axis, 4 + axis
@@ -208,6 +211,8 @@ def choose_sensor(layout: TextLayout, sensor: str = "") -> TextLayout:
 
 
 def _refuse_columns(layout: TextLayout) -> NoReturn:
+    if layout.narrow_header:
+        raise explain_wide_rows(layout)
     channels = {column.channel for column in layout.columns}
     is_named = any(GYROSCOPE.search(column.name) for column in layout.columns)  # `gyroscope_alpha`
     if "acc" in channels and "gyr" not in channels and not is_named:
@@ -216,6 +221,12 @@ def _refuse_columns(layout: TextLayout) -> NoReturn:
         raise NoGravity
     names = (layout.header or "").strip()[:LONGEST_LIST]
     raise UnknownColumns(list=names, **name_missing(layout.columns))
+
+
+def explain_wide_rows(layout: TextLayout) -> UnknownColumns:
+    """Return the error for rows with more fields than the header has names."""
+    names = layout.narrow_header[:LONGEST_LIST]
+    return UnknownColumns(list=names, why="wide rows", line=layout.first_line + 1)
 
 
 def _choose_stamp(layout: TextLayout) -> tuple[int | None, TimeColumn]:
