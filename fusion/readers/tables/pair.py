@@ -161,7 +161,7 @@ def _read_table(archive: zipfile.ZipFile, name: str, channel: Literal["acc", "gy
     place = next((k for k in times if k < len(values) and NUMBER.fullmatch(values[k])), times[0])
     is_calendar = place == calendar
     table = _load(archive, name, delimiter, [place, *places], _read_moment_us if is_calendar else float)
-    units = [found[1] for place in places if (found := axes[place])]
+    units = [axis[1] for place in places if (axis := axes[place])]
     check_units("gyroscope" if channel == "gyr" else "accelerometer", units)
     unit = units[0]
     if unit is None and device is not None:

@@ -429,3 +429,7 @@ def test_a_log_of_several_kinds_of_lines_is_not_called_empty() -> None:
         read_text(header + make_rows("$IMU,{ms},{row}\n$BARO,{ms},101325.0"))
 
     assert refusal.value.facts["why"] == "kinds of lines"
+
+
+def test_a_table_that_begins_like_a_picture_is_read() -> None:
+    check_whole(read_text(f"BMI,time_ms,{CHANNELS}\n" + make_rows("24,{ms},{row}")))
