@@ -64,7 +64,7 @@ and RealWorld (`Gyroscope_walking_upperarm`).
 """
 SAMPLING_RATE = re.compile(r"[ _]?\d{1,6}(?:\.\d{1,6})?hz\b.*", re.IGNORECASE)
 OWN_START = re.compile(r"\d{8}[ _T-]\d{6}")
-"""Polar Sensor Logger names each table by the second in which it began."""
+"""Polar Sensor Logger writes the start time of each table into its name."""
 SEPARATORS = re.compile(r"[ _.-]+")
 
 

@@ -434,7 +434,7 @@ def put_back_gravity(
     """Add gravity to an acceleration that lacks it, in place; return whether it did.
 
     ``gravity`` was scaled by ``scale_g``, which does not matter: it is 1 g long. The acceleration has the
-    same unit, unless header or profile state one of its own. Rows without gravity are dropped. The sign of
+    same unit, unless header or profile state another. Rows without gravity are dropped. The sign of
     Core Motion's readings, in g, is reversed, so that the sum is what an accelerometer measures.
 
     Raises NoGravity if the acceleration's name says that it lacks gravity and the columns contain none.

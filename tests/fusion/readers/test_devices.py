@@ -263,7 +263,7 @@ def test_gravity_beside_an_acceleration_without_it_is_put_back(
 
 
 @pytest.mark.parametrize("stated", ["header", "profile"])
-def test_an_acceleration_of_another_unit_than_gravity_is_added_in_its_own(stated: str) -> None:
+def test_an_acceleration_may_have_another_unit_than_gravity(stated: str) -> None:
     unit = " (m/s^2)" if stated == "header" else ""
     heads = ["time_s", *axes("gyr{}_dps"), *axes("gravity{}"), *axes("userAcc{}" + unit)]
     text = ",".join(heads) + "\n" + rows(TIME_S, GYR_DPS, UP, STEP_G * STANDARD_GRAVITY)

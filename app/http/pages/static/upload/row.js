@@ -27,7 +27,7 @@ export class Row {
     return this.item.querySelector(selector);
   }
 
-  // Join a name and what is said of it, with the colon of the page's language.
+  // Join a name and a text with the colon of the page's language.
   name(subject, text) {
     return `${subject}${this.words.colon} ${text}`;
   }
