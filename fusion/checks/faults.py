@@ -315,12 +315,12 @@ def _find_stuck(segments: Sequence[Segment]) -> list[list[Pair]]:
                 runs.append(find_held_runs(seen, seen, shortest, (axes[0], axes[-1] + 1)))
             if not any(map(len, runs)):
                 continue
-            is_coarse = any(_is_coarse(samples, axis, runs) for axis in axes)
+            is_coarse, step = any(_is_coarse(samples, axis, runs) for axis in axes), measure_step(samples)
             for rows, segment, some in zip(found, segments, runs, strict=True):
                 rows += [
                     (a, b)
                     for a, b in some.tolist()
-                    if _is_stuck(segment, sensor, axes, (a, b), measure_step(samples), is_coarse=is_coarse)
+                    if _is_stuck(segment, sensor, axes, (a, b), step, is_coarse=is_coarse)
                 ]
     return [join_overlapping(some) for some in found]
 
@@ -338,13 +338,15 @@ def _is_stuck(
     changes in the same rows, but seldom. ``step``: that of the sensor.
     """
     first, stop = rows
+    is_long = stop - first >= LONG_S * segment.rate_hz
+    if is_coarse and not is_long:
+        return False
     ranges = [np.ptp(_read(segment, one)[first:stop], axis=0).max() for one in range(2)]
     steps = np.diff(np.delete(_read(segment, sensor)[first:stop], axes, axis=1), axis=0)
     repeats = (steps == 0.0).mean(axis=0)
     if is_coarse or ((repeats > COARSE_PART) & steps.any(axis=0)).any():
         return _moves_far(segment, sensor, axes, rows, step)
-    is_long = len(axes) > 1 or stop - first >= LONG_S * segment.rate_hz
-    if is_long and bool(ranges[0] > MOVING_G or ranges[1] > MOVING_DPS):
+    if (is_long or len(axes) > 1) and bool(ranges[0] > MOVING_G or ranges[1] > MOVING_DPS):
         return True
     is_live = len(axes) == 1 and bool(repeats.max() < LIVE_PART)
     return is_live and bool(ranges[0] > MOVED_G or ranges[1] > MOVED_DPS)
