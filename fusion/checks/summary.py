@@ -172,8 +172,8 @@ LOOKED_AT_ROWS = 20_000
 
 def flag_resolution(recording: Recording) -> tuple[QualityFlag, ...]:
     """Return the flag of steps so coarse that they hide stillness (W-RESOLUTION)."""
-    acc_g = _measure_step([segment.acc_g for segment in recording.segments])
-    gyr_dps = _measure_step([segment.gyr_dps for segment in recording.segments])
+    acc_g = measure_step([segment.acc_g for segment in recording.segments])
+    gyr_dps = measure_step([segment.gyr_dps for segment in recording.segments])
     facts: dict[str, str | int | float] = {}
     if acc_g > COARSE_G:
         facts["step_mg"] = round(1000.0 * acc_g, 1)
@@ -182,7 +182,7 @@ def flag_resolution(recording: Recording) -> tuple[QualityFlag, ...]:
     return (QualityFlag(Caveat.RESOLUTION, facts=facts),) if facts else ()
 
 
-def _measure_step(samples: Sequence[NDArray[np.float32]]) -> float:
+def measure_step(samples: Sequence[NDArray[np.float32]]) -> float:
     """Return the smallest change from row to row, ignoring one in a hundred, of the coarsest axis.
 
     Few rows are interpolated by a program. Unrounded noise has far smaller changes.

@@ -60,7 +60,8 @@ class Source:
     ``head``: the first 64 KiB of the content.
     ``packed``: the packed file, if ``file`` is unpacked from it.
     ``pair``: the tables of the archive that are read as one recording.
-    ``left_aside``: files of the archive that are not part of the recording.
+    ``left_aside``: files of the archive that are not part of the recording; ``beside``: those of them that
+    are tables of another device's sensor.
     """
 
     file: BinaryIO
@@ -70,6 +71,7 @@ class Source:
     packed: BinaryIO | None = None
     pair: PairNames | None = None
     left_aside: int = 0
+    beside: tuple[str, ...] = ()
 
     @property
     def read_bytes(self) -> int:
