@@ -41,6 +41,7 @@ from fusion.readers.tables.rows import (
     build_recording,
     read_epoch,
 )
+from fusion.readers.time.bursts import find_bursts, spread_bursts
 from fusion.readers.time.clock import datetime_at_us
 from fusion.readers.time.grid import cut_stamped
 from fusion.recording import (
@@ -58,8 +59,6 @@ from fusion.recording import (
 MOST_BYTES = 1 << 29
 """Of one table: eight hours at 100 Hz take 250 MB."""
 FEWEST_ROWS = 2
-SHARED_PART = 0.1
-"""From so many rows that share a stamp on, the rows of a table came in bursts."""
 SLOWER = 1.2
 """Times the period of the gyroscope: from here on the accelerometer's slower rate is worth a caveat."""
 LATEST_US, LARGEST = 9e18, 1e30
@@ -189,25 +188,15 @@ def _spread_bursts(
 ) -> tuple[NDArray[np.int64], Float64Array]:
     """Spread rows that arrived together, with one stamp, over time, as in a single table."""
     kept = np.isfinite(values).all(axis=1)
-    shared = np.count_nonzero(time_us[1:] == time_us[:-1])
-    if shared < SHARED_PART * len(time_us) or np.count_nonzero(kept) < FEWEST_ROWS:
+    if find_bursts(time_us) is None or np.count_nonzero(kept) < FEWEST_ROWS:
         return time_us, values
     columns = SampleColumns()
     columns.extend(int(np.count_nonzero(kept)))
     columns.trim()
     columns.stamps[:], columns.acc[:], columns.gyr[:] = time_us[kept], values[kept], 0.0
     MICROSECOND_STAMPS.repair(columns)
-    first_us = int(columns.stamps[0])
-    spread, rows = [], []
-    for segment in cut_stamped(columns).segments:
-        even_us = first_us + segment.start_us + np.arange(len(segment)) * (MICROSECONDS / segment.rate_hz)
-        is_row = np.ones(len(segment), np.bool_)
-        for first, stop in segment.bridged:
-            is_row[first:stop] = False
-        spread.append(even_us[is_row])
-        rows.append(segment.acc_g[is_row])
-    late_us = np.mean(columns.stamps[: len(spread[0])] - spread[0])  # the first burst may have been cut
-    return np.rint(np.concatenate(spread) + late_us).astype(np.int64), np.concatenate(rows).astype(np.float64)
+    spread_bursts(columns.stamps)
+    return columns.stamps, columns.acc.astype(np.float64)
 
 
 def _read_lines(archive: zipfile.ZipFile, name: str) -> Iterator[str]:
