@@ -119,7 +119,7 @@ def spread_bursts(stamps: Ints) -> tuple[QualityFlag, ...]:
 
 
 def propose_periods_us(bursts: Bursts) -> tuple[float, ...]:
-    """Return possible sample periods: by blocks of bursts, right if few rows are missing, and by single ones."""
+    """Return possible sample periods: of blocks of bursts, right if few rows are missing, and of single."""
     steps_us, rows = np.diff(bursts.stamp_us).astype(np.float64), np.diff(bursts.anchors)
     steps_us, rows = steps_us[steps_us > 0], rows[steps_us > 0]
     single_us = steps_us / rows

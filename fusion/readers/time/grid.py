@@ -368,30 +368,31 @@ def cut_stamped(columns: SampleColumns) -> Grid:
 def cut_counted(columns: SampleColumns, rate_hz: float) -> Grid:
     """Cut rows that have numbers instead of stamps, at a given rate.
 
-    A skipped number is a row that could not be read; a pause is a break of unknown length, so the next
-    segment follows at once.
+    A skipped number is a row that could not be read; a few of them are bridged, as in rows with stamps. A
+    pause is a break of unknown length, so the next segment follows at once.
 
     Raises UnknownRate if the rate is outside the range that shows arm movement.
     """
     if not SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
         raise UnknownRate(m=rate_hz)
     period_us = MICROSECONDS / rate_hz
-    numbers = columns.stamps
-    pauses = numbers // PAUSE
-    breaks = np.flatnonzero(np.diff(numbers) != 1) + 1
-    edges = [0, *breaks.tolist(), columns.rows]
-    segments: list[Segment] = []
-    for first, stop in pairwise(edges):
-        start_us = segments[-1].end_us if segments else 0
-        if segments and pauses[first] == pauses[first - 1]:
-            start_us += round((numbers[first] - numbers[first - 1] - 1) * period_us)
-        segments.append(Segment(start_us, rate_hz, columns.acc[first:stop], columns.gyr[first:stop]))
+    numbers, n_rows = columns.stamps[: columns.rows].copy(), columns.rows
+    row = np.flatnonzero(np.diff(numbers) != 1) + 1
+    is_pause = numbers[row] // PAUSE != numbers[row - 1] // PAUSE
+    steps = numbers[row] - numbers[row - 1]
+    is_short = ~is_pause & (steps * period_us <= LONGEST_BRIDGE_US)
+    holes = Holes(row, np.rint(steps * period_us).astype(np.int64), np.where(is_short, steps - 1, 0))
+    pauses = set(row[is_pause].tolist())
+    runs = [
+        FittedRun(
+            first, stop, round(int(numbers[first] % PAUSE) * period_us), 0.0, period_us, 0.0, first in pauses
+        )
+        for first, stop in pairwise([0, *row[~is_short].tolist(), n_rows])
+    ]
+    segments = place_segments(columns, holes, runs)
     duration_us = segments[-1].end_us
-    flags = flag_gaps(segments, duration_us)
-    n_pauses = int(np.count_nonzero(np.diff(pauses)))
-    if n_pauses:
-        flags += (QualityFlag(Caveat.PAUSE, n_pauses),)
-    return Grid(tuple(segments), duration_us, flags, period_us, 0.0)
+    flags = flag_gaps(segments, duration_us) + flag_counts({Caveat.PAUSE: len(pauses)})
+    return Grid(segments, duration_us, flags, period_us, 0.0)
 
 
 def _fit_runs(
