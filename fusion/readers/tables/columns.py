@@ -345,6 +345,9 @@ def guess_exponent(times: Sequence[float]) -> int | None:
     return next((one for one in UNIT_NAMES if slowest_hz <= _rate_hz(times, one) <= fastest_hz), None)
 
 
+NEAR_STEP, NEAR_ROWS = 0.1, 32
+
+
 def _rate_hz(times: Sequence[float], exponent: int) -> float:
     """Return the rate from the usual step, 0 if the times do not advance; the newest row may be first."""
     steps = [after - before for before, after in pairwise(times)]
@@ -352,8 +355,12 @@ def _rate_hz(times: Sequence[float], exponent: int) -> float:
         return 0.0
     if 2 * sum(step < 0 for step in steps) > sum(step != 0 for step in steps):
         steps = [-step for step in steps]
-    # mean of the advancing steps: coarse stamps repeat
-    step = median(steps) or sum(max(0.0, s) for s in steps) / len(steps)
+    # mean of the advancing steps: coarse stamps repeat, and rows that arrived together follow at once
+    step, mean = median(steps), sum(max(0.0, s) for s in steps) / len(steps)
+    if 0 < step < NEAR_STEP * mean:
+        blocks = [after - before for before, after in zip(times, times[NEAR_ROWS:], strict=False)]
+        step = abs(median(blocks)) / NEAR_ROWS if blocks else step
+    step = step or mean
     return MICROSECONDS / (step * 10.0**exponent) if step > 0 else 0.0
 
 

@@ -71,7 +71,7 @@ class ThreeAxes:
     """One of the tables: times in microseconds, (n,), values as written, (n, 3), and their unit.
 
     ``dropped``: rows that could not be read, or whose time does not advance. ``started``: the first row's
-    time of a calendar, if another column holds the time.
+    time of a calendar, if another column holds the time. ``is_spread``: its rows came in bursts.
     """
 
     time_us: NDArray[np.int64]
@@ -80,6 +80,7 @@ class ThreeAxes:
     device: KnownDevice | None
     dropped: int = 0
     started: datetime | None = None
+    is_spread: bool = False
 
     @property
     def period_us(self) -> float:
@@ -117,7 +118,10 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
     ):
         raise NoGravity
     columns = _merge(acc, gyr)
-    flags = flag_counts({Caveat.ROWS_DROPPED: acc.dropped + gyr.dropped}) + MICROSECOND_STAMPS.repair(columns)
+    flags = flag_counts(
+        {Caveat.ROWS_DROPPED: acc.dropped + gyr.dropped, Caveat.JITTER: int(acc.is_spread or gyr.is_spread)}
+    )
+    flags += MICROSECOND_STAMPS.repair(columns)
     if acc.period_us > SLOWER * gyr.period_us > 0.0:
         rates = {"acc_hz": MICROSECONDS / acc.period_us, "gyr_hz": MICROSECONDS / gyr.period_us}
         facts = {name: round(rate_hz, 2) for name, rate_hz in rates.items()}
@@ -166,7 +170,9 @@ def _read_table(archive: zipfile.ZipFile, name: str, channel: Literal["acc", "gy
     if found is None:
         raise UnknownRate
     micros = np.clip(np.nan_to_num(stamp) * 10.0**found.exponent, -LATEST_US, LATEST_US)
-    time_us, values_read = _spread_bursts(np.rint(micros).astype(np.int64), table[:, 1:])
+    stamps = np.rint(micros).astype(np.int64)
+    is_spread = find_bursts(stamps) is not None
+    time_us, values_read = _spread_bursts(stamps, table[:, 1:]) if is_spread else (stamps, table[:, 1:])
     is_later = np.concatenate([[True], time_us[1:] > np.maximum.accumulate(time_us)[:-1]])
     kept = is_later & np.isfinite(values_read).all(axis=1)
     started = None
@@ -174,7 +180,7 @@ def _read_table(archive: zipfile.ZipFile, name: str, channel: Literal["acc", "gy
         with suppress(ValueError):  # a damaged row may have no such hour
             started = datetime_at_us(round(_read_moment_us(values[calendar])))
     dropped = len(table) - int(np.count_nonzero(kept))
-    return ThreeAxes(time_us[kept], values_read[kept], unit or "", device, dropped, started)
+    return ThreeAxes(time_us[kept], values_read[kept], unit or "", device, dropped, started, is_spread)
 
 
 def _read_moment_us(text: str) -> float:
@@ -188,7 +194,7 @@ def _spread_bursts(
 ) -> tuple[NDArray[np.int64], Float64Array]:
     """Spread rows that arrived together, with one stamp, over time, as in a single table."""
     kept = np.isfinite(values).all(axis=1)
-    if find_bursts(time_us) is None or np.count_nonzero(kept) < FEWEST_ROWS:
+    if np.count_nonzero(kept) < FEWEST_ROWS:
         return time_us, values
     columns = SampleColumns()
     columns.extend(int(np.count_nonzero(kept)))

@@ -19,8 +19,11 @@ from fusion.recording import QualityFlag
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-SHARED_PART = 0.1
+SHARED_PART = 0.05
 """If so many rows share the stamp of the row before, the rows came in bursts."""
+NEAR_PERIODS = 0.1
+"""So do rows that were stamped so shortly after each other, when a program read all that had arrived."""
+PACE_ROWS, PACE_PLACES = 1024, 20_000
 LONG_RUN_ROWS = 32
 """So do they if so many rows once share a stamp."""
 FEWEST_BURSTS = 3
@@ -43,7 +46,7 @@ MOST_FALLS = 0.2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bursts:
-    """Runs of rows with one stamp.
+    """Runs of rows with one stamp, or nearly one.
 
     ``edges``: the first row of each, and the number of rows; ``stamp_us``: their stamps.
     ``is_floor``: the stamp is a coarse clock's count, shown until the next: the first row is the one measured
@@ -68,19 +71,44 @@ class Bursts:
 
 def find_bursts(stamps: Ints) -> Bursts | None:
     """Find runs of rows with one stamp; None if the rows did not come in bursts."""
-    changes = np.flatnonzero(stamps[1:] != stamps[:-1]) + 1
-    edges = np.concatenate([[0], changes, [len(stamps)]]).astype(np.int64)
-    is_shared = len(stamps) - len(changes) - 1 >= SHARED_PART * len(stamps)
-    if len(changes) + 1 < FEWEST_BURSTS or not (is_shared or np.diff(edges).max() >= LONG_RUN_ROWS):
+    if len(stamps) < FEWEST_BURSTS:
         return None
+    near_us = NEAR_PERIODS * measure_pace_us(stamps)
+    runs, longest_rows = count_runs(stamps, near_us, np.empty(0, np.int64))
+    is_shared = len(stamps) - runs >= SHARED_PART * len(stamps)
+    if runs < FEWEST_BURSTS or not (is_shared or longest_rows >= LONG_RUN_ROWS):
+        return None
+    edges = np.full(runs + 1, len(stamps), np.int64)
+    count_runs(stamps, near_us, edges)
     stamp_us = stamps[edges[:-1]]
-    steps = np.diff(stamp_us)
-    forward = steps[steps > 0]
-    step_us = float(np.median(forward)) if len(forward) else 0.0
+    steps_us = np.diff(stamp_us)
+    forward_us = steps_us[steps_us > 0]
+    step_us = float(np.median(forward_us)) if len(forward_us) else 0.0
     if step_us <= FINE_CLOCK_US:
         return None
-    is_floor = int(np.gcd.reduce(forward)) == step_us
+    is_floor = int(np.gcd.reduce(forward_us)) == step_us
     return Bursts(edges, stamp_us, is_floor, step_us)
+
+
+@njit(cache=True, nogil=True)
+def count_runs(stamps: Ints, near_us: float, firsts: Ints) -> tuple[int, int]:
+    """Return the number of runs of rows with about one stamp, and the longest; fill in their first rows."""
+    runs = longest_rows = first = 0
+    for row in range(len(stamps)):
+        if row == 0 or stamps[row] < stamps[row - 1] or stamps[row] - stamps[row - 1] > near_us:
+            if runs < len(firsts):
+                firsts[runs] = row
+            runs += 1
+            first = row
+        longest_rows = max(longest_rows, row + 1 - first)
+    return runs, longest_rows
+
+
+def measure_pace_us(stamps: Ints) -> float:
+    """Return the usual mean step of the stamps over many rows; 0 if they do not advance."""
+    rows = min(PACE_ROWS, max(1, len(stamps) // 8))
+    starts = np.arange(0, len(stamps) - rows, max(1, len(stamps) // PACE_PLACES))
+    return max(0.0, float(np.median(stamps[starts + rows] - stamps[starts])) / rows)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -250,19 +278,26 @@ def measure_tilt(late_us: Floats, elapsed_us: Floats, first: Ints) -> float:
     return float(slope[order[np.searchsorted(reached, 0.5 * reached[-1])]])
 
 
+PLACED_BURSTS = 4096
+"""Bursts whose rows are placed together, so that little memory is needed."""
+
+
 def place_rows(stamps: Ints, bursts: Bursts, reading: Reading) -> None:
     """Write the time of each row: by its place in its piece, and the piece by the median of its stamps."""
     edge = reading.pace_us[-1:] if bursts.is_floor else reading.pace_us[:1]
-    ends = [reading.pace_us, edge] if bursts.is_floor else [edge, reading.pace_us]
-    counts, own_us = bursts.counts, np.concatenate(ends)
-    reached_us = -np.inf
-    for start, stop in zip(reading.first, [*reading.first[1:], len(counts)], strict=True):
-        rows = np.arange(bursts.edges[start], bursts.edges[stop])
-        before_anchor = rows - np.repeat(bursts.anchors[start:stop], counts[start:stop])
-        even_us = np.repeat(reading.elapsed_us[start:stop], counts[start:stop])
-        even_us += np.repeat(own_us[start:stop], counts[start:stop]) * before_anchor
-        even_us += np.median(reading.late_us[start:stop])
+    own_us = np.concatenate([reading.pace_us, edge] if bursts.is_floor else [edge, reading.pace_us])
+    anchors, counts = bursts.anchors, bursts.counts
+    for start, stop in pairwise([*reading.first.tolist(), len(counts)]):
+        first = bursts.edges[start]
+        level_us = float(np.median(reading.late_us[start:stop]))
         if start and bursts.stamp_us[start] > bursts.stamp_us[start - 1]:
-            even_us += max(0.0, reached_us + own_us[start] - even_us[0])
-        stamps[rows[0] : rows[-1] + 1] = np.rint(even_us)
-        reached_us = even_us[-1]
+            begin_us = reading.elapsed_us[start] + own_us[start] * (first - anchors[start])
+            level_us = max(level_us, stamps[first - 1] + own_us[start] - begin_us)
+        for low in range(start, stop, PLACED_BURSTS):
+            part = slice(low, min(low + PLACED_BURSTS, stop))
+            rows = np.arange(bursts.edges[low], bursts.edges[part.stop])
+            from_anchor = rows - np.repeat(anchors[part], counts[part])
+            even_us = np.repeat(reading.elapsed_us[part] + level_us, counts[part])
+            stamps[rows[0] : rows[-1] + 1] = np.rint(
+                even_us + np.repeat(own_us[part], counts[part]) * from_anchor
+            )

@@ -389,7 +389,7 @@ def cut_counted(columns: SampleColumns, rate_hz: float) -> Grid:
         )
         for first, stop in pairwise([0, *row[~is_short].tolist(), n_rows])
     ]
-    segments = place_segments(columns, holes, runs)
+    segments = tuple(replace(one, rate_hz=rate_hz) for one in place_segments(columns, holes, runs))
     duration_us = segments[-1].end_us
     flags = flag_gaps(segments, duration_us) + flag_counts({Caveat.PAUSE: len(pauses)})
     return Grid(segments, duration_us, flags, period_us, 0.0)
