@@ -528,8 +528,8 @@ BARE = (
     r"(?<![\w.\-])(?P<first>20\d{2})(?P<second>\d{2})(?P<third>\d{2})(?P<between>[ _\-]?|"
     + NEXT_COLUMN
     + r")"
-    r"(?P<hour>\d{2})(?P<minute>\d{2})(?P<seconds>\d{2}(?:[%s]\d+)?)(?P<half>(?!))?(?P<zone>(?!))?"
-    + FIELD_END
+    r"(?P<hour>\d{2}|(?<=[ ,;\t|\"])\d)(?P<minute>\d{2})(?P<seconds>\d{2}(?:[%s]\d+)?)"
+    r"(?P<half>(?!))?(?P<zone>(?!))?" + FIELD_END
 )
 """Date and time as two whole numbers: `20260302,070000.00`."""
 UNDATED = (

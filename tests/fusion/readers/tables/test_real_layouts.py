@@ -198,6 +198,7 @@ def test_a_date_and_a_time_are_one_time_whatever_they_are_called(header: str) ->
         ("time", "{clock} 25/03/2026,{{row}}"),
         ("date,time", "20260325,{bare},{{row}}"),
         ("d,utc", "20260325,{bare},{{row}}"),
+        ("d,utc", "20260325,{short},{{row}}"),
         ("time", "20260325_{bare},{{row}}"),
         ("time", "20260325{bare},{{row}}"),
     ],
@@ -206,11 +207,12 @@ def test_a_date_and_a_time_are_found_wherever_they_are(header: str, form: str) -
     """Twelve seconds that begin five before the minute: as bare numbers, 70059.99 goes on with 70100.00."""
     first = 5500
 
-    rows = "".join(
-        form.format(clock=clock(first + k), bare=clock(first + k).replace(":", "")).format(row=line(k)) + "\n"
-        for k in range(ROWS)
-    )
-    recording = read_text(f"{header},{CHANNELS}\n{rows}")
+    lines = []
+    for k in range(ROWS):
+        bare = clock(first + k).replace(":", "")
+        begin = form.format(clock=clock(first + k), bare=bare, short=bare.lstrip("0"))
+        lines.append(begin.format(row=line(k)))
+    recording = read_text(f"{header},{CHANNELS}\n" + "\n".join(lines) + "\n")
 
     check_whole(recording)
     assert f"{recording.start:%Y-%m-%d %H:%M:%S}" == "2026-03-25 07:00:55"

@@ -110,3 +110,38 @@ def test_bursts_that_no_rate_explains_are_refused() -> None:
         read_text(table(stamps.tolist()))
 
     assert refusal.value.facts == {"why": "irregular"}
+
+
+def test_rows_that_a_program_stamped_while_it_read_them_are_a_burst() -> None:
+    """`time.time()` for each line of a serial port: 50 us apart, then a step of as long as the rows took."""
+    stamps = receive((5, 15), [(20.0, 21.0)], late_us=5000)
+    place = np.arange(ROWS) - np.searchsorted(stamps, stamps)
+    text = table((stamps + 50 * place).tolist()).replace("time_us", "time", 1)
+
+    (segment,) = read_text(text).segments
+
+    assert (len(segment), segment.bridged) == (ROWS, ())
+    assert segment.rate_hz == pytest.approx(100.0, abs=0.05)
+
+
+def test_a_stamp_that_comes_twice_before_a_double_step_hides_no_gap() -> None:
+    """A ZED camera: one row in twelve carries the stamp of the row before."""
+    stamps = 2500 * np.arange(ROWS)
+    stamps[5::12] = stamps[4::12]
+
+    (segment,) = read_text(table(stamps.tolist())).segments
+
+    assert (len(segment), segment.bridged) == (ROWS, ())
+    assert segment.rate_hz == pytest.approx(400.0, abs=0.05)
+
+
+def test_bursts_of_a_board_that_restarted_are_two_pieces() -> None:
+    stamps = receive((5, 15))
+    second = int(np.searchsorted(stamps, stamps[3000]))
+    stamps[second:] -= stamps[second]
+
+    recording = read_text(table(stamps.tolist()))
+
+    assert "W-CLOCK-BACK" in codes(recording)
+    assert [len(segment) for segment in recording.segments] == [second, ROWS - second]
+    assert recording.duration_us == pytest.approx(MINUTE_US, abs=50_000)
