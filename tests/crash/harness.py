@@ -228,9 +228,7 @@ def check_settled(settings: Settings, journal: Journal) -> list[str]:
         return [f"I6 {job.id} is stuck: {job.state}, attempt {job.attempts}" for job in _list_open(store)]
     finally:
         store.close()
-    broken = (
-        check_acknowledged(settings, journal) + _check_results(settings, journal) + _find_litter(settings)
-    )
+    broken = check_acknowledged(settings, journal) + _check_results(settings, journal) + find_litter(settings)
     return broken + _find_lags(settings) + check_audit_log(settings, journal)
 
 
@@ -309,7 +307,7 @@ def _check_results(settings: Settings, journal: Journal) -> list[str]:
     return broken
 
 
-def _find_litter(settings: Settings) -> list[str]:
+def find_litter(settings: Settings) -> list[str]:
     """Files on the disk that no row promises; each recording has its side file."""
     promised = {file.name for file in find_expected(settings)}
     promised |= {f"{name}.json" for name in promised if name.startswith("recordings/")}
