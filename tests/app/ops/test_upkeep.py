@@ -24,12 +24,11 @@ from app.library.recordings import Description, RecordingStore, UploadStore
 from app.library.rows import Job, JobState
 from app.library.webhooks import EVENTS, SECRET_OF_WEBHOOK, WebhookStore
 from app.ops.recover import update_side_files
-from app.queue.worker import run_next
 from app.settings import Settings
 from app.store.folder import Fetched, FolderLock, Storage
 from app.store.server_secret import ServerSecret
 from tests.app import stand_ins
-from tests.app.conftest import AddJob, OpenWorker, on_both_set_ups
+from tests.app.conftest import AddJob, on_both_set_ups
 from tests.app.ops.conftest import Acromion
 
 Backup = Callable[[], Path]
@@ -76,15 +75,6 @@ def purge(store: JobStore, recording_id: str) -> None:
     rows = RecordingStore(store.engine, store.reader)
     rows.begin_purge(recording_id)
     rows.end_purge(recording_id)
-
-
-@pytest.fixture
-def finished(store: JobStore, storage: Storage, add_job: AddJob, open_worker: OpenWorker) -> Job:
-    """An analysis with its files."""
-    job = add_job(b"the recording", file_name="Équipe 1.gt3x")
-    run_next(open_worker(stand_ins.write_report))
-    update_side_files(store, storage)
-    return store.get(job.id)
 
 
 @pytest.fixture
