@@ -23,6 +23,7 @@ if [ ! -e /etc/acromion/acromion.env ]; then # kept if it exists: it may hold yo
   install -m 640 -g acromion "$src/docker/clinic.env.example" /etc/acromion/acromion.env
   sed -i "s/acromion\.clinic\.example/$name/" /etc/acromion/acromion.env
 fi
+chgrp acromion /etc/acromion/acromion.env && chmod 640 /etc/acromion/acromion.env
 sed "s/acromion\.clinic\.example/$name/" "$src/docker/nginx.conf" >/etc/nginx/conf.d/acromion.conf
 rm -f /etc/nginx/sites-enabled/default
 install -m 755 "$src/docker/acromion-admin" /usr/local/sbin/

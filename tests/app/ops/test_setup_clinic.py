@@ -168,3 +168,23 @@ def test_a_rollback_over_changed_tables_asks_and_restores_the_backup_of_the_upgr
     assert "uploaded since, which it does not contain: 1\n  rec_later" in told
     assert after.splitlines()[-4:-1] == [finished.recording_id, f"{finished.recording_id}.json", "rec_later"]
     assert "all match their database rows" in after
+
+
+def test_a_restore_keeps_the_present_data_beside_those_of_the_backup(
+    tmp_path: Path, setup: str, finished: Job, settings: Settings
+) -> None:
+    facts = {"python": sys.executable, "data": settings.data_dir, "root": ROOT}
+    script = setup + REAL.format(**facts) + f"acromion-admin backup {tmp_path}/b.zip\n"
+    script += "echo later >/var/lib/acromion/recordings/rec_later\n"
+    script += f"echo yes | acromion-admin restore {tmp_path}/b.zip\n"
+    script += "ls /var/backups/acromion /var/lib/acromion.*/recordings /var/lib/acromion/recordings\n"
+    done = run(tmp_path, script)
+    names = [finished.recording_id, f"{finished.recording_id}.json"]
+
+    assert done.returncode == 0, done.stderr
+    assert [line for line in done.stdout.splitlines() if line.startswith("rec_")] == [
+        *names,
+        "rec_later",
+        *names,
+    ]
+    assert "restore." not in done.stdout.partition("/var/backups/acromion:")[2]
