@@ -519,9 +519,9 @@ def retention(
     lang: LanguageOption = "en",
 ) -> None:
     """Show how long each kind is kept, or change the term of one."""
-    from app.library.governance import GRACE_DAYS, RetentionStore  # noqa: PLC0415
+    from app.library.governance import DAY_S, GRACE_DAYS, RetentionStore  # noqa: PLC0415
 
-    with _opened(lang, data) as (_, store):
+    with _opened(lang, data) as (settings, store):
         terms = RetentionStore(store.engine, store.reader)
         if kind:
             if days != "never" and (not days.isdecimal() or len(days) > 6):
@@ -531,6 +531,8 @@ def retention(
                 print_sentence(lang, "trail", "due", count=str(count), days="0" if now else str(GRACE_DAYS))
             terms.put(kind, term, now=now)
         for name, number in terms.find_all().items():
+            if name == "trash" and number is None:
+                number = round(settings.trash_term_s / DAY_S)  # noqa: PLW2901
             sentence = "term" if number is not None else "for_good"
             what = load_wording(lang, "trail")["terms"][name]
             print_sentence(lang, "trail", sentence, what=what, days=str(number or ""))
