@@ -19,7 +19,7 @@ from tests.crash.rounds import Result, can_cut_power, kill_rounds, power_cut, re
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "reference" / "reliability.md"
 CONTROLS = 5
-KILLS_AT_ONCE = 20  # then the store is checked and a new one created
+KILLS_AT_ONCE = 10  # then the store is checked and a new one created
 
 
 @dataclass

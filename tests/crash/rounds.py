@@ -65,7 +65,7 @@ def kill_rounds(folder: Path, rounds: int, seed: int) -> Result:
     """Kill in every round: in every second one everything, while analyses run; in the others one part."""
     dice, journal, broken = random.Random(seed), Journal(), list[str]()
     site = Site(folder / "data", folder / "log", workers=2)
-    clients = Clients(site, journal, seed, pause_s=4.0)  # no faster than the workers
+    clients = Clients(site, journal, seed, waits=True)
     try:
         clients.wait_for_first()
         for round_ in range(rounds):
@@ -134,7 +134,7 @@ def restore_kills(folder: Path, rounds: int, seed: int) -> Result:
     """Kill a restore in every round at a random instant, run it again, and check what it restored."""
     dice, journal, broken, cut = random.Random(seed), Journal(), list[str](), 0
     site, backup = Site(folder / "data", folder / "log", workers=2), folder / "backup.zip"
-    clients = Clients(site, journal, seed, pause_s=1.0)
+    clients = Clients(site, journal, seed, waits=True)
     try:
         clients.wait_for_first()
         time.sleep(RESTORED_UPLOADS_S)
