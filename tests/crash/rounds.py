@@ -44,8 +44,8 @@ class Result:
     """What some rounds came to.
 
     ``cut``: analyses that lost their worker by a kill, or restores killed before their end; ``set_aside``:
-    those analyses that ended as E-INTERRUPTED and succeeded when asked for again; ``blamed``: those that
-    ended as E-CRASHED.
+    analyses that ended as E-INTERRUPTED and succeeded when asked for again; ``blamed``: analyses that ended
+    as E-CRASHED.
     """
 
     acknowledged: int = 0
@@ -131,7 +131,7 @@ def _count_cut(settings: Settings, journal: Journal) -> int:
 
 
 def restore_kills(folder: Path, rounds: int, seed: int) -> Result:
-    """Kill a restore in every round at a random instant, run it again, and check what it restored."""
+    """Kill a restore in every round at a random instant, run it again, and check the restored files."""
     dice, journal, broken, cut = random.Random(seed), Journal(), list[str](), 0
     site, backup = Site(folder / "data", folder / "log", workers=2), folder / "backup.zip"
     clients = Clients(site, journal, seed, waits=True)

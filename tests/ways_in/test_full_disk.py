@@ -74,7 +74,7 @@ def test_the_reserve_is_freed_by_a_request_on_a_full_disk_and_renewed_afterwards
     assert reserve.stat().st_size == RESERVE_BYTES
     _fill(small_disk)
     keep_reserve(small_disk)
-    assert reserve.exists()  # until a request needs it: whatever fills the disk would take it
+    assert reserve.exists()  # until a request needs it
     free_reserve(small_disk)
     assert not reserve.exists()
     keep_reserve(small_disk)  # the room is not taken back at once
