@@ -79,6 +79,7 @@ STATEMENTS = {
     "seidler": "Seidler et al. 2020, meta-analysis",
     "waersted": "Waersted et al. 2020, review of 34 studies",
     "nfa": "Palm et al. 2018, 197 workers of 12 occupations",
+    "gupta": "Gupta et al. 2022, 937 workers measured and followed for four years",
 }
 """Findings of studies of groups: quoted in words, without a figure, and never turned into a person's risk."""
 

@@ -1,8 +1,8 @@
 """The day's timeline as SVG: each minute's P10 to P90 and median, and the time without analysis.
 
 The 15 minutes with the most time above 60 deg are vermillion and bracketed. A triangle marks the longest
-continuous time. Excluded time is hatched; missing time stays white between dotted edges. Prints in grey lose
-nothing.
+continuous time. Excluded and untrusted time is hatched; missing time stays white between dotted edges. Prints
+in grey lose nothing.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from app.report.findings import Findings
 from app.report.model import Chart
 from app.report.words.numbers import Clock, format_angle, format_duration, format_percent
 from app.report.words.wording import Words, fill, join_clauses
+from fusion.caveats import Caveat
 from fusion.conventions import MAIN_THRESHOLD_DEG
 from fusion.exposure.types import MinuteProfile
 from fusion.recording import MICROSECONDS, find_uncovered, join_overlapping
@@ -59,7 +60,7 @@ Run = tuple[MinuteBand, ...]
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """A stretch without analysed time, and its label. Excluded time is hatched."""
+    """A stretch without analysed time, and its label. Excluded and untrusted time is hatched."""
 
     start_s: float
     end_s: float
@@ -97,7 +98,13 @@ def build_timeline(findings: Findings, clock: Clock, words: Words) -> Day:
     """Build the timeline of a recording."""
     duration_s = findings.recording.duration_us / MICROSECONDS
     runs = _build_runs(findings.exposure.minutes, duration_s)
-    left_out = merge_spans(findings.exclusions)
+    doubted = (
+        LeftOut(round(a * MICROSECONDS), round((b - a) * MICROSECONDS), "untrusted")
+        for flag in findings.quality.flags
+        if flag.code == Caveat.UNTRUSTED
+        for a, b in flag.spans_s
+    )
+    left_out = merge_spans((*findings.exclusions, *doubted))
     marks = [Mark(a, b, "left out", format_reason(reason, words)) for a, b, reason in left_out]
     known = [(b.start_s, b.end_s) for run in runs for b in run] + [(a, b) for a, b, _ in left_out]
     missing = find_uncovered(known, 0.0, duration_s, 0.0)
@@ -132,7 +139,7 @@ def shift_day(day: Day, by_s: float, duration_s: float, clock: Clock, absent: st
 
 def format_reason(reason: str, words: Words) -> str:
     """Return the reason for an exclusion in words; an unknown one (a word of the diary) stays unchanged."""
-    return str(words["reason"].get(reason, reason or words["day"]["left_out"]))
+    return str(words["reason"].get(reason) or reason or fill(words["day"]["left_out"], {"reasons": ""}))
 
 
 def merge_spans(spans: Iterable[LeftOut]) -> list[tuple[float, float, str]]:
@@ -163,7 +170,10 @@ def _build_runs(minutes: MinuteProfile, duration_s: float) -> tuple[Run, ...]:
 
 @dataclass(frozen=True, slots=True)
 class DayLabels:
-    """Words of the timeline; ``worst`` and ``longest`` are beside their marks in the legend."""
+    """Words of the timeline; ``worst`` and ``longest`` are beside their marks in the legend.
+
+    ``left_out`` has a place for the reasons of the marks that are drawn.
+    """
 
     title: str
     description: str
@@ -449,6 +459,7 @@ def _draw_legend(
 ) -> tuple[list[str], float]:
     """Draw a legend of the parts in use; return its strokes and the end of the drawing."""
     kinds = {mark.kind for day in days for mark in day.marks}
+    reasons = dict.fromkeys(m.label for day in days for m in day.marks if m.kind == "left out")
     median = f'{svg.MEDIAN} stroke-width="1.8"'
 
     def box(attributes: str) -> Callable[[float, float], str]:
@@ -460,7 +471,7 @@ def _draw_legend(
         (True, labels.median, lambda x, y: svg.line(x, y - 4, x + 15, y - 4, median)),
         (
             "left out" in kinds,
-            labels.left_out,
+            fill(labels.left_out, {"reasons": ", ".join(reasons)}),
             box(f'class="edge" fill="url(#{key}-h)" stroke="{svg.SOFT}" stroke-width="0.5"'),
         ),
         ("missing" in kinds, labels.missing, box(f'{svg.EDGE} stroke-dasharray="1.5 2"')),

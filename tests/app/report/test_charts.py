@@ -2,6 +2,7 @@
 
 import re
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from html import escape
 from itertools import pairwise
 
@@ -14,10 +15,11 @@ from app.report.charts.day import Day, DayLabels, build_timeline, draw_day, merg
 from app.report.charts.svg import RAMP
 from app.report.words.numbers import Clock
 from app.report.words.wording import load_wording
-from fusion.recording import Span
+from fusion.caveats import Caveat
+from fusion.recording import QualityFlag, Span
 from tests.app.analysis_factory import START, make_analysis
 
-LABELS = DayLabels("Day", "What", "band", "median", "left out", "no data", "worst")
+LABELS = DayLabels("Day", "What", "band", "median", "left out[ ({reasons})]", "no data", "worst")
 SVG = "{http://www.w3.org/2000/svg}"
 
 
@@ -64,6 +66,25 @@ def test_breaks_and_hole_are_marked_and_named() -> None:
         (14400.0, 16200.0, "left out", "break"),
         (20400.0, 20940.0, "missing", "no data"),
     ]
+
+
+def test_the_legend_names_each_reason_of_time_left_out_once() -> None:
+    day = day_of()
+    docked = replace(day.marks[0], label="docked")
+
+    words = words_in(draw_day(replace(day, marks=(*day.marks, docked)), LABELS, 680))
+
+    assert "left out (break, docked)" in words
+
+
+def test_time_with_samples_that_is_not_trusted_is_not_named_missing() -> None:
+    flag = QualityFlag(Caveat.UNTRUSTED, 1, 540.0, spans_s=((20400.0, 20940.0),))
+    analysis = make_analysis()
+    quality = replace(analysis.quality, flags=(flag,))
+
+    day = build_timeline(replace(analysis, quality=quality), Clock(START, "en"), load_wording("en"))
+
+    assert (day.marks[-1].kind, day.marks[-1].label) == ("left out", "direction not trusted")
 
 
 def test_the_day_falls_into_unbroken_runs() -> None:

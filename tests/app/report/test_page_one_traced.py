@@ -30,7 +30,7 @@ NAMES = {
     "Angle between the upper arm and the vertical: 0° hanging, 90° level, 180° overhead",
     *("Time above 30°", "Time above 60°", "Time above 90°", "Rises above 60° an hour"),
     *(
-        "P10–P90 of each minute median not analysed (break, docked) no data",
+        "P10–P90 of each minute median not analysed: break no data",
         "Time Above 60° Task (write in)",
     ),
     *("Task Above 60° Share of task", "Tasks with the most time above 60°"),
