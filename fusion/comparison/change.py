@@ -89,9 +89,14 @@ NOT_SHIPPED = {
     "EN 1005-4, footnotes": "not read in the standard",
     "ISO 11228-3 and OCRA, 80 deg": "not read in the standard",
     "RAMP II, hand at shoulder height": "the height of the hand, which this angle does not show",
-    "Lewis 2026, share of days over the levels": "needs many days, not one recording",
 }
 """Values that were considered and excluded, with the reason."""
+
+DAYS_ABOVE = {"above_30": (8.0, 24.6), "above_60": (6.3, 22.7)}
+"""Share of days above the proposal in percent, lowest and highest of the four trades of :data:`LEWIS`.
+
+Context for several days, never for one.
+"""
 
 
 def compare_with_references(exposure: Exposure, verdict: str) -> tuple[Compared, ...]:

@@ -93,6 +93,33 @@ class TrunkView(_Exact):
     percentiles_deg: dict[str, float] | None
 
 
+class _StandingView(_Exact):
+    """A proposed level beside a figure; ``reason`` states why nothing is compared."""
+
+    key: Literal["above_30", "above_60", "velocity"]
+    at_most: float
+    low: float | None
+    high: float | None
+    low_pose: float | None
+    high_pose: float | None
+    standing: Literal["below", "above", "cannot tell"] | None
+    reason: Literal["", "short", "poor", "not computed"]
+
+
+class LevelView(_StandingView):
+    """A proposed level beside the figure of one arm's whole recording."""
+
+    measured: float | None
+
+
+class MeanLevelView(_StandingView):
+    """A proposed level beside the mean of the days; ``days_above``: days that read above it."""
+
+    mean: float | None
+    days_above: int
+    days: int
+
+
 class PairView(_Exact):
     """The figures of both arms of one shift; ``intervals`` are 95 % ranges."""
 
@@ -107,6 +134,7 @@ class PairView(_Exact):
     both_above_60_percent: float
     right_to_left: RatioView
     intervals: dict[str, tuple[float, float]]
+    levels: dict[Side, list[LevelView]]
     trunk_relative: dict[Side, TrunkView]
 
 
@@ -208,6 +236,7 @@ class ArmDaysView(_Exact):
     stage: Stage
     days: list[DayView]
     figures: dict[str, MeanView]
+    levels: list[MeanLevelView]
     telling: TellingView | None
     trend: TrendView | None
     overlay: list[BandView]
@@ -232,6 +261,7 @@ class GroupView(_Exact):
     side: Side | None
     stage: Stage
     figures: dict[str, SpreadView]
+    levels: list[MeanLevelView]
 
 
 class PeopleChangeView(_Exact):

@@ -265,9 +265,10 @@ def draw_day(day: Day, labels: DayLabels, width_px: float) -> str:
 def _draw_two_days(days: Sequence[tuple[str, Day]], labels: DayLabels, width_px: float) -> str:
     key, height = f"days{width_px:.0f}", 120.0 if width_px > NARROW else 130.0
     body, plot = [svg.define_hatch(key)], Plot(0, 0)
+    top_deg = _find_top([day for _, day in days])
     for rank, (name, day) in enumerate(days):
         top = 18 + rank * (height + 28)
-        plot = _lay_out(day, 32, width_px - 4, top, top + height)
+        plot = _lay_out(day, 32, width_px - 4, top, top + height, top_deg)
         body += [*_draw_panel(day, plot, key), svg.text(plot.left_px, top - 6, name, "strong")]
     every = [day for _, day in days]
     legend, bottom = _draw_legend(every, labels, plot.bottom_px + 38, key, width_px)
@@ -275,8 +276,16 @@ def _draw_two_days(days: Sequence[tuple[str, Day]], labels: DayLabels, width_px:
     return svg.picture(width_px, bottom, key, (labels.title, labels.description), body)
 
 
-def _lay_out(day: Day, left_px: float, right_px: float, top_px: float, bottom_px: float) -> Plot:
-    return Plot(left_px, right_px, top_px, bottom_px, across=(0.0, max(day.duration_s, 1.0)))
+def _lay_out(
+    day: Day, left_px: float, right_px: float, top_px: float, bottom_px: float, top_deg: float = 180.0
+) -> Plot:
+    across = (0.0, max(day.duration_s, 1.0))
+    return Plot(left_px, right_px, top_px, bottom_px, across, (0.0, top_deg))
+
+
+def _find_top(days: Sequence[Day]) -> float:
+    """Return the end of one scale for several days: 120 deg, or 180 deg if a band is higher."""
+    return 120.0 if all(b.high_deg <= 120.0 for day in days for run in day.runs for b in run) else 180.0
 
 
 # Several days overlaid.
@@ -307,9 +316,10 @@ def draw_overlays(panels: Sequence[Overlay], labels: DayLabels, width_px: float)
     key, across = f"over{width_px:.0f}", 2 if len(panels) > 1 and width_px > NARROW else 1
     room = (width_px + 16) / across - 16
     body, bottom = [svg.define_hatch(key)], 0.0
+    top_deg = _find_top([panel.day for panel in panels])
     for rank, overlay in enumerate(panels):
         left, top = (rank % across) * (room + 16), 24 + (rank // across) * 224.0
-        plot, day = _lay_out(overlay.day, left + 36, left + room - 4, top, top + 130), overlay.day
+        plot, day = _lay_out(overlay.day, left + 36, left + room - 4, top, top + 130, top_deg), overlay.day
         body += [
             svg.text(left, top - 13, overlay.name, "strong"),
             *_draw_guides(plot),
@@ -354,7 +364,7 @@ def _draw_panel(day: Day, plot: Plot, key: str) -> list[str]:
 
 def _draw_guides(plot: Plot) -> list[str]:
     body = []
-    for degrees in (0, *GUIDES_DEG, 120, 180):
+    for degrees in (deg for deg in (0, *GUIDES_DEG, 120, 180) if deg <= plot.upwards[1]):
         y = plot.y(degrees)
         if degrees in GUIDES_DEG:
             weight = "1" if degrees == 60 else "0.7"

@@ -7,17 +7,27 @@ from html import escape
 from itertools import pairwise
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from app.report.charts.bars import Slice, draw_bar
-from app.report.charts.day import Day, DayLabels, build_timeline, draw_day, merge_spans
+from app.report.charts.day import (
+    Day,
+    DayLabels,
+    MinuteBand,
+    build_timeline,
+    build_two_days,
+    draw_day,
+    merge_spans,
+)
+from app.report.charts.distribution import build_two_curves
 from app.report.charts.svg import RAMP
 from app.report.words.numbers import Clock
 from app.report.words.wording import load_wording
 from fusion.caveats import Caveat
 from fusion.recording import QualityFlag, Span
-from tests.app.analysis_factory import START, make_analysis
+from tests.app.analysis_factory import START, make_analysis, make_exposure
 
 LABELS = DayLabels("Day", "What", "band", "median", "left out[ ({reasons})]", "no data", "worst")
 SVG = "{http://www.w3.org/2000/svg}"
@@ -122,6 +132,34 @@ def test_the_most_loaded_window_is_bracketed_where_it_is() -> None:
     left, right = (36 + 640 * seconds / 28740 for seconds in (18420, 19320))
 
     assert np.allclose([float(path[1]), float(path[2])], [left, right], atol=0.06)
+
+
+@pytest.mark.parametrize(("deg", "shown", "absent"), [(40, "90°", "120°"), (95, "120°", "150°")])
+def test_two_curves_end_where_both_have_reached_all_of_the_time(deg: int, shown: str, absent: str) -> None:
+    low, high = (make_exposure(), make_exposure())
+    for exposure, angle in ((low, 10), (high, deg)):
+        exposure.histogram_s[:] = 0.0
+        exposure.histogram_s[angle * 10] = 60.0
+
+    chart = build_two_curves([("a", low), ("b", high)], load_wording("en", "pairs")["curves"], "en")
+
+    words = words_in(chart.wide)
+    assert (shown in words, absent in words) == (True, False)
+
+
+@pytest.mark.parametrize(("high_deg", "has_180"), [(119.0, False), (121.0, True)])
+def test_two_days_share_a_scale_that_ends_at_120_unless_a_band_is_higher(
+    high_deg: float, *, has_180: bool
+) -> None:
+    run = (MinuteBand(0.0, 60.0, 5.0, 20.0, high_deg),)
+    days = [
+        (name, Day(60.0, Clock(START, "en"), (runs,), (), None)) for name, runs in (("a", (run,)), ("b", ()))
+    ]
+    words = load_wording("en")
+
+    chart = build_two_days(days, load_wording("en", "pairs")["days"], words)
+
+    assert ("180°" in words_in(chart.wide)) == has_180
 
 
 def test_the_narrow_drawing_is_another_one_with_its_own_ids() -> None:

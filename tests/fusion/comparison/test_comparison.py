@@ -167,5 +167,4 @@ def test_what_is_not_shipped_is_named_with_its_reason() -> None:
         "EN 1005-4": "not read in the standard",
         "ISO 11228-3 and OCRA": "not read in the standard",
         "RAMP II": "the height of the hand, which this angle does not show",
-        "Lewis 2026": "needs many days, not one recording",
     }
