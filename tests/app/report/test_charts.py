@@ -153,7 +153,7 @@ def test_two_days_share_a_scale_that_ends_at_120_unless_a_band_is_higher(
 ) -> None:
     run = (MinuteBand(0.0, 60.0, 5.0, 20.0, high_deg),)
     days = [
-        (name, Day(60.0, Clock(START, "en"), (runs,), (), None)) for name, runs in (("a", (run,)), ("b", ()))
+        (name, Day(60.0, Clock(START, "en"), runs, (), None)) for name, runs in (("a", (run,)), ("b", ()))
     ]
     words = load_wording("en")
 
