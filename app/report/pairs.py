@@ -53,7 +53,6 @@ from fusion.exposure.types import LEAST_RANGED_S, PartExposure
 from fusion.recording import MICROSECONDS
 
 if TYPE_CHECKING:
-    from app.report.several.levels import MeanLevel
     from fusion.comparison.arms import PairedArms, TrunkRelative
     from fusion.comparison.levels import ComparedLevel
 
@@ -292,10 +291,28 @@ def format_level(values: Sequence[float], reference: Reference, language: Langua
     return "–".join(format_number(value, decimals, language) for value in values) + sign if values else ""
 
 
-def format_standing(level: ComparedLevel | MeanLevel, language: Language) -> str:
+def format_standing(level: ComparedLevel, language: Language) -> str:
     """Return where a figure lies, or why nothing is compared."""
     entry = load_pair_words(language)["levels"]
     return str(entry["standing"][level.standing] if level.standing else entry["reason"][level.reason])
+
+
+def lay_level(level: ComparedLevel, language: Language) -> tuple[str, ...]:
+    """Return a row: figure, proposal, measured value, range, highest value with the pose, and standing."""
+    reference, interval = level.reference, level.interval
+    raised = interval.high_pose if interval else None
+    values = (
+        () if level.measured is None else (level.measured,),
+        (interval.low, interval.high) if interval else (),
+        () if raised is None else (raised,),
+    )
+    at_most = format_level((reference.high,), reference, language)
+    return (
+        load_wording(language)["reference"][reference.key]["name"],
+        fill(load_pair_words(language)["levels"]["at_most"], {"value": at_most}),
+        *(format_level(ends, reference, language) or NONE for ends in values),
+        format_standing(level, language),
+    )
 
 
 def format_levels_note(language: Language, *, is_part: bool) -> str:
@@ -385,7 +402,7 @@ def describe_pair(pair: ArmPair) -> dict[str, Any]:
             "right_to_left": {"time_above_60": shared.ratio_above_60, "elevation_p50": shared.ratio_p50},
             "intervals": {name: [range_.low, range_.high] for name, range_ in shared.intervals.items()},
             "levels": {
-                side: [_describe_level(level) for level in kept.findings.compare_with_levels()]
+                side: [describe_level(level) for level in kept.findings.compare_with_levels()]
                 for side, kept in (("left", pair.left), ("right", pair.right))
             },
             "trunk_relative": {
@@ -403,7 +420,8 @@ def describe_pair(pair: ArmPair) -> dict[str, Any]:
     return document
 
 
-def _describe_level(level: ComparedLevel) -> dict[str, object]:
+def describe_level(level: ComparedLevel) -> dict[str, object]:
+    """Return a level with its figure for JSON."""
     ends = ("low", "high", "low_pose", "high_pose")
     return {
         "key": level.reference.key,
@@ -536,34 +554,16 @@ def _build_days(pair: ArmPair, sides: Sequence[PairSide], language: Language) ->
 
 def _build_levels(sides: Sequence[PairSide], language: Language) -> Section:
     """Compare each arm's whole recording with the proposed levels, as its own report does."""
-    entry, rows = load_pair_words(language)["levels"], []
-    for levels in zip(*(side.kept.findings.compare_with_levels() for side in sides), strict=True):
-        reference = levels[0].reference
-        rows.append(
-            (
-                load_wording(language)["reference"][reference.key]["name"],
-                fill(entry["at_most"], {"value": format_level((reference.high,), reference, language)}),
-                *(_format_compared(level, language) for level in levels),
-            )
+    entry, tables = load_pair_words(language)["levels"], []
+    for side in sides:
+        levels = side.kept.findings.compare_with_levels()
+        rows = tuple(lay_level(level, language) for level in levels)
+        tables.append(
+            Table(fill(entry["caption"], {"name": side.name}), tuple(entry["columns"]), rows, even=True)
         )
     is_part = any(side.kept.findings.extent == "part" for side in sides)
-    table = Table.build(entry["pair"], rows, format_levels_note(language, is_part=is_part))
-    return Section("levels", entry["title"], tables=(table,))
-
-
-def _format_compared(level: ComparedLevel, language: Language) -> str:
-    measured, interval = level.measured, level.interval
-    if measured is None:
-        return format_standing(level, language)
-    ends = (interval.low, interval.high) if interval else ()
-    raised = interval.high_pose if interval else None
-    facts = {
-        "value": format_level((measured,), level.reference, language),
-        "range": format_level(ends, level.reference, language),
-        "pose": "" if raised is None else format_level((raised,), level.reference, language),
-        "standing": format_standing(level, language),
-    }
-    return fill(load_pair_words(language)["levels"]["cell"], facts)
+    tables[-1] = replace(tables[-1], note=format_levels_note(language, is_part=is_part))
+    return Section("levels", entry["title"], tables=tuple(tables))
 
 
 def _build_figures(pair: ArmPair, entry: Words, language: Language) -> Section:

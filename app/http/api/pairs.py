@@ -93,11 +93,12 @@ class TrunkView(_Exact):
     percentiles_deg: dict[str, float] | None
 
 
-class _StandingView(_Exact):
-    """A proposed level beside a figure; ``reason`` states why nothing is compared."""
+class LevelView(_Exact):
+    """A proposed level beside a figure and its range; ``reason`` states why nothing is compared."""
 
     key: Literal["above_30", "above_60", "velocity"]
     at_most: float
+    measured: float | None
     low: float | None
     high: float | None
     low_pose: float | None
@@ -106,16 +107,9 @@ class _StandingView(_Exact):
     reason: Literal["", "short", "poor", "not computed"]
 
 
-class LevelView(_StandingView):
-    """A proposed level beside the figure of one arm's whole recording."""
-
-    measured: float | None
-
-
-class MeanLevelView(_StandingView):
+class MeanLevelView(LevelView):
     """A proposed level beside the mean of the days; ``days_above``: days that read above it."""
 
-    mean: float | None
     days_above: int
     days: int
 

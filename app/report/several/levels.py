@@ -9,10 +9,11 @@ from statistics import fmean
 from typing import Any
 
 from app.report.findings import Findings
+from app.report.pairs import describe_level
 from app.report.several.people import ArmDays, Side, Stage, StudiedDays
 from fusion.comparison.change import Reason, Reference
 from fusion.comparison.days import describe_days
-from fusion.comparison.levels import ComparedLevel, Standing, can_be_below, compare_with_level
+from fusion.comparison.levels import ComparedLevel, can_be_below, compare_with_level
 from fusion.exposure.types import Interval
 
 _ENDS = ("low", "high", "low_pose", "high_pose")
@@ -20,18 +21,13 @@ _ENDS = ("low", "high", "low_pose", "high_pose")
 
 @dataclass(frozen=True, slots=True)
 class MeanLevel:
-    """A proposed level with a mean of days, its range, and where it lies.
+    """A proposed level with a mean of days, and how many of the measured ``days`` read above it.
 
-    ``interval``: the range of the mean, widened to the mean range of single days, because the error of the
-    angle is the same every day; None if a day has no range. ``standing`` is None if nothing is compared;
-    ``reason`` states why. ``days_above``: how many of the measured ``days`` read above the level.
+    The range of ``mean`` is widened to the mean range of single days, because the error of the angle is the
+    same every day; None if a day has no range.
     """
 
-    reference: Reference
-    mean: float | None
-    interval: Interval | None
-    standing: Standing | None
-    reason: Reason
+    mean: ComparedLevel
     days_above: int
     days: int
 
@@ -60,14 +56,15 @@ def _compare(people: list[list[ComparedLevel]], every: Sequence[Findings]) -> Me
     values = [value for person in known for value in person]
     above = sum(value > reference.high for value in values)
     if len(values) < len(days):  # a mean of other days would be another mean
-        return MeanLevel(reference, None, None, None, "not computed", above, len(values))
+        return MeanLevel(ComparedLevel(reference, None, None, None, "not computed"), above, len(values))
     means = values if len(people) == 1 else [fmean(person) for person in known]
     spread = describe_days(means, 100.0 if reference.unit == "percent" else inf)
     interval, standing = _find_range(people, spread.mean_range), None
     if not reason:
         is_complete = all(_is_complete(findings, reference) for findings in every)
         standing = compare_with_level(spread.mean, interval, reference.high, can_be_below=is_complete)
-    return MeanLevel(reference, spread.mean, interval, standing, reason, above, len(days))
+    mean = ComparedLevel(reference, spread.mean, interval, standing, reason)
+    return MeanLevel(mean, above, len(days))
 
 
 def _is_complete(findings: Findings, reference: Reference) -> bool:
@@ -98,13 +95,4 @@ def _find_range(people: list[list[ComparedLevel]], spread: Interval | None) -> I
 def describe_levels(levels: Sequence[MeanLevel]) -> Iterator[dict[str, Any]]:
     """Return each level for JSON."""
     for level in levels:
-        yield {
-            "key": level.reference.key,
-            "at_most": level.reference.high,
-            "mean": level.mean,
-            **{end: getattr(level.interval, end, None) for end in _ENDS},
-            "standing": level.standing,
-            "reason": level.reason,
-            "days_above": level.days_above,
-            "days": level.days,
-        }
+        yield {**describe_level(level.mean), "days_above": level.days_above, "days": level.days}

@@ -21,6 +21,7 @@ from app.report.pairs import (
     format_pose,
     format_rounding_note,
     format_standing,
+    lay_level,
     load_pair_words,
     mark_rounding,
     name_method,
@@ -172,7 +173,7 @@ def _list_arm_sentences(arm: ArmDays, entry: Words, language: Language) -> list[
 
 
 def _format_level_sentence(levels: Sequence[MeanLevel], language: Language) -> str:
-    level = next(level for level in levels if level.reference.key == MAIN_LEVEL)
+    level = next(level.mean for level in levels if level.mean.reference.key == MAIN_LEVEL)
     facts = {
         "level": format_level((level.reference.high,), level.reference, language),
         "standing": format_standing(level, language),
@@ -388,38 +389,21 @@ def _build_levels(studied: StudiedDays, entry: Words, language: Language) -> Ite
     is_part = any(day.kept.findings.extent == "part" for day in studied.days if day.left_out is None)
     ranges = {key: Interval(*ends) for key, ends in DAYS_ABOVE.items()}
     others = fill(entry["others"], {key: format_range(ends, language) for key, ends in ranges.items()})
-    columns = tuple(entry["columns"])
+    columns = (*load_pair_words(language)["levels"]["columns"], entry["column"])
+
+    def lay(level: MeanLevel) -> tuple[str, ...]:
+        days = {"above": str(level.days_above), "days": str(level.days)}
+        return (*lay_level(level.mean, language), fill(entry["above"], days) if level.days else NONE)
+
     note = " ".join((format_levels_note(language, is_part=is_part), entry["note"], others))
     tables = tuple(
-        Table(name, columns, tuple(_lay_level(level, entry, language) for level in levels), even=True)
+        Table(name, columns, tuple(lay(level) for level in levels), even=True)
         for name, levels in named
         if levels
     )
     if tables:
         shown = (*tables[:-1], replace(tables[-1], note=note))
         yield Section("levels", load_pair_words(language)["levels"]["title"], tables=shown)
-
-
-def _lay_level(level: MeanLevel, entry: Words, language: Language) -> tuple[str, ...]:
-    reference, interval = level.reference, level.interval
-    raised = interval.high_pose if interval else None
-    values = (
-        () if level.mean is None else (level.mean,),
-        (interval.low, interval.high) if interval else (),
-        () if raised is None else (raised,),
-    )
-    return (
-        load_wording(language)["reference"][reference.key]["name"],
-        fill(
-            load_pair_words(language)["levels"]["at_most"],
-            {"value": format_level((reference.high,), reference, language)},
-        ),
-        *(format_level(ends, reference, language) or NONE for ends in values),
-        format_standing(level, language),
-        fill(entry["above"], {"above": str(level.days_above), "days": str(level.days)})
-        if level.days
-        else NONE,
-    )
 
 
 def _build_group(studied: StudiedDays, words: Words, language: Language) -> Iterator[Section]:

@@ -363,7 +363,7 @@ def test_a_group_is_compared_with_the_levels_each_person_once() -> None:
     report, document = report_of(days), describe_profile(group_days(days))
 
     level = document["group"][0]["levels"][1]
-    assert (level["mean"], level["standing"], level["days_above"], level["days"]) == (
+    assert (level["measured"], level["standing"], level["days_above"], level["days"]) == (
         8.0,
         "cannot tell",
         3,
