@@ -170,10 +170,7 @@ def _build_runs(minutes: MinuteProfile, duration_s: float) -> tuple[Run, ...]:
 
 @dataclass(frozen=True, slots=True)
 class DayLabels:
-    """Words of the timeline; ``worst`` and ``longest`` are beside their marks in the legend.
-
-    ``left_out`` has a place for the reasons of the marks that are drawn.
-    """
+    """Words of the timeline; ``worst`` and ``longest`` are beside their marks in the legend."""
 
     title: str
     description: str
@@ -201,7 +198,7 @@ def build_day(findings: Findings, blocks: tuple[Block, ...], clock: Clock, words
         "marks": join_clauses(marks, language),
     }
     labels = replace(
-        build_day_labels(entry["title"], fill(entry["alternative"], facts), words),
+        build_day_labels(entry["title"], fill(entry["alternative"], facts), (day,), words),
         worst=fill(entry["worst"], {"percent": format_percent(percent, language)}),
         longest=fill(entry["longest"], {"duration": format_duration(stay.longest_s, language)}),
     )
@@ -219,7 +216,9 @@ def build_two_days(days: Sequence[tuple[str, Day]], entry: Words, words: Words) 
     _, last = days[-1]
     clock = last.clock
     facts = {"start": clock.format(0), "end": clock.format(last.duration_s)}
-    labels = build_day_labels(entry["title"], fill(entry["alternative"], facts), words)
+    labels = build_day_labels(
+        entry["title"], fill(entry["alternative"], facts), (day for _, day in days), words
+    )
     return Chart.draw(
         (labels.title, labels.description),
         lambda _, width_px: _draw_two_days(days, labels, width_px),
@@ -228,10 +227,12 @@ def build_two_days(days: Sequence[tuple[str, Day]], entry: Words, words: Words) 
     )
 
 
-def build_day_labels(title: str, description: str, words: Words) -> DayLabels:
-    """Return the words of a timeline; its legend is the same in every report."""
-    shown = (words["day"][name] for name in ("band", "median", "left_out", "missing"))
-    return DayLabels(title, description, *shown)
+def build_day_labels(title: str, description: str, days: Iterable[Day], words: Words) -> DayLabels:
+    """Return the words of a timeline; its legend names the known reasons of the time left out."""
+    entry, known = words["day"], set(words["reason"].values())
+    reasons = dict.fromkeys(mark.label for day in days for mark in day.marks if mark.label in known)
+    left_out = fill(entry["left_out"], {"reasons": ", ".join(reasons)})
+    return DayLabels(title, description, entry["band"], entry["median"], left_out, entry["missing"])
 
 
 def _format_band(band: MinuteBand, clock: Clock) -> tuple[str, ...]:
@@ -469,7 +470,6 @@ def _draw_legend(
 ) -> tuple[list[str], float]:
     """Draw a legend of the parts in use; return its strokes and the end of the drawing."""
     kinds = {mark.kind for day in days for mark in day.marks}
-    reasons = dict.fromkeys(m.label for day in days for m in day.marks if m.kind == "left out")
     median = f'{svg.MEDIAN} stroke-width="1.8"'
 
     def box(attributes: str) -> Callable[[float, float], str]:
@@ -481,7 +481,7 @@ def _draw_legend(
         (True, labels.median, lambda x, y: svg.line(x, y - 4, x + 15, y - 4, median)),
         (
             "left out" in kinds,
-            fill(labels.left_out, {"reasons": ", ".join(reasons)}),
+            labels.left_out,
             box(f'class="edge" fill="url(#{key}-h)" stroke="{svg.SOFT}" stroke-width="0.5"'),
         ),
         ("missing" in kinds, labels.missing, box(f'{svg.EDGE} stroke-dasharray="1.5 2"')),

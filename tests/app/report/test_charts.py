@@ -16,6 +16,7 @@ from app.report.charts.day import (
     Day,
     DayLabels,
     MinuteBand,
+    build_day_labels,
     build_timeline,
     build_two_days,
     draw_day,
@@ -29,7 +30,7 @@ from fusion.caveats import Caveat
 from fusion.recording import QualityFlag, Span
 from tests.app.analysis_factory import START, make_analysis, make_exposure
 
-LABELS = DayLabels("Day", "What", "band", "median", "left out[ ({reasons})]", "no data", "worst")
+LABELS = DayLabels("Day", "What", "band", "median", "left out", "no data", "worst")
 SVG = "{http://www.w3.org/2000/svg}"
 
 
@@ -80,11 +81,11 @@ def test_breaks_and_hole_are_marked_and_named() -> None:
 
 def test_the_legend_names_each_reason_of_time_left_out_once() -> None:
     day = day_of()
-    docked = replace(day.marks[0], label="docked")
+    others = [replace(day.marks[0], label=label) for label in ("docked", "a word of the diary")]
 
-    words = words_in(draw_day(replace(day, marks=(*day.marks, docked)), LABELS, 680))
+    labels = build_day_labels("Day", "What", [day, replace(day, marks=tuple(others))], load_wording("en"))
 
-    assert "left out (break, docked)" in words
+    assert labels.left_out == "not analysed: break, docked"
 
 
 def test_time_with_samples_that_is_not_trusted_is_not_named_missing() -> None:
