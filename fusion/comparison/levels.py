@@ -64,6 +64,11 @@ def find_extent(time: TimeAccount, exclusions: Sequence[Span]) -> Extent:
     return "day" if time.analysed_us + breaks_us >= SHIFT_SHARE * time.shift_us else "part"
 
 
+def find_left_out_reason(extent: Extent, verdict: Verdict) -> Reason:
+    """Return why a recording is not compared with values for a working day; empty if it is."""
+    return "short" if extent == "short" else "poor" if verdict == "poor" else ""
+
+
 @dataclass(frozen=True, slots=True)
 class ComparedLevel:
     """A proposed level with the measured figure, its range, and where it lies.
@@ -88,8 +93,7 @@ def compare_with_levels(
     compared = []
     for reference in (one for one in REFERENCES if one.status == "proposal"):
         measured, interval = find_measured(reference.key, exposure), ranges.get(reference.key)
-        reason: Reason = "short" if extent == "short" else "poor" if verdict == "poor" else ""
-        reason = "not computed" if measured is None else reason
+        reason = "not computed" if measured is None else find_left_out_reason(extent, verdict)
         standing = None
         if measured is not None and not reason:
             # the accelerometer-based velocity does not depend on the pose

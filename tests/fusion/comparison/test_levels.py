@@ -89,7 +89,9 @@ def test_ready_angle_series_never_read_below() -> None:
 
 
 def test_a_velocity_that_was_not_computed_is_not_compared() -> None:
-    compared = compare_with_levels(make_exposure(), "good", "day", "given")
+    exposure = with_velocity(make_exposure(), "generalised_accelerometer", None)
+
+    compared = compare_with_levels(exposure, "good", "day", "given")
 
     assert [(one.reference.key, one.reason) for one in compared][2] == ("velocity", "not computed")
 
