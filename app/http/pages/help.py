@@ -235,7 +235,7 @@ def _build_day(words: Words, picture: Words, language: Language) -> tuple[Day, D
         worst=(60.0 * WORST[0], 60.0 * WORST[1]),
         longest_start_s=60.0 * 157,
     )
-    labels = build_day_labels(picture["day_title"], picture["day"], (day,), words)
+    labels = build_day_labels(picture["day_title"], picture["day"], words)
     worst = fill(words["day"]["worst"], {"percent": format_percent(2 * SHARE, language)})
     longest = fill(words["day"]["longest"], {"duration": format_duration(LONGEST_S, language)})
     return day, replace(labels, worst=worst, longest=longest)

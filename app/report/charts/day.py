@@ -170,7 +170,10 @@ def _build_runs(minutes: MinuteProfile, duration_s: float) -> tuple[Run, ...]:
 
 @dataclass(frozen=True, slots=True)
 class DayLabels:
-    """Words of the timeline; ``worst`` and ``longest`` are beside their marks in the legend."""
+    """Words of the timeline; ``worst`` and ``longest`` are beside their marks in the legend.
+
+    ``left_out`` has a place for those of the ``reasons`` whose marks are too narrow for their labels.
+    """
 
     title: str
     description: str
@@ -182,6 +185,7 @@ class DayLabels:
     longest: str = ""
     inner: str = ""
     """P25 to P75, if a lighter band surrounds it."""
+    reasons: frozenset[str] = frozenset()
 
 
 def build_day(findings: Findings, blocks: tuple[Block, ...], clock: Clock, words: Words) -> Chart:
@@ -198,7 +202,7 @@ def build_day(findings: Findings, blocks: tuple[Block, ...], clock: Clock, words
         "marks": join_clauses(marks, language),
     }
     labels = replace(
-        build_day_labels(entry["title"], fill(entry["alternative"], facts), (day,), words),
+        build_day_labels(entry["title"], fill(entry["alternative"], facts), words),
         worst=fill(entry["worst"], {"percent": format_percent(percent, language)}),
         longest=fill(entry["longest"], {"duration": format_duration(stay.longest_s, language)}),
     )
@@ -216,9 +220,7 @@ def build_two_days(days: Sequence[tuple[str, Day]], entry: Words, words: Words) 
     _, last = days[-1]
     clock = last.clock
     facts = {"start": clock.format(0), "end": clock.format(last.duration_s)}
-    labels = build_day_labels(
-        entry["title"], fill(entry["alternative"], facts), (day for _, day in days), words
-    )
+    labels = build_day_labels(entry["title"], fill(entry["alternative"], facts), words)
     return Chart.draw(
         (labels.title, labels.description),
         lambda _, width_px: _draw_two_days(days, labels, width_px),
@@ -227,12 +229,13 @@ def build_two_days(days: Sequence[tuple[str, Day]], entry: Words, words: Words) 
     )
 
 
-def build_day_labels(title: str, description: str, days: Iterable[Day], words: Words) -> DayLabels:
-    """Return the words of a timeline; its legend names the known reasons of the time left out."""
-    entry, known = words["day"], set(words["reason"].values())
-    reasons = dict.fromkeys(mark.label for day in days for mark in day.marks if mark.label in known)
-    left_out = fill(entry["left_out"], {"reasons": ", ".join(reasons)})
-    return DayLabels(title, description, entry["band"], entry["median"], left_out, entry["missing"])
+def build_day_labels(title: str, description: str, words: Words) -> DayLabels:
+    """Return the words of a timeline; its legend is the same in every report."""
+    band, median, left_out, missing = (
+        words["day"][name] for name in ("band", "median", "left_out", "missing")
+    )
+    reasons = frozenset(words["reason"].values())
+    return DayLabels(title, description, band, median, left_out, missing, reasons=reasons)
 
 
 def _format_band(band: MinuteBand, clock: Clock) -> tuple[str, ...]:
@@ -248,7 +251,8 @@ def draw_day(day: Day, labels: DayLabels, width_px: float) -> str:
     key = f"day{width_px:.0f}"
     plot = _lay_out(day, 36, width_px - 4, 22, 138 if width_px > NARROW else 190)
     axis = replace(plot, bottom_px=plot.bottom_px + (_LANE_PX if day.blocks else 0.0))
-    legend, height = _draw_legend((day,), labels, axis.bottom_px + 38, key, width_px)
+    named = _name_reasons(labels, (day,), plot)
+    legend, height = _draw_legend((day,), named, axis.bottom_px + 38, key, width_px)
     body = [
         svg.define_hatch(key),
         *_draw_panel(day, plot, key),
@@ -272,7 +276,8 @@ def _draw_two_days(days: Sequence[tuple[str, Day]], labels: DayLabels, width_px:
         plot = _lay_out(day, 32, width_px - 4, top, top + height, top_deg)
         body += [*_draw_panel(day, plot, key), svg.text(plot.left_px, top - 6, name, "strong")]
     every = [day for _, day in days]
-    legend, bottom = _draw_legend(every, labels, plot.bottom_px + 38, key, width_px)
+    named = _name_reasons(labels, every, plot)
+    legend, bottom = _draw_legend(every, named, plot.bottom_px + 38, key, width_px)
     body += _draw_time_axis(every[-1], plot) + legend
     return svg.picture(width_px, bottom, key, (labels.title, labels.description), body)
 
@@ -463,6 +468,14 @@ def _draw_bracket(start_px: float, end_px: float, bottom_px: float) -> str:
 def _draw_triangle(x_px: float, bottom_px: float) -> str:
     commands = f"M{svg.number(x_px)} {svg.number(bottom_px)}l-5 -9h10Z"
     return svg.path(commands, f'class="mark" fill="{svg.RAMP[3]}"')
+
+
+def _name_reasons(labels: DayLabels, days: Sequence[Day], plot: Plot) -> DayLabels:
+    """Name the known reasons of the time left out that no label in the plot names."""
+    marks = [mark for day in days for mark in day.marks]
+    drawn = {mark.label for mark in marks if _draw_mark_label(mark, plot)}
+    others = dict.fromkeys(mark.label for mark in marks if mark.label in labels.reasons - drawn)
+    return replace(labels, left_out=fill(labels.left_out, {"reasons": ", ".join(others)}))
 
 
 def _draw_legend(

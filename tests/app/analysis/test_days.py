@@ -345,7 +345,6 @@ def test_a_mean_is_below_a_level_only_with_every_end_of_its_range(
     assert f"{level['low']:.1f}–{level['high']:.1f}" == told[0]
     assert (level["standing"], level["days_above"], level["days"]) == (told[2], told[3], 5)
     assert level["high_pose"] == pytest.approx(told[1])
-    assert (levels["velocity"]["standing"], levels["velocity"]["reason"]) == (None, "not computed")
 
 
 def test_a_poor_day_is_not_compared_with_a_level() -> None:

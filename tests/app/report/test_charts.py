@@ -15,6 +15,7 @@ from app.report.charts.bars import Slice, draw_bar
 from app.report.charts.day import (
     Day,
     DayLabels,
+    Mark,
     MinuteBand,
     build_day_labels,
     build_timeline,
@@ -79,13 +80,14 @@ def test_breaks_and_hole_are_marked_and_named() -> None:
     ]
 
 
-def test_the_legend_names_each_reason_of_time_left_out_once() -> None:
-    day = day_of()
-    others = [replace(day.marks[0], label=label) for label in ("docked", "a word of the diary")]
+def test_the_legend_names_the_known_reasons_that_have_no_space_in_the_plot() -> None:
+    day, labels = day_of(), build_day_labels("Day", "What", load_wording("en"))
+    narrow = [Mark(60.0, 120.0, "left out", label) for label in ("sensor stuck", "a word of the diary")]
 
-    labels = build_day_labels("Day", "What", [day, replace(day, marks=tuple(others))], load_wording("en"))
+    words = words_in(draw_day(replace(day, marks=(*day.marks, *narrow)), labels, 680))
 
-    assert labels.left_out == "not analysed: break, docked"
+    assert "not analysed: sensor stuck" in words
+    assert "not analysed" in words_in(draw_day(day, labels, 680))  # the breaks have their labels
 
 
 def test_time_with_samples_that_is_not_trusted_is_not_named_missing() -> None:

@@ -32,7 +32,7 @@ PUBLISHED = {
 NAMES = {
     "Arm Elevation Profile Upper arm: 0° hanging, 90° level, 180° overhead",
     *("Time above 30°", "Time above 60°", "Time above 90°", "Time above 60°: how certain?"),
-    *("P10–P90 by minute median not analysed: break no data", "Time Above 60° Task (write in)"),
+    *("P10–P90 by minute median not analysed no data", "Time Above 60° Task (write in)"),
     *("Task Above 60° Share", "Tasks most above 60°", "Quarter hours most above 60°"),
     *("95 % ranges; day to day: hairdressers", "ActiGraph GT9X Link"),
     *("2. Next time, calibrate leaning to the side (the N-", "pose reads low)."),
@@ -170,7 +170,7 @@ class Tracer:
         peak = f"peak 15 min: {worst['percent_above_60']:.1f} % above 60°"
         return {
             hours,
-            f"P10–P90 by minute median not analysed: break no data {peak}",
+            f"P10–P90 by minute median not analysed no data {peak}",
             f"longest time above 60°: {format_time(longest['longest_s'])}",
             "12 3",
         }
