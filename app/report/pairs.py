@@ -19,6 +19,7 @@ from app.errors import CannotCompare
 from app.report.charts.bars import build_parts
 from app.report.charts.day import build_timeline, build_two_days, shift_day
 from app.report.charts.distribution import build_two_curves
+from app.report.export.results import describe_level
 from app.report.figures import format_figure, round_all
 from app.report.findings import Findings, FinishedAnalysis
 from app.report.model import Chart, Note, Pair, Report, Section, Table, VerdictLine
@@ -418,19 +419,6 @@ def describe_pair(pair: ArmPair) -> dict[str, Any]:
         }
     )
     return document
-
-
-def describe_level(level: ComparedLevel) -> dict[str, object]:
-    """Return a level with its figure for JSON."""
-    ends = ("low", "high", "low_pose", "high_pose")
-    return {
-        "key": level.reference.key,
-        "at_most": level.reference.high,
-        "measured": level.measured,
-        **{end: getattr(level.interval, end, None) for end in ends},
-        "standing": level.standing,
-        "reason": level.reason,
-    }
 
 
 def build_pair(pair: ArmPair, language: Language) -> Report:

@@ -8,8 +8,8 @@ from math import inf
 from statistics import fmean
 from typing import Any
 
+from app.report.export.results import describe_level
 from app.report.findings import Findings
-from app.report.pairs import describe_level
 from app.report.several.people import ArmDays, Side, Stage, StudiedDays
 from fusion.comparison.change import Reason, Reference
 from fusion.comparison.days import describe_days
