@@ -460,7 +460,7 @@ def build_pair(pair: ArmPair, language: Language) -> Report:
         ),
         figures=(build_two_bars(bars, words["bars_note"], language), _build_days(pair, sides, language)),
         sections=(
-            _build_levels(sides, language),
+            _build_levels(pair, words, language),
             _build_figures(pair, words["table"], language),
             _build_trunk(pair, words, language),
             *(Section("spread", common["section"]["spread"], figures=(chart,)) for chart in curves),
@@ -540,18 +540,22 @@ def _build_days(pair: ArmPair, sides: Sequence[PairSide], language: Language) ->
     return build_two_days(days, entry, report_words)
 
 
-def _build_levels(sides: Sequence[PairSide], language: Language) -> Section:
+def _build_levels(pair: ArmPair, words: Words, language: Language) -> Section:
     """Compare each arm's whole recording with the proposed levels, as its own report does."""
-    entry, tables = load_pair_words(language)["levels"], []
-    for side in sides:
-        levels = side.kept.findings.compare_with_levels()
-        rows = tuple(lay_level(level, language) for level in levels)
-        tables.append(
-            Table(fill(entry["caption"], {"name": side.name}), tuple(entry["columns"]), rows, even=True)
-        )
-    is_part = any(side.kept.findings.extent == "part" for side in sides)
-    tables[-1] = replace(tables[-1], note=format_levels_note(language, is_part=is_part))
-    return Section("levels", entry["title"], tables=tuple(tables))
+    entry, sides = load_pair_words(language)["levels"], (("left", pair.left), ("right", pair.right))
+    arms = [(words[side], kept.findings.compare_with_levels()) for side, kept in sides]
+    rows = [
+        (figure, arm, *cells)
+        for levels in zip(*(levels for _, levels in arms), strict=True)
+        for (arm, _), level in zip(arms, levels, strict=True)
+        for figure, *cells in (lay_level(level, language),)
+    ]
+    figure, *others = entry["columns"]
+    is_part = any(kept.findings.extent == "part" for _, kept in sides)
+    note = format_levels_note(language, is_part=is_part)
+    columns = (figure, entry["arm"], *others)
+    table = Table(entry["caption"], columns, tuple(rows), note=note, even=True)
+    return Section("levels", entry["title"], tables=(table,))
 
 
 def _build_figures(pair: ArmPair, entry: Words, language: Language) -> Section:
