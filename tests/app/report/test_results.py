@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from datetime import datetime
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -248,6 +249,7 @@ def test_the_facts_of_a_caveat_are_kept() -> None:
         {"pose": "two-point", "second": StillFacts(60.0, 8.0)},
         {"repeats": (RepeatFacts(7242.0, 8.0, 3.5),), "repeat_deg": 3.5},
         {"parts": (PartFacts(3600.0, 7242.0, valid=False, pose_index=None),)},
+        {"parts": (PartFacts(3600.0, inf, valid=False, pose_index=None),)},  # until the end
         {"proposals": (StillFacts(108.0, 10.0),), "spread_deg": 34.2, "needs_pose": True},
         {"questions": (QuestionFacts("slip", 7200.0, 7320.0, 23.0),), "slip_times_s": (3600.0,)},
     ],
