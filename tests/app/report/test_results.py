@@ -34,6 +34,7 @@ from tests.app.analysis_factory import (
     make_exposure,
     make_quality,
     make_subject,
+    with_velocity,
 )
 
 
@@ -99,7 +100,10 @@ def test_a_bin_without_an_interval_has_nulls(results: dict[str, Any]) -> None:
     }  # fmt: skip
 
 
-def test_four_speeds_of_which_an_uncomputed_one_is_null(results: dict[str, Any]) -> None:
+def test_four_speeds_of_which_an_uncomputed_one_is_null() -> None:
+    exposure = with_velocity(make_exposure(), "generalised_accelerometer", None)
+    results = json.loads(encode_results(make_analysis(exposure=exposure), make_subject()))
+
     speeds = results["exposure"]["velocity_dps"]
 
     assert (list(speeds), speeds["generalised_accelerometer"], list(speeds["inclination"])) == (
