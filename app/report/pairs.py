@@ -463,7 +463,7 @@ def build_pair(pair: ArmPair, language: Language) -> Report:
         ),
         figures=(build_two_bars(bars, words["bars_note"], language), _build_days(pair, sides, language)),
         sections=(
-            _build_levels(pair, words, language),
+            _build_levels(pair, language),
             _build_figures(pair, words["table"], language),
             _build_trunk(pair, words, language),
             *(Section("spread", common["section"]["spread"], figures=(chart,)) for chart in curves),
@@ -543,8 +543,9 @@ def _build_days(pair: ArmPair, sides: Sequence[PairSide], language: Language) ->
     return build_two_days(days, entry, report_words)
 
 
-def _build_levels(pair: ArmPair, words: Words, language: Language) -> Section:
+def _build_levels(pair: ArmPair, language: Language) -> Section:
     """Compare each arm's whole recording with the proposed levels, as its own report does."""
+    words = load_wording(language)["side"]
     entry, sides = load_pair_words(language)["levels"], (("left", pair.left), ("right", pair.right))
     arms = [(words[side], kept.findings.compare_with_levels()) for side, kept in sides]
     rows = [
