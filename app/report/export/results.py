@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from functools import cache
 from itertools import starmap
-from math import nan
+from math import inf, nan
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -39,6 +39,7 @@ from app.report.findings import Findings, FinishedAnalysis, ReportSubject, Softw
 from app.report.words.numbers import Clock
 from app.request import Conclusion
 from fusion.caveats import Caveat
+from fusion.comparison.levels import ComparedLevel, combine_days
 from fusion.conventions import CONVENTIONS
 from fusion.exposure.types import ElevationBin, Exposure, Interval, PartExposure, TimeAbove
 from fusion.quality import TimeAccount, TimePart
@@ -86,6 +87,7 @@ def build_results(findings: Findings, subject: ReportSubject) -> dict[str, objec
         "calibration": asdict(findings.calibration) if findings.calibration else None,
         "method": asdict(findings.method) if findings.method else None,
         "exposure": _describe_exposure(findings.exposure, clock),
+        "comparison": _describe_comparison(findings),
         "quality": {
             "verdict": quality.verdict,
             "reasons": quality.reasons,
@@ -146,7 +148,7 @@ def _describe_us(record: TimeAccount | TimePart | Span) -> dict[str, object]:
     for name, value in asdict(record).items():
         is_us = name.endswith("_us")
         described[f"{name.removesuffix('_us')}_s" if is_us else name] = (
-            value / MICROSECONDS if is_us else value
+            value / MICROSECONDS if is_us and value is not None else value
         )
     return described
 
@@ -219,6 +221,33 @@ def _describe_exposure(exposure: Exposure, clock: Clock) -> dict[str, object]:
         ],
         "minutes": {name: column.tolist() for name, column in asdict(exposure.minutes).items()},
         "histogram_s": exposure.histogram_s.tolist(),
+    }
+
+
+def _describe_comparison(findings: Findings) -> dict[str, object]:
+    """Describe the day beside the proposed levels, and other days of the same work."""
+    above = findings.find_above_60()
+    days = combine_days(above.percent, above.interval)
+    is_short = findings.extent == "short"
+    return {
+        "extent": findings.extent,
+        "levels": list(map(describe_level, findings.compare_with_levels())),
+        "other_days": {
+            name: None if each is None or is_short else [each.low, each.high]
+            for name, each in (("between", days.between), ("combined", days.combined))
+        },
+    }
+
+
+def describe_level(level: ComparedLevel) -> dict[str, object]:
+    """Return a proposed level with its figure."""
+    return {
+        "key": level.reference.key,
+        "at_most": level.reference.high,
+        "measured": level.measured,
+        **{end: getattr(level.interval, end, None) for end in _ENDS},
+        "standing": level.standing,
+        "reason": level.reason,
     }
 
 
@@ -314,13 +343,21 @@ def _read_findings(results: Mapping[str, Any]) -> dict[str, Any]:
     }
     return {
         "recording": recording | timed,
-        "calibration": results["calibration"],
+        "calibration": _read_calibration(results["calibration"]),
         "method": results["method"],
         "exclusions": [_read_us(span) for span in time["exclusions"]],
         "time": _read_us(time) | {"parts": list(map(_read_us, time["parts"]))},
         "exposure": _read_exposure(results["exposure"]),
         "quality": results["quality"] | {"flags": results["quality"]["warnings"]},
     }
+
+
+def _read_calibration(stored: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    """Return the calibration; a part without an end lasts until the end of the recording."""
+    if stored is None:
+        return None
+    ends = ({"end_s": inf} if part["end_s"] is None else {} for part in stored["parts"])
+    return {**stored, "parts": [part | end for part, end in zip(stored["parts"], ends, strict=True)]}
 
 
 def _read_subject(results: Mapping[str, Any]) -> ReportSubject:
@@ -352,10 +389,14 @@ def _count_us(seconds: float) -> int:
 
 def _read_us(stored: Mapping[str, Any]) -> dict[str, Any]:
     """Convert seconds back to the written integer microseconds."""
-    seconds = {name: value for name, value in stored.items() if name.endswith("_s")}
+    seconds = {name: value for name, value in stored.items() if name.endswith("_s") and value is not None}
     return {
         **stored,
-        **{f"{name.removesuffix('_s')}_us": _count_us(value) for name, value in seconds.items()},
+        **{
+            f"{name.removesuffix('_s')}_us": _count_us(value)
+            for name, value in seconds.items()
+            if value is not None
+        },
     }
 
 

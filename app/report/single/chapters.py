@@ -129,7 +129,7 @@ def format_quality(context: Context) -> str:
     findings, words, language = context.findings, context.words, context.language
     counted = [_format_flag(flag, language) for flag in _list_counted(findings)]
     if not counted:
-        return str(words["profile"]["no_fault_posed" if format_pose_caution(findings, words) else "no_fault"])
+        return str(words["profile"]["no_fault"])
     more = len(counted) - MOST_REASONS
     shown = join_clauses(counted[:MOST_REASONS], language)
     facts = {"reasons": shown[0].upper() + shown[1:], "more": str(more) if more > 0 else ""}
@@ -321,7 +321,7 @@ def _build_published(context: Context) -> Section:
         why = fill(comparison["does_not_apply"], {"reason": comparison["reason"]["not_computed_velocity"]})
         note = f"{words['reference']['velocity']['name']} – {why}"
     table = Table.build(entry, rows, prose=True, note=note)
-    paragraphs = (*(entry["statement"][key] for key in STATEMENTS), entry["groups"])
+    paragraphs = (*(entry["statement"][key] for key in STATEMENTS), entry["groups"], entry["breaks"])
     return Section("published", entry["title"], (" ".join(paragraphs),), tables=(table,))
 
 
