@@ -518,7 +518,7 @@ NAMED_DATE = (
     r"(?P<second>(?i:" + "|".join(MONTH_NAMES) + r")[a-z]{0,6})(?P=mark)(?P<third>\d{2,4})"
 )
 WITH_YEAR = r"(?=\d{4}[/.\-]|\d{1,2}[/.\-]\d{1,2}[/.\-]\d{4}|\d{1,2}/\d{1,2}/\d{2})"
-"""Elsewhere than beside a time of day, `4.0.2` is no date."""
+"""Apart from a time of day, `4.0.2` must not read as a date."""
 NEXT_COLUMN = r" *\"?[,;\t|]\"? *"
 FURTHER_ON = NEXT_COLUMN + r"(?:[^,;\t|\n:]{0,60}" + NEXT_COLUMN + r"){0,12}?"
 """Between a date and a time of day stand other columns."""

@@ -403,7 +403,7 @@ class ArrivalWriter:
 # The layout of a head.
 
 ASKED = ("date-order", "dates")
-"""What is wrong with dates that can be read."""
+"""Problems of dates whose form is known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -416,8 +416,8 @@ class TextLayout:
     each space of a row is a separator, with nothing between two of them where a value is absent; such rows
     are read with their spaces as tabs. ``device``: the known device whose header this is.
     ``writer``: how rows that name every value, or begin with a serial monitor's time, are rewritten.
-    ``narrow_header``: a header with fewer names than the rows have fields; ``header`` is then None.
     ``doubt``: why a time in a column cannot be read, if a person says which column is the time.
+    ``narrow_header``: a header with fewer names than the rows have fields; ``header`` is then None.
     """
 
     delimiter: str
@@ -431,8 +431,8 @@ class TextLayout:
     is_single_spaced: bool = False
     device: KnownDevice | None = None
     writer: LabelWriter | ArrivalWriter | None = None
-    narrow_header: str = ""
     doubt: UnusableTime | None = None
+    narrow_header: str = ""
 
     @property
     def n_columns(self) -> int:

@@ -41,7 +41,7 @@ EVEN_BURSTS, SAME_COUNT, LARGEST_CHANGE = 10, 0.02, 0.03
 """So many seconds one after the other with as many rows each, give or take one or 2 %, are a rate."""
 RARE = 1e-3
 MOST_FALLS = 0.2
-"""If after so many bursts all come earlier, the count of rows is no clock."""
+"""If after so many bursts all come earlier, the count of rows cannot be a clock."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,9 +128,9 @@ class Reading:
 
 
 def spread_bursts(stamps: Ints) -> tuple[QualityFlag, ...]:
-    """Give rows that share a stamp the times of an even sampling, in place (W-JITTER).
+    """Assign the times of an even sampling to rows that share a stamp, in place (W-JITTER).
 
-    A burst that came late with all its rows is no hole. Missing rows stay missing: time that the
+    A burst that only came late does not make a hole. Missing rows stay missing: time that the
     rows after it do not make up for.
 
     Raises UnusableTime if no sample period explains the bursts, because rows are missing all over.
