@@ -18,6 +18,7 @@ from app.report.figures import (
     CYCLES,
     ENTRIES,
     EPISODES,
+    LESS_REST,
     PERCENTILES,
     REST_TABLE,
     SINGLE_GROUPS,
@@ -36,10 +37,12 @@ from app.report.words.numbers import (
     Clock,
     format_angle,
     format_duration,
+    format_duration_range,
     format_long_duration,
     format_number,
     format_percent,
     format_rate,
+    format_signed,
     percent_sign,
     round_classes,
 )
@@ -280,7 +283,7 @@ def _format_axis(calibration: CalibrationFacts) -> str:
 
 def build_sections(context: Context) -> tuple[Section, ...]:
     """Build the chapters in reading order, without empty ones: three pages, then the appendix."""
-    words, exposure, measure = context.words, context.exposure, context.words["measure"]
+    words, exposure = context.words, context.exposure
     title, brackets = words["section"], _explain_brackets(context)
     rises = (_tabulate_entries(context), _tabulate_velocities(context))
     spread = (_tabulate_time_above(context), _tabulate_percentiles(context), _tabulate_rest(context))
@@ -303,7 +306,12 @@ def build_sections(context: Context) -> tuple[Section, ...]:
     every = [words["ranges"]["every"][choose_ranges(context.findings)]]
     if _has_pose_ranges(context):  # meaning of the ranges with the error of the pose
         every.append(f"{words['ranges']['pose']} {words['pose_caution']['ranges']}")
-    more = (_tabulate_long_stays(context), _tabulate_cycles(context), _tabulate_periods(context))
+    more = (
+        _tabulate_long_stays(context),
+        _tabulate_cycles(context),
+        _tabulate_variation(context),
+        *_tabulate_periods(context),
+    )
     appendix = (
         Section("figures", title["figures"], tuple(every), tables=more),
         _build_published(context),
@@ -384,27 +392,91 @@ def _build_day(context: Context, brackets: tuple[str, ...]) -> Section:
     ]
     is_drawn = any(is_drawable(part) for _, part in hours)
     figures = (build_parts("hours", hours, words, context.language),) if is_drawn else ()
-    tasks = [
-        (f"{_name_part(part, words)} ({part.periods}\u00a0×)" if part.periods > 1 else _name_part(part, words), part)
-        for part in exposure.by_task
-    ]
     tables = (
         _tabulate_parts(hours, words["part"]["by_hour"], context),
-        _tabulate_parts(tasks, words["part"]["by_task"], context),
+        _tabulate_tasks(context),
         _tabulate_windows(context),
-        _tabulate_variation(context),
     )
-    title = words["section"]["periods" if tasks else "hours"]
+    title = words["section"]["periods" if exposure.by_task else "hours"]
     return Section("hours", title, brackets, figures, tables=tables)
 
 
-def _tabulate_periods(context: Context) -> Table:
+def _tabulate_tasks(context: Context) -> Table:
+    """Tabulate the tasks and the shift without tasks, those with the most time above 60 deg first."""
+    words, language = context.words, context.language
+    entry, rows = words["part"]["tasks"], []
+    tenths, signed = _show_number(language, 1), partial(format_signed, language=language)
+    lasting, spread = _show_duration(language)
+    for task, rank in rank_tasks([part for part in context.exposure.by_task if part.analysed_s > 0]):
+        share, ranges = task.percent_above.get(MAIN_THRESHOLD_DEG), task.intervals
+        minutes = task.analysed_s / MINUTE_S / 100
+        per_h = task.entries_above_60_per_h if task.analysed_s >= SHORTEST_RATED_S else None
+        plain = {name: without_pose(interval) for name, interval in ranges.items()}
+        whole = _scale(plain.get(MAIN_FIGURE), minutes)
+        rows.append(
+            (
+                f"{rank} {_name_task(task, words)}".strip(),
+                format_duration(task.analysed_s, language),
+                format_ranged(share, ranges.get(MAIN_FIGURE), tenths, words),
+                format_ranged(None if share is None else share * minutes, whole, tenths, words),
+                format_ranged(
+                    per_h, plain.get("entries_above_60_per_h"), partial(format_rate, language=language), words
+                ),
+                format_ranged(
+                    task.longest_above_60_s, plain.get("episodes_above_60_longest_s"), lasting, words, spread
+                ),
+                format_ranged(
+                    task.neutral_slow_percent, plain.get("recovery_neutral_slow_percent"), tenths, words
+                ),
+                format_ranged(
+                    task.less_rest_percent,
+                    plain.get(LESS_REST),
+                    signed,
+                    words,
+                    lambda ends: fill(
+                        words["ranges"]["signed"], {"low": signed(ends.low), "high": signed(ends.high)}
+                    ),
+                ),
+            )
+        )
+    cut = {"shown": str(MOST_PARTS), "all": str(len(rows))} if len(rows) > MOST_PARTS else {}
+    return Table.build(entry, rows[:MOST_PARTS], note=fill(entry["note"], cut))
+
+
+def rank_tasks(tasks: Sequence[PartExposure]) -> list[tuple[PartExposure, str]]:
+    """Sort tasks by minutes above 60 deg; each has its rank if its range overlaps with no other."""
+
+    def find_above_s(task: PartExposure) -> tuple[float, float, float]:
+        interval, share = task.intervals.get(MAIN_FIGURE), task.percent_above.get(MAIN_THRESHOLD_DEG, 0.0)
+        low, high = (interval.low, interval.high) if interval else (0.0, 100.0)
+        return share * task.analysed_s, low * task.analysed_s, high * task.analysed_s
+
+    ordered = sorted(tasks, key=lambda task: -find_above_s(task)[0])
+    ends = [find_above_s(task)[1:] for task in ordered]
+    ranked = []
+    for k, task in enumerate(ordered):
+        others = ends[:k] + ends[k + 1 :]
+        is_apart = all(high < ends[k][0] or low > ends[k][1] for low, high in others)
+        ranked.append((task, f"{k + 1}." if is_apart and others else ""))
+    return ranked
+
+
+def _tabulate_periods(context: Context) -> tuple[Table, Table]:
+    """Tabulate the tasks with their percentiles, and each row of the diary."""
     clock, words = context.clock, context.words
+    tasks = [(_name_task(part, words), part) for part in context.exposure.by_task]
     periods = [
         (f"{clock.format(part.start_s)}–{clock.format(part.end_s)} {_name_part(part, words)}", part)
         for part in context.exposure.by_period
     ]
-    return _tabulate_parts(periods, words["part"]["by_period"], context)
+    return (
+        _tabulate_parts(tasks, words["part"]["by_task"], context),
+        _tabulate_parts(periods, words["part"]["by_period"], context),
+    )
+
+
+def _name_task(part: PartExposure, words: Words) -> str:
+    return _name_part(part, words) + (f" ({part.periods}\u00a0×)" if part.periods > 1 else "")
 
 
 def _format_hour(part: PartExposure, context: Context) -> str:
@@ -426,13 +498,13 @@ def _tabulate_parts(parts: Sequence[tuple[str, PartExposure]], entry: Words, con
         if part.reason:
             analysed = fill(entry["left_out"], {"length": format_duration(part.recorded_s, language)})
         ranges = {  # the one with the error of the pose only for the main figure
-            key: interval if key == MAIN_FIGURE else replace(interval, high_pose=None)
+            key: interval if key == MAIN_FIGURE else without_pose(interval)
             for key, interval in part.intervals.items()
         }
         whole, tenths = _show_number(language, 0), _show_number(language, 1)
         is_rated = part.analysed_s >= SHORTEST_RATED_S
-        figures = [
-            *((f"elevation_p{p}_deg", part.percentiles_deg.get(p), whole) for p in (10, 50, 90)),
+        figures: list[tuple[str, float | None, Show]] = [
+            *((f"elevation_p{p}_deg", part.percentiles_deg.get(p), whole) for p in (50, 90)),
             *((f"time_above_{c}_percent", part.percent_above.get(c), tenths) for c in (30, 60, 90)),
             (
                 "entries_above_60_per_h",
@@ -638,24 +710,37 @@ Show = Callable[[float], str]
 
 
 def format_ranged(
-    value: float | None, interval: Interval | None, show: Show, words: Words, show_end: Show | None = None
+    value: float | None,
+    interval: Interval | None,
+    show: Show,
+    words: Words,
+    show_range: Callable[[Interval], str] | None = None,
 ) -> str:
     """Format a figure with its range and the upper end with the error of the pose, if they are known."""
     if value is None or not math.isfinite(value):
         return NONE
     if interval is None:
         return show(value)
-    show_end, posed = show_end or show, interval.high_pose
+    said, posed = words["ranges"], interval.high_pose
     facts = {
         "value": show(value),
-        "range": f"{show_end(interval.low)}–{show_end(interval.high)}",
-        "pose": show_end(posed) if posed is not None and posed > interval.high else "",
+        "range": show_range(interval) if show_range else f"{show(interval.low)}–{show(interval.high)}",
+        "pose": show(posed) if posed is not None and posed > interval.high else "",
     }
-    return fill(words["ranges"]["with_pose" if facts["pose"] else "cell"], facts)
+    return fill(said["with_pose" if facts["pose"] else "cell"], facts)
+
+
+def without_pose(interval: Interval | None) -> Interval | None:
+    """Return the range without the error of the pose."""
+    return interval and replace(interval, low_pose=None, high_pose=None)
 
 
 def _show_number(language: Language, decimals: int) -> Show:
     return partial(format_number, decimals=decimals, language=language)
+
+
+def _show_duration(language: Language) -> tuple[Show, Callable[[Interval], str]]:
+    return partial(format_duration, language=language), partial(format_duration_range, language=language)
 
 
 def _tabulate(entry: Words, rows: Iterable[tuple[str, ...]]) -> Table:
@@ -693,6 +778,10 @@ def _format_classes(classes: Sequence[ElevationBin], context: Context) -> Iterab
         yield format_ranged(whole, round_outwards(part.interval), lambda value: f"{value:.0f}", context.words)
 
 
+def _scale(interval: Interval | None, factor: float) -> Interval | None:
+    return interval and Interval(interval.low * factor, interval.high * factor)
+
+
 def round_outwards(interval: Interval | None) -> Interval | None:
     """Return the range in whole numbers that includes a share rounded up or down."""
     if interval is None:
@@ -727,7 +816,7 @@ def _tabulate_entries(context: Context) -> Table:
     """Tabulate rises and episodes above each threshold."""
     exposure, language, words = context.exposure, context.language, context.words
     episodes = {episode.threshold_deg: episode for episode in exposure.episodes}
-    show_s: Show = partial(format_duration, language=language)
+    show_s, spread = _show_duration(language)
     rows = []
     for item in exposure.entries:
         above = {"threshold_deg": item.threshold_deg}
@@ -747,9 +836,9 @@ def _tabulate_entries(context: Context) -> Table:
                 format_number(item.count, 0, language),
                 format_ranged(item.per_hour, per_h, partial(format_rate, language=language), words),
                 format_number(stay.count if stay else None, 0, language),
-                format_ranged(stay.median_s if stay else None, median, show_s, words),
-                format_ranged(stay.p90_s if stay else None, p90, show_s, words),
-                format_ranged(stay.longest_s if stay else None, longest, show_s, words),
+                format_ranged(stay.median_s if stay else None, median, show_s, words, spread),
+                format_ranged(stay.p90_s if stay else None, p90, show_s, words, spread),
+                format_ranged(stay.longest_s if stay else None, longest, show_s, words, spread),
             )
         )
     return _tabulate(words["measure"]["entries"], rows)
@@ -816,10 +905,11 @@ def _tabulate_rest(context: Context) -> Table:
         if (record := getattr(exposure, group.key)) is not None
         for name, value in group.name_values(record).items()
     }
+    lasting, spread = _show_duration(language)
     shows: dict[str, Show] = {
         "%": _show_number(language, 1),
         "Hz": _show_number(language, 2),
-        "s": partial(format_duration, language=language),
+        "s": lasting,
     }
     rows = [
         (
@@ -829,6 +919,7 @@ def _tabulate_rest(context: Context) -> Table:
                 exposure.intervals.get(name),
                 shows.get(find_unit(name), partial(format_rate, language=language)),
                 context.words,
+                spread if find_unit(name) == "s" else None,
             ),
         )
         for name in REST_TABLE
