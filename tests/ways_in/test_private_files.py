@@ -36,8 +36,9 @@ def test_no_file_of_a_run_is_open_to_others_under_a_wide_umask(tmp_path: Path, r
         server.stop()
     seen |= _list_modes(tmp_path)
 
-    assert view["state"] == "succeeded", (view, (tmp_path / "log").read_text())
-    assert any("cache/" in name and name.endswith(".samples") for name in seen)
+    log = (tmp_path / "log").read_text()
+    assert view["state"] == "succeeded", (view, log)
+    assert any("cache/" in name and name.endswith(".samples") for name in seen), (sorted(seen), log)
     assert any(name.endswith("results.json") for name in seen)
     assert {name: oct(mode) for name, mode in seen.items() if mode & OPEN_TO_OTHERS} == {}
 
