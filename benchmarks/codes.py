@@ -81,15 +81,10 @@ def _describe_caveat(caveat: Caveat) -> str:
 
 
 def _describe_grade(caveat: Caveat) -> str:
-    usual, limit = caveat.grade.name.lower(), caveat.limit
-    beyond = {
-        f"from {100 * limit.from_share:g} % of the recorded time": isfinite(limit.from_share),
-        f"below {limit.below_s / 3600:g} h": limit.below_s > 0.0,
-    }
-    graver = (
-        f"; {Grade(caveat.grade + 1).name.lower()} {where}" for where, is_set in beyond.items() if is_set
-    )
-    return usual + "".join(graver)
+    usual, share = caveat.grade.name.lower(), caveat.limit.from_share
+    if not isfinite(share):
+        return usual
+    return f"{usual}; {Grade(caveat.grade + 1).name.lower()} from {100 * share:g} % of the recorded time"
 
 
 def _describe_refusals(refusals: tuple[type[FusionError] | type[AppError], ...]) -> Iterator[str]:

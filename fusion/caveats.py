@@ -37,17 +37,15 @@ class Limit:
     """When a caveat counts one grade higher than usual.
 
     ``from_share``: if it concerns at least this share of the recorded time.
-    ``below_s``: if it concerns fewer seconds than this.
     """
 
     from_share: float = inf
-    below_s: float = 0.0
 
 
 NO_LIMIT = Limit()
 NO_FACTS = name_facts()
-FEW_H, POOR_H = 4, 2
-"""Hours analysed: with fewer than these the recording gets "caution" or "poor"."""
+FEW_H = 4
+"""With fewer hours analysed a recording is short, and is not compared with values for a working day."""
 
 
 class Caveat(StrEnum):
@@ -197,12 +195,11 @@ class Caveat(StrEnum):
 
     # The amount of analysed time, and the method.
     LOWCOVER = "W-LOWCOVER", POOR, name_facts(percent="% analysed")
-    SHORT = "W-SHORT", POOR
+    SHORT = "W-SHORT", NOTE
     FEW_HOURS = (
         "W-FEW-HOURS",
-        CAUTION,
+        NOTE,
         name_facts(hours="h, less than", minutes="min, less than: no ranges, no rates per hour"),
-        Limit(below_s=POOR_H * 3600.0),
     )
     PUBLISHED = "W-PUBLISHED", CAUTION, name_facts(dps="deg/s")
     DIARY = "W-DIARY", CAUTION

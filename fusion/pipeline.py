@@ -148,7 +148,7 @@ def analyse(
     on_step("counting")
     day = _divide(recording, elevation, found.exclusions, placed)
     exposure = remove_short_ranges(_summarise_readings(samples, elevation, day))
-    time = _divide_time(recording, day, exposure, found.flags)
+    time = replace(_divide_time(recording, day, exposure, found.flags), shift_us=placed.shift_us)
     static_dps = samples.calibration.gyro_bias_dps
     flags = (
         *found.flags,
@@ -305,7 +305,7 @@ def _count_ready(
             is_npose=any(flag.code == Caveat.NPOSE for flag in recording.flags),
         )
     )
-    time = _divide_time(recording, day, exposure)
+    time = replace(_divide_time(recording, day, exposure), shift_us=placed.shift_us)
     flags = (*placed.flags, *flag_upside_down(exposure))
     quality = assess_quality(recording, None, time, day.exclusions, flags)
     settings = AnalysisSettings(diary=diary)

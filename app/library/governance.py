@@ -43,6 +43,7 @@ from app.library.rows import (
 )
 from app.library.side_files import increment_revision
 from app.request import find_code
+from fusion.caveats import FEW_H
 from fusion.conventions import FEWEST_PEOPLE
 
 Kind = Literal["recordings", "results", "trash", "trail"]
@@ -350,7 +351,7 @@ def _read_new_people(connection: Connection, study_id: str) -> Mapping[str, Sequ
         .where(batch_items.c.batch_id == study_id, recordings.c.subject != "")
         .where(recordings.c.state == STORED, analyses.c.state == JobState.SUCCEEDED)
         .where(answers.c.above_60_percent.is_not(None), answers.c.recorded_s.is_not(None))
-        .where(answers.c.verdict != "poor")
+        .where(answers.c.verdict != "poor", answers.c.recorded_s >= FEW_H * 3600)
         .order_by(recordings.c.subject, recordings.c.id)
     )
     known = select(recordings.c.subject).join(

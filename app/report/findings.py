@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 import numpy as np
 
 from app.request import Conclusion
-from fusion.conventions import CalibrationState, Pose
-from fusion.exposure.types import Exposure
+from fusion.comparison.levels import ComparedLevel, Extent, compare_with_levels, find_extent
+from fusion.conventions import MAIN_THRESHOLD_DEG, CalibrationState, Pose
+from fusion.exposure.types import Exposure, TimeAbove
 from fusion.quality import Quality, TimeAccount
 from fusion.recording import Span
 
@@ -165,6 +166,20 @@ class Findings:
     time: TimeAccount
     exposure: Exposure
     quality: Quality
+
+    @property
+    def extent(self) -> Extent:
+        """How much of a day was analysed."""
+        return find_extent(self.time, self.exclusions)
+
+    def find_above_60(self) -> TimeAbove:
+        """Return the main figure."""
+        return next(t for t in self.exposure.time_above if t.threshold_deg == MAIN_THRESHOLD_DEG)
+
+    def compare_with_levels(self) -> tuple[ComparedLevel, ...]:
+        """Compare the day with each proposed level."""
+        state = self.calibration.state if self.calibration else None
+        return compare_with_levels(self.exposure, self.quality.verdict, self.extent, state)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -113,7 +113,8 @@ class Tile:
     """A main figure: its value, duration and range, and a scale with the published value.
 
     ``needed`` precedes the value if the pose must be named first. ``pose`` states how far the error of the
-    calibration pose may raise the value. All except name and value may be empty.
+    calibration pose may raise the value; ``standing`` where it lies beside the proposal, or whose the
+    published values are. All except name and value may be empty.
     """
 
     name: str
@@ -122,7 +123,7 @@ class Tile:
     duration: str
     range: str
     pose: str
-    published: str
+    standing: str
     scale: str
     alternative: str
 
@@ -144,22 +145,27 @@ class Drawing:
 class Profile:
     """The first page, the Arm Elevation Profile (docs/profile.md).
 
-    ``quality`` lists limits of the data; ``tiles`` are time above 30, 60 and 90 deg, and rises above 60 deg
-    per hour; ``strip`` is the day with its tasks. ``tasks``: the tasks or quarter hours with the most time
-    above 60 deg; None if there are none. ``sure``: the uncertainty of the time above 60 deg. ``next_steps``:
-    each follows from a stated rule. ``amendment``: on paper, states that the report replaces another; else
-    empty.
+    ``quality`` lists limits of the data; ``not_measured`` what the angle does not show. ``tiles`` are time
+    above 30, 60 and 90 deg, and the median velocity; ``strip`` is the day with its tasks. ``tasks``: those,
+    or the quarter hours, with the most time above 60 deg; None if there are none. ``rest``: rest and minutes
+    with several rises. ``sure``: the uncertainty of the time above 60 deg. ``next_steps``: each follows from
+    a stated rule, the most important first. ``amendment``: on paper, states that the report replaces another;
+    else empty. ``conclusion``: the clinician's, a long one only begun; None leaves space to write by hand.
     """
 
     quality: str
+    not_measured: str
     tiles: tuple[Tile, ...]
     strip: Chart
     tasks: Table | None
+    rest_title: str
+    rest: tuple[Pair, ...]
     sure: Drawing
     next_title: str
     next_steps: tuple[str, ...]
     not_a_diagnosis: str
     amendment: str = ""
+    conclusion: Note | None = None
 
 
 @dataclass(frozen=True, slots=True)

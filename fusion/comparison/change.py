@@ -204,6 +204,15 @@ def find_detectable_change(between_day_sd: float, days: int = 1) -> float:
     return 1.96 * sqrt(2.0 / days) * between_day_sd
 
 
+DETECTED = 1.96 + 0.84
+"""Standard errors that a planned change must exceed: 5 % two-sided, detected with 80 % power."""
+
+
+def find_planned_change(between_day_sd: float, days: int) -> float:
+    """Return the change that ``days`` days before and after it detect with 80 % power."""
+    return find_detectable_change(between_day_sd, days) / 1.96 * DETECTED
+
+
 def compare_days(before: ComparedDay, after: ComparedDay) -> DayComparison:
     """Compare two days; a difference in NO_TWO_DAYS or an unconfirmed pose prevents a verdict."""
     first, second = _list_figures(before.exposure), _list_figures(after.exposure)

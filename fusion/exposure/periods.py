@@ -41,10 +41,14 @@ class Period:
 
 @dataclass(frozen=True, slots=True)
 class Placed:
-    """The periods of one recording in the order of the diary, and the caveats of placing them."""
+    """The periods of one recording in the order of the diary, and the caveats of placing them.
+
+    ``shift_us``: length of the shift by its stated start and end, also beyond the recording; None if unknown.
+    """
 
     periods: tuple[Period, ...] = ()
     flags: tuple[QualityFlag, ...] = ()
+    shift_us: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +70,7 @@ def place_diary(entries: Sequence[DiaryEntry], start: datetime | None, duration_
     Raises UnusableDiary: with the line and the reason, if a row cannot be placed.
     """
     whole: list[Period] = []
+    shifts_us: list[int] = []
     row_errors: list[UnusableDiary] = []
     for entry, following in _pair_with_next(entries):
         reason = REASONS.get(entry.kind, "")
@@ -77,6 +82,9 @@ def place_diary(entries: Sequence[DiaryEntry], start: datetime | None, duration_
             row_errors.append(error)
         else:
             whole.append(Period(*bounds_us, entry.kind, entry.label, reason, entry.line))
+            is_here = bounds_us[0] < duration_us and bounds_us[1] > 0
+            if entry.kind == "shift" and entry.end is not None and is_here:
+                shifts_us.append(bounds_us[1] - bounds_us[0])
     refuse_slips(row_errors)
     inside = [period for period in whole if period.start_us < duration_us and period.end_us > 0]
     if whole and not inside:
@@ -90,7 +98,7 @@ def place_diary(entries: Sequence[DiaryEntry], start: datetime | None, duration_
     )
     outside = len(whole) - len(inside)
     left_aside = (QualityFlag(Caveat.DIARY, outside),) if outside else ()
-    return Placed(cut, (*left_aside, *_flag_overlaps(cut)))
+    return Placed(cut, (*left_aside, *_flag_overlaps(cut)), sum(shifts_us) or None)
 
 
 def find_diary_poses(

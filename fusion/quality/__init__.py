@@ -31,6 +31,7 @@ class TimeAccount:
 
     ``recorded_us``, ``analysed_us``, ``missing_us``, ``excluded_us``: microseconds.
     ``parts``: the three sums in detail; they add up to the same.
+    ``shift_us``: length of the shift as the diary states it; None if it does not.
     """
 
     recorded_us: int
@@ -38,6 +39,7 @@ class TimeAccount:
     missing_us: int
     excluded_us: int
     parts: tuple[TimePart, ...] = ()
+    shift_us: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

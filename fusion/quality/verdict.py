@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from fusion.caveats import FEW_H, POOR_H, TIME_LOST, Caveat, Grade
+from fusion.caveats import FEW_H, TIME_LOST, Caveat, Grade
 from fusion.checks.summary import number_directions
 from fusion.conventions import NPOSE_ERROR_DEG, is_npose
 from fusion.elevation import Elevation, group_rows
@@ -43,12 +43,12 @@ def assess_quality(
 ) -> Quality:
     """Collect every caveat and return the verdict with the codes that count, the most serious first.
 
-    Poor: less than 2 h or half of the recording analysed; no pose held still; a pose in a stretch that is not
+    Poor: less than half of the recording analysed; no pose held still; a pose in a stretch that is not
     trusted, more than 30 deg from walking or with an uncertainty over 10 deg; a sensor with another
-    orientation for half of the recording; a sensor upside down. Caution: less than 4 h, 1 % or more missing,
-    0.1 % or more clipped, or any other doubt about the signal (such as a sensor that may not have been worn).
-    A note (a duplicate second, the N-pose) leaves the verdict good. Within a grade the caveat that cost the
-    most time comes first.
+    orientation for half of the recording; a sensor upside down. Caution: 1 % or more missing, 0.1 % or more
+    clipped, or any other doubt about the signal (such as a sensor that may not have been worn). A note (a
+    duplicate second, the N-pose, few hours) leaves the verdict good: a short recording can be without fault.
+    Within a grade the caveat that cost the most time comes first.
     """
     given = (*recording.flags, *calibration_flags)
     known_codes = {flag.code for flag in given}
@@ -64,10 +64,7 @@ def assess_quality(
 def _grade(flag: QualityFlag, time: TimeAccount) -> Grade:
     """Return the declared grade of a caveat, or the next one if it passes its limit."""
     caveat = Caveat(flag.code)
-    is_graver = (
-        flag.seconds * MICROSECONDS >= caveat.limit.from_share * time.recorded_us
-        or flag.seconds < caveat.limit.below_s
-    )
+    is_graver = flag.seconds * MICROSECONDS >= caveat.limit.from_share * time.recorded_us
     return Grade(caveat.grade + is_graver)
 
 
@@ -131,7 +128,7 @@ def _flag_length(
     if analysed_s < 60.0 and recording.holds_samples:
         yield QualityFlag(Caveat.SHORT, seconds=analysed_s)
     elif analysed_s < FEW_H * HOUR_S:
-        facts = {"hours": POOR_H if analysed_s < POOR_H * HOUR_S else FEW_H}
+        facts = {"hours": FEW_H}
         if analysed_s < LEAST_RANGED_S:
             facts["minutes"] = round(LEAST_RANGED_S / 60.0)
         yield QualityFlag(Caveat.FEW_HOURS, seconds=analysed_s, facts=facts)

@@ -24,6 +24,7 @@ from fusion.exposure.types import (
     MinuteProfile,
     PartExposure,
     PeakWindow,
+    Recovery,
     TimeAbove,
     Velocity,
 )
@@ -128,7 +129,8 @@ def make_exposure(*, above_60_interval: Interval | None = None) -> Exposure:
             95: 68.8,
             99: 101.3,
         },
-        entries=(Entries(30, 1204, 169.98), Entries(60, 214, 30.21), Entries(90, 61, 8.61)),
+        entries=(Entries(30, 1204, 169.98), Entries(60, 214, 30.21, 13.4), Entries(90, 61, 8.61)),
+        recovery=Recovery(31.2, 22.4, 38.5, 27.1, 744.0),
         cycles=(Cycles(10, 30, 2210.5), Cycles(30, 60, 871.0), Cycles(60, 90, 160.5), Cycles(90, None, 44.0)),
         episodes=(
             Episodes(30, 1160, 212.4, 3.9, 18720.0, 4),
@@ -197,8 +199,8 @@ def make_minutes() -> MinuteProfile:
     return MinuteProfile(starts, low, middle, np.minimum(high, 172), np.where(idle, 0.0, 60.0))
 
 
-def with_velocity(exposure: Exposure, kind: str, velocity: Velocity) -> Exposure:
-    """Add one kind of speed."""
+def with_velocity(exposure: Exposure, kind: str, velocity: Velocity | None) -> Exposure:
+    """Replace one kind of speed."""
     kinds: Mapping[str, Velocity | None] = {**exposure.velocity_dps, kind: velocity}
     return replace(exposure, velocity_dps=dict(kinds))
 
@@ -219,7 +221,7 @@ def _make_velocities() -> dict[str, Velocity | None]:
     return {
         "inclination": Velocity(1.2, 14.8, 62.0, 140.2, 25.1),
         "generalised": Velocity(2.3, 27.9, 98.4, 201.7, 41.0),
-        "generalised_accelerometer": None,
+        "generalised_accelerometer": Velocity(2.0, 41.3, 120.4, 260.9, 58.2),
         "gyroscope": Velocity(3.0, 33.1, 118.9, 260.3, 49.8),
     }
 

@@ -40,18 +40,18 @@ def test_recordings_are_found_by_subject_and_by_day(
     assert page.locator("#rows .row").count() >= 2
 
 
-def test_poor_data_are_not_told_in_green_and_the_page_says_why_they_are_poor(
+def test_data_to_use_with_care_are_not_told_in_green_and_a_short_recording_is_called_short(
     page: Page, server: RunningServer, trunk: str
 ) -> None:
     open_home(page, server)
     row = find_row(page, "trunk.gt3x")
 
-    expect(row).to_contain_text("poor data")
+    expect(row).to_contain_text("use with care, short")
     expect(row.locator(".side")).to_have_text("–")
-    expect(row).to_have_class(re.compile("has-poor"))
+    expect(row).to_have_class(re.compile("has-caution"))
     row.get_by_role("link", name="S012", exact=True).click()
 
-    expect(page.locator(".verdict")).to_contain_text("Too short: 3 min analysed")
+    expect(page.locator(".sentences")).to_contain_text("under 4\u00a0h, so not compared")
     page.get_by_role("link", name="State the arm").click()
     expect(page.locator("#correct")).to_be_in_viewport()
 

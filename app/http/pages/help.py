@@ -180,8 +180,8 @@ def get_example_pdf(page: UsedPage) -> Response:
 
 SHARE, SHARE_RANGE, SHARE_POSE, PUBLISHED = 12.0, (9.0, 16.0), (16.0, 22.0), 10.0
 END = 40.0
-SHARE_DAYS = (8.0, 16.0)
-"""The value ± 1.96 × 2.0 points (docs/profile.md), rounded to 1 percent."""
+SHARE_DAYS, SHARE_TOGETHER = (8.0, 16.0), (7.0, 23.0)
+"""The value ± 1.96 × 2.0 points, and with the range and the pose (docs/profile.md), rounded to 1 percent."""
 MINUTES, BREAK, HOLE, WORST = 240, (110, 130), (185, 195), (150, 165)
 LONGEST_S = 24.0
 
@@ -208,10 +208,18 @@ def draw_example(language: Language) -> Mapping[str, str]:
         end=END,
         end_label=_format_percents((END,), language),
         doubts=(
-            UncertaintyBar(entry["sensor"], _format_percents(SHARE_RANGE, language), SHARE_RANGE),
+            UncertaintyBar(
+                entry["combined"],
+                _format_percents(SHARE_TOGETHER, language),
+                SHARE_TOGETHER,
+                is_combined=True,
+            ),
+            UncertaintyBar(entry["angle"], _format_percents(SHARE_RANGE, language), SHARE_RANGE),
             UncertaintyBar(entry["pose"], most, (SHARE, SHARE_POSE[1]), is_pose=True),
             UncertaintyBar(entry["days"], _format_percents(SHARE_DAYS, language), SHARE_DAYS),
         ),
+        level=PUBLISHED,
+        level_label=_format_percents((PUBLISHED,), language),
     )
     day = _build_day(words, picture, language)
     drawn = {"day": draw_day(*day, WIDE), "day_narrow": draw_day(*day, NARROW)}

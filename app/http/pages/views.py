@@ -20,6 +20,7 @@ from app.library.listing import (
     AnalysisDuration,
     Entry,
     Group,
+    HeadlineFigures,
     Library,
     LibraryFilter,
     Order,
@@ -30,6 +31,7 @@ from app.report.words.numbers import format_angle, format_duration, format_numbe
 from app.report.words.wording import Language, Words, fill, load_wording
 from app.services import Services
 from fusion import errors
+from fusion.caveats import FEW_H
 from fusion.conventions import METHOD_VERSION
 
 _CURED_BY_COLUMNS = (
@@ -442,6 +444,13 @@ def find_durations(services: Services, entries: Sequence[Entry]) -> tuple[Analys
     return Library(services.store.reader).find_durations() if is_running else ()
 
 
+def _format_verdict(headline: HeadlineFigures, words: Words) -> str:
+    """Return the quality in two words, and separately that a recording is short."""
+    is_short = headline.recorded_s is not None and headline.recorded_s < FEW_H * 3600
+    shown = (words["verdict_short"].get(headline.verdict, ""), words["column"]["short"] if is_short else "")
+    return ", ".join(filter(None, shown))
+
+
 def build_entry(entry: Entry, language: Language, took: Sequence[AnalysisDuration] = ()) -> ShownEntry:
     """Build the row of a recording with its report or, without one, its newest analysis."""
     job, words, attempt = entry.job, load_wording(language, "page"), entry.attempt
@@ -454,7 +463,7 @@ def build_entry(entry: Entry, language: Language, took: Sequence[AnalysisDuratio
         figures = {
             "hours": format_duration(headline.recorded_s, language),
             "verdict": headline.verdict,
-            "quality": str(words["verdict_short"].get(headline.verdict, "")),
+            "quality": _format_verdict(headline, words),
             "is_older": 0 < headline.method_version < int(METHOD_VERSION),
             "is_pose_open": headline.calibration_state == "assumed",
             "above": format_percent(headline.above_60_percent, language),

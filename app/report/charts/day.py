@@ -235,7 +235,7 @@ def _format_band(band: MinuteBand, clock: Clock) -> tuple[str, ...]:
 def draw_day(day: Day, labels: DayLabels, width_px: float) -> str:
     """Draw elevation through the day: each minute's P10 to P90, its median, the tasks, the gaps."""
     key = f"day{width_px:.0f}"
-    plot = _lay_out(day, 36, width_px - 4, 22, 156 if width_px > NARROW else 190)
+    plot = _lay_out(day, 36, width_px - 4, 22, 138 if width_px > NARROW else 190)
     axis = replace(plot, bottom_px=plot.bottom_px + (_LANE_PX if day.blocks else 0.0))
     legend, height = _draw_legend((day,), labels, axis.bottom_px + 38, key, width_px)
     body = [

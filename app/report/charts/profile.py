@@ -13,7 +13,7 @@ from app.report.charts.svg import Plot, Span
 
 TILE_PX = 134.0
 SURE_PX = 318.0
-_ROW_PX = 34.0
+_ROW_PX = 29.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,24 +66,27 @@ def draw_tile(scale: TileScale) -> str:
 class UncertaintyBar:
     """One source of uncertainty: the range of the figure with it; None if unknown.
 
-    ``is_pose``: hatched; without a range its length is unknown.
+    ``is_pose``: hatched; without a range its length is unknown. ``is_combined``: of all sources together.
     """
 
     name: str
     shown: str
     span: Span | None
     is_pose: bool = False
+    is_combined: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class UncertaintyChart:
-    """The uncertainties of one figure on a scale from 0 to ``end``."""
+    """The uncertainties of one figure on a scale from 0 to ``end``, with the proposed ``level``, if any."""
 
     words: tuple[str, str]
     measured: float
     end: float
     end_label: str
     doubts: Sequence[UncertaintyBar]
+    level: float | None = None
+    level_label: str = ""
 
 
 def draw_uncertainty(shown: UncertaintyChart) -> str:
@@ -92,23 +95,29 @@ def draw_uncertainty(shown: UncertaintyChart) -> str:
     at, median = plot.x(shown.measured), f'{svg.MEDIAN} stroke-width="2.4"'
     body = [svg.define_hatch("sure")]
     for rank, doubt in enumerate(shown.doubts):
-        top = rank * _ROW_PX
+        top, kind = rank * _ROW_PX, "strong" if doubt.is_combined else "ink"
         body += [
-            svg.text(0, top + 12, doubt.name, "ink"),
-            svg.text(SURE_PX, top + 12, doubt.shown, "ink", "end"),
+            svg.text(0, top + 12, doubt.name, kind),
+            svg.text(SURE_PX, top + 12, doubt.shown, kind, "end"),
         ]
         if doubt.span:
             low, high = map(plot.x, doubt.span)
-            place = (low, top + 18, high - low, 10)
-            body += svg.hatch(*place, "sure") if doubt.is_pose else [svg.rect(*place, svg.BAND)]
+            place = (low, top + 17, high - low, 9)
+            band = svg.STRONG_BAND if doubt.is_combined else svg.BAND
+            body += svg.hatch(*place, "sure") if doubt.is_pose else [svg.rect(*place, band)]
         elif doubt.is_pose:  # an arrow to the right: the value may be higher by an unknown amount
             start, end = svg.number(at + 5), svg.number(plot.x(shown.end))
             dash = f'{svg.RULE} fill="none" stroke-width="1.3" stroke-dasharray="4 2"'
-            body.append(svg.path(f"M{start} {svg.number(top + 23)}H{end}m-6 -4l6 4l-6 4", dash))
-        body.append(svg.line(at, top + 16, at, top + 30, median))
+            body.append(svg.path(f"M{start} {svg.number(top + 21.5)}H{end}m-6 -4l6 4l-6 4", dash))
+        body.append(svg.line(at, top + 15, at, top + 28, median))
+        if shown.level is not None:
+            x = plot.x(shown.level)
+            body.append(svg.line(x, top + 15, x, top + 28, f'{svg.ACCENT} stroke-width="2"'))
     body += [
         svg.line(2, bottom, SURE_PX - 2, bottom, svg.RULE),
         svg.text(0, bottom + 15, "0"),
         svg.text(SURE_PX, bottom + 15, shown.end_label, anchor="end"),
     ]
+    if shown.level is not None:
+        body.append(svg.text(plot.x(shown.level), bottom + 15, shown.level_label, "accent", "middle"))
     return svg.picture(SURE_PX, bottom + 19, "sure", shown.words, body)

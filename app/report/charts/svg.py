@@ -117,6 +117,7 @@ GUIDES_DEG = (30, 60, 90)
 RULE = f'class="rule" stroke="{SOFT}"'
 EDGE = f'class="edge" fill="none" stroke="{SOFT}"'
 BAND = f'class="band" fill="{RAMP[1]}"'
+STRONG_BAND = f'class="mark" fill="{RAMP[2]}"'
 PLATE = f'class="paper" fill="{PAPER}"'
 MEDIAN = f'class="median" stroke="{RAMP[3]}"'
 CURVE = f'class="median" fill="none" stroke="{RAMP[3]}"'

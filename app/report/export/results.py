@@ -41,6 +41,7 @@ from app.report.findings import Findings, FinishedAnalysis, ReportSubject, Softw
 from app.report.words.numbers import Clock
 from app.request import Conclusion
 from fusion.caveats import Caveat
+from fusion.comparison.levels import combine_days
 from fusion.conventions import CONVENTIONS
 from fusion.exposure.types import ElevationBin, Exposure, Interval, PartExposure, TimeAbove
 from fusion.quality import TimeAccount, TimePart
@@ -88,6 +89,7 @@ def build_results(findings: Findings, subject: ReportSubject) -> dict[str, objec
         "calibration": asdict(findings.calibration) if findings.calibration else None,
         "method": asdict(findings.method) if findings.method else None,
         "exposure": _describe_exposure(findings.exposure, clock),
+        "comparison": _describe_comparison(findings),
         "quality": {
             "verdict": quality.verdict,
             "reasons": quality.reasons,
@@ -148,7 +150,7 @@ def _describe_us(record: TimeAccount | TimePart | Span) -> dict[str, object]:
     for name, value in asdict(record).items():
         is_us = name.endswith("_us")
         described[f"{name.removesuffix('_us')}_s" if is_us else name] = (
-            value / MICROSECONDS if is_us else value
+            value / MICROSECONDS if is_us and value is not None else value
         )
     return described
 
@@ -224,6 +226,31 @@ def _describe_exposure(exposure: Exposure, clock: Clock) -> dict[str, object]:
         ],
         "minutes": {name: column.tolist() for name, column in asdict(exposure.minutes).items()},
         "histogram_s": exposure.histogram_s.tolist(),
+    }
+
+
+def _describe_comparison(findings: Findings) -> dict[str, object]:
+    """Describe the day beside the proposed levels, and other days of the same work."""
+    above = findings.find_above_60()
+    days = combine_days(above.percent, above.interval)
+    is_short = findings.extent == "short"
+    return {
+        "extent": findings.extent,
+        "levels": [
+            {
+                "key": one.reference.key,
+                "at_most": one.reference.high,
+                "measured": one.measured,
+                **{end: getattr(one.interval, end, None) for end in _ENDS},
+                "standing": one.standing,
+                "reason": one.reason,
+            }
+            for one in findings.compare_with_levels()
+        ],
+        "other_days": {
+            name: None if each is None or is_short else [each.low, each.high]
+            for name, each in (("between", days.between), ("combined", days.combined))
+        },
     }
 
 
@@ -358,10 +385,14 @@ def _count_us(seconds: float) -> int:
 
 def _read_us(stored: Mapping[str, Any]) -> dict[str, Any]:
     """Convert seconds back to the written integer microseconds."""
-    seconds = {name: value for name, value in stored.items() if name.endswith("_s")}
+    seconds = {name: value for name, value in stored.items() if name.endswith("_s") and value is not None}
     return {
         **stored,
-        **{f"{name.removesuffix('_s')}_us": _count_us(value) for name, value in seconds.items()},
+        **{
+            f"{name.removesuffix('_s')}_us": _count_us(value)
+            for name, value in seconds.items()
+            if value is not None
+        },
     }
 
 

@@ -2,6 +2,7 @@
 
 import base64
 import hashlib
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -9,7 +10,7 @@ from pathlib import Path
 from urllib.parse import quote
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from app.report.model import AgreementReport, Report
 from app.report.words.numbers import format_duration, format_percent
@@ -60,12 +61,21 @@ def load_template(name: str) -> Template:
         lstrip_blocks=True,
     )
     environment.filters["drawing"] = mark_drawing_safe
+    environment.filters["whole"] = keep_ranges_whole
     return environment.get_template(name)
 
 
 def mark_drawing_safe(svg: str) -> Markup:
     """Mark a chart as safe: every text in it was escaped when it was drawn."""
     return Markup(svg)  # noqa: S704
+
+
+_RANGE = re.compile(r"\d[\d.,]*–\d[\d.,]*(?:\s%)?")
+
+
+def keep_ranges_whole(text: str) -> Markup:
+    """Escape a text and keep each of its ranges, "3.3–10.4 %", on one line."""
+    return Markup(_RANGE.sub(r'<span class="whole">\g<0></span>', str(escape(text))))  # noqa: S704
 
 
 # The index page of a run: analysed time, main figure and state of each recording.

@@ -8,36 +8,40 @@ from math import ceil
 
 from app.report.charts.day import WORST_WINDOW_S, Block, build_day
 from app.report.charts.profile import TileScale, UncertaintyBar, UncertaintyChart, draw_tile, draw_uncertainty
-from app.report.model import Drawing, Profile, Table, Tile
+from app.report.figures import RECOVERY, format_figure
+from app.report.model import Drawing, Pair, Profile, Table, Tile
 from app.report.single.chapters import Context, choose_ranges, format_pose_caution, format_quality
 from app.report.words.numbers import (
     NONE,
     format_duration,
+    format_duration_range,
     format_number,
     format_percent,
     format_range,
-    format_rate,
     percent_sign,
 )
 from app.report.words.wording import Language, Words, clean_text, cut_text, fill, join_clauses
 from fusion.caveats import Caveat
-from fusion.comparison.change import BETWEEN_DAY_SD, REFERENCES, WHOLE_DAY_S, find_detectable_change
+from fusion.comparison.change import BETWEEN_DAY_SD, REFERENCES, find_planned_change
+from fusion.comparison.levels import ComparedLevel, combine_days, compare_with_level, find_left_out_reason
 from fusion.conventions import MAIN_THRESHOLD_DEG, SAID_S, UNHELD, awaits_pose
 from fusion.exposure.types import Interval, PartExposure
-from fusion.recording import MICROSECONDS
 
 SHOWN_TASKS = 3
-MOST_STEPS = 5
+MOST_STEPS = 3
 LONGEST_NAME = 32
 TASK_KINDS = frozenset({"task", "seated", "supported"})
 """Kinds of period that name a task; work counts only with a name in the diary."""
 DAYS = (1, 2, 3, 5)
 WORTHWHILE_SHARE = 0.5
-"""Share of the time above 60 deg: the change that the requested days can detect (docs/profile.md)."""
-PUBLISHED = {30: "above_30", 60: "above_60", 90: "above_90_others"}
+"""Share of the time above 60 deg: the planned change that the days can detect (docs/profile.md)."""
 ENDS = {30: 100.0, 60: 40.0, 90: 20.0}
 """Ends of the scales in percent; extended for larger values."""
-END_PER_H = 120.0
+END_DPS = 120.0
+REST = ("recovery_neutral_slow_percent", "recovery_longest_without_s")
+BUSY = "entries_above_60_busy_minutes_percent"
+UNMEASURED = ("trunk", "supported", "force", "seated")
+"""What the angle does not show; a diary may state when the arm was supported, or the person seated."""
 
 
 def build_profile(context: Context) -> Profile:
@@ -48,11 +52,16 @@ def build_profile(context: Context) -> Profile:
     blocks = _lay_out_blocks(tasks, context)
     versions = {"version": str(subject.version), "earlier": str(subject.version - 1)}
     amended = fill(context.words["heading"]["amended_short"], versions) if subject.version > 1 else ""
+    stated = {part.kind for part in context.exposure.by_period}
+    missing = ", ".join(entry["unmeasured"][key] for key in UNMEASURED if key not in stated)
     return Profile(
         quality=format_quality(context),
-        tiles=(*(_build_share(threshold, context) for threshold in (30, 60, 90)), _build_rises(context)),
+        not_measured=fill(entry["not_measured"], {"list": missing}),
+        tiles=(*(_build_share(threshold, context) for threshold in (30, 60, 90)), _build_velocity(context)),
         strip=build_day(context.findings, blocks, context.clock, context.words),
         tasks=_tabulate_tasks(tasks, context) if tasks else _tabulate_quarter_hours(context),
+        rest_title=entry["rest"]["title"],
+        rest=_list_rest(context),
         sure=_build_uncertainty(context),
         next_title=entry["next"]["title"],
         next_steps=_list_next_steps(blocks if tasks else (), context),
@@ -61,22 +70,20 @@ def build_profile(context: Context) -> Profile:
     )
 
 
-def _is_whole_day(context: Context) -> bool:
-    return context.exposure.analysed_s >= WHOLE_DAY_S
-
-
 # Tiles.
 
 
 def _build_share(threshold: int, context: Context) -> Tile:
-    findings, language, entry = context.findings, context.language, context.words["profile"]
-    above, reason = context.find_above(threshold), ""  # why no published value is shown
-    if findings.time.analysed_us < WHOLE_DAY_S * MICROSECONDS:
-        reason = "short"
-    elif findings.quality.verdict == "poor":
-        reason = "poor"
-    reference = next(reference for reference in REFERENCES if reference.key == PUBLISHED[threshold])
-    limits = () if reason else tuple(v for v in (reference.low, reference.high) if v is not None)
+    above, language = context.find_above(threshold), context.language
+    entry = context.words["profile"]
+    level = _find_level(f"above_{threshold}", context)
+    if level is not None:
+        limits, told = _list_limits(level), _format_standing(level, context)
+    else:
+        reference = next(one for one in REFERENCES if one.key == f"above_{threshold}_others")
+        left_out = find_left_out_reason(context.findings.extent, context.findings.quality.verdict)
+        limits = () if left_out else tuple(v for v in (reference.low, reference.high) if v is not None)
+        told = str(entry["standing"][left_out or "others"])
     pose = _find_pose_part(above.percent, above.interval)
     end = min(_extend(ENDS[threshold], above.percent, above.interval), 100.0)
     scale = TileScale(
@@ -95,37 +102,62 @@ def _build_share(threshold: int, context: Context) -> Tile:
         "duration": format_duration(above.duration_s, language),
         "range": format_range(above.interval, language),
         "pose": format_percent(pose[1], language) if pose else "",
-        "published": str(entry["published"][reason or f"above_{threshold}"]),
+        "standing": told,
     }
     return _build_tile(scale, facts, context)
 
 
-def _build_rises(context: Context) -> Tile:
-    """Build the tile of the rises, without a published value because none was counted in the same way."""
-    exposure, language, entry = context.exposure, context.language, context.words["profile"]
-    entries = next(e for e in exposure.entries if e.threshold_deg == MAIN_THRESHOLD_DEG)
-    interval = exposure.intervals.get(f"entries_above_{MAIN_THRESHOLD_DEG}_per_h")
-    ends = (interval.low, interval.high) if interval else None
-    per_hour = entries.per_hour
-    pose = _find_pose_part(per_hour, interval) if per_hour is not None else None
-    end = _extend(END_PER_H, per_hour or 0.0, interval)
+def _build_velocity(context: Context) -> Tile:
+    """Build the tile of the median velocity, which is computed as in the study with the proposal."""
+    entry, language = context.words["profile"], context.language
+    level = _find_level("velocity", context)
+    assert level is not None
+    limits = _list_limits(level)
+    measured, interval = level.measured or 0.0, level.interval
+    end = _extend(END_DPS, measured, interval)
     scale = TileScale(
-        key="tile-rises",
-        words=(entry["rises"], ""),
+        key="tile-velocity",
+        words=(entry["velocity"], ""),
         end=end,
-        end_label=format_number(end, 0, language),
-        measured=per_hour or 0.0,
-        interval=ends,
-        pose=pose,
+        end_label=_format_speed(end, language),
+        measured=measured,
+        interval=(interval.low, interval.high) if interval else None,
+        published=limits,
+        published_label=_format_speed(limits[0], language) if limits else "",
     )
     facts = {
-        "value": format_rate(per_hour, language),
-        "duration": fill(entry["count"], {"count": format_number(entries.count, 0, language)}),
-        "range": "–".join(format_rate(end, language) for end in ends or ()),
-        "pose": format_rate(pose[1], language) if pose else "",
-        "published": entry["published"]["none"],
+        "value": NONE if level.measured is None else _format_speed(level.measured, language),
+        "duration": entry["accelerometer"] if level.measured is not None else "",
+        "range": f"{format_number(interval.low, 0, language)}–{_format_speed(interval.high, language)}"
+        if interval
+        else "",
+        "pose": "",
+        "standing": _format_standing(level, context),
     }
     return _build_tile(scale, facts, context)
+
+
+def _find_level(key: str, context: Context) -> ComparedLevel | None:
+    return next((one for one in context.findings.compare_with_levels() if one.reference.key == key), None)
+
+
+def _list_limits(level: ComparedLevel) -> tuple[float, ...]:
+    """Return the proposal, if the figure is compared with it."""
+    return () if level.reason else (level.reference.high,)
+
+
+def _format_speed(speed_dps: float, language: Language) -> str:
+    return f"{format_number(speed_dps, 0, language)}°/s"
+
+
+def _format_standing(level: ComparedLevel, context: Context) -> str:
+    """Return where the figure lies beside its level, or why it is not compared."""
+    entry, value = context.words["profile"]["standing"], level.reference.high
+    shown = _format_speed(value, context.language)
+    if level.reference.unit == "percent":
+        shown = _format_published((value,), context.language)
+    key = (level.standing or level.reason).replace(" ", "_")
+    return fill(entry[key], {"level": shown})
 
 
 def _build_tile(scale: TileScale, facts: Mapping[str, str], context: Context) -> Tile:
@@ -151,12 +183,9 @@ def _find_pose_part(value: float, interval: Interval | None) -> tuple[float, flo
 
 
 def _extend(end: float, value: float, interval: Interval | None) -> float:
+    """Return the end of a scale that must include a figure: the usual one, or the next ten."""
     ends = (interval.high, interval.high_pose or 0.0) if interval else ()
-    return _extend_scale(end, max(1.1 * value, *ends, 0.0))
-
-
-def _extend_scale(end: float, largest: float) -> float:
-    """Return the end of a scale that must include ``largest``: the usual one, or the next ten."""
+    largest = max(1.1 * value, *ends, 0.0)
     return end if largest <= end else 10.0 * ceil(largest / 10.0)
 
 
@@ -164,6 +193,21 @@ def _format_published(values: Sequence[float], language: Language) -> str:
     """Format a published value, or a range of two, with its published digits."""
     shown = "–".join(format_number(v, 0 if v >= 10 else 1, language) for v in values)
     return shown + percent_sign(language) if shown else ""
+
+
+def _list_rest(context: Context) -> tuple[Pair, ...]:
+    """List time arm down and still, the longest time without it, and minutes with two or more rises."""
+    exposure, entry, language = context.exposure, context.words["profile"]["rest"], context.language
+    values = RECOVERY.name_values(exposure.recovery) if exposure.recovery else {}
+    busy = next(e for e in exposure.entries if e.threshold_deg == MAIN_THRESHOLD_DEG).busy_minutes_percent
+    pairs = []
+    for name, value in (*((name, values.get(name)) for name in REST), (BUSY, busy)):
+        if value is not None:
+            interval = exposure.intervals.get(name)
+            ends = format_range if name.endswith("_percent") else format_duration_range
+            shown = f" ({ends(interval, language)})" if interval else ""
+            pairs.append(Pair(entry[name], format_figure(value, name, language) + shown))
+    return tuple(pairs)
 
 
 # Tasks.
@@ -223,22 +267,24 @@ def _tabulate_quarter_hours(context: Context) -> Table | None:
 
 
 def _build_uncertainty(context: Context) -> Drawing:
-    """Draw the uncertainties of the time above 60 deg side by side; if none is known, state the reason."""
+    """Draw the combined range of the time above 60 deg over its parts; if none is known, state the reason."""
     findings, language, entry = context.findings, context.language, context.words["profile"]["sure"]
-    above, days = context.find_above(MAIN_THRESHOLD_DEG), None
-    interval, told_days = above.interval, entry["unknown"]
-    if _is_whole_day(context):  # the range of a day around the person's mean
-        spread = 1.96 * BETWEEN_DAY_SD["time_above_60_percent"]
-        days = max(above.percent - spread, 0.0), min(above.percent + spread, 100.0)
-        told_days = format_range(Interval(*days), language)
+    above = findings.find_above_60()
+    interval, days = above.interval, combine_days(above.percent, above.interval)
+    is_short = findings.extent == "short"
+    combined = None if is_short else days.combined
+    between = None if is_short else days.between
+
+    def build_bar(name: str, spread: Interval | None, *, is_combined: bool = False) -> UncertaintyBar:
+        span = (spread.low, spread.high) if spread else None
+        shown = format_range(spread, language) or entry["unknown"]
+        return UncertaintyBar(entry[name], shown, span, is_combined=is_combined)
+
     doubts = [
-        UncertaintyBar(
-            entry["sensor" if findings.calibration else "sampling"],
-            format_range(interval, language) or entry["unknown"],
-            (interval.low, interval.high) if interval else None,
-        ),
+        *([build_bar("combined", combined, is_combined=True)] if combined else []),
+        build_bar("angle" if findings.calibration else "sampling", interval),
         *_find_pose_uncertainty(above.percent, interval, context),
-        UncertaintyBar(entry["days"], told_days, days),
+        build_bar("days", between),
     ]
     spans = [doubt.span for doubt in doubts if doubt.span]
     if not spans:
@@ -246,15 +292,26 @@ def _build_uncertainty(context: Context) -> Drawing:
         named = [{"name": doubt.name.capitalize(), "parts": doubt.shown} for doubt in doubts if doubt.is_pose]
         pose = [fill(line, one) for one in named]
         return Drawing(entry["title"], "", "", " ".join((entry["none"][choose_ranges(findings)], *pose)))
-    largest = max(high for _, high in spans)
-    end = min(_extend_scale(20.0, max(1.1 * above.percent, 1.05 * largest)), 100.0)
+    end = min(_extend(ENDS[60], max(above.percent, *(high / 1.1 for _, high in spans)), interval), 100.0)
     shown = join_clauses((f"{doubt.name}, {doubt.shown}" for doubt in doubts), language)
     facts = {"value": format_percent(above.percent, language), "list": shown}
     words = (entry["title"], fill(entry["alternative"], facts))
-    drawn = draw_uncertainty(
-        UncertaintyChart(words, above.percent, end, _format_published((end,), language), doubts)
+    level = _find_level("above_60", context)
+    assert level is not None
+    limits = _list_limits(level)
+    chart = UncertaintyChart(
+        words,
+        above.percent,
+        end,
+        _format_published((end,), language),
+        doubts,
+        limits[0] if limits else None,
+        _format_published(limits, language),
     )
-    return Drawing(*words, drawn, entry["note"])
+    wider = compare_with_level(above.percent, combined, level.reference.high)
+    is_wider = level.standing in {"below", "above"} and wider == "cannot tell"
+    note = " ".join(filter(None, (entry["note"], entry["this_day"] if is_wider else "")))
+    return Drawing(*words, draw_uncertainty(chart), note)
 
 
 def _find_pose_uncertainty(value: float, interval: Interval | None, context: Context) -> list[UncertaintyBar]:
@@ -285,17 +342,17 @@ def _list_next_steps(blocks: Sequence[Block], context: Context) -> tuple[str, ..
         for start_s, end_s in (flag.spans_s if flag.code == Caveat.REMOUNT else ())
         if awaits_pose(start_s, end_s)
     ]
-    is_whole = _is_whole_day(context)
+    is_short = findings.extent == "short"
     steps = (
         _format_pose_step(context, entry),
         *(fill(entry[each.kind], clock.format_span(each.start_s, each.end_s)) for each in questions),
         *(fill(entry["pose_after"], {"time": clock.format(at_s)}) for at_s in after_s),
-        entry["poor"] if findings.quality.verdict == "poor" and is_whole else "",
-        "" if is_whole else entry["short"],
+        "" if context.subject.side else entry["side"],
+        entry["short"] if is_short else "",
+        entry["poor"] if findings.quality.verdict == "poor" and not is_short else "",
         _format_look_at(blocks, context, entry) if is_known else "",
         entry["lean"] if is_known and format_pose_caution(findings, context.words) else "",
-        _format_days(context, entry) if is_known and is_whole else "",
-        entry["other_arm"].get(context.subject.side or "unknown", ""),
+        _format_days(context, entry) if is_known and not is_short else "",
     )
     return tuple(step for step in steps if step)[:MOST_STEPS]
 
@@ -328,10 +385,9 @@ def _format_look_at(blocks: Sequence[Block], context: Context, entry: Words) -> 
 
 
 def _format_days(context: Context, entry: Words) -> str:
-    """Return the fewest days on each side that can detect a change of half the time above 60 deg."""
+    """Return the fewest days before and after a planned change that detect half the time above 60 deg."""
     sd, percent = BETWEEN_DAY_SD["time_above_60_percent"], context.find_above(MAIN_THRESHOLD_DEG).percent
-    enough = (k for k in DAYS if find_detectable_change(sd, k) <= WORTHWHILE_SHARE * percent)
+    enough = (k for k in DAYS if find_planned_change(sd, k) <= WORTHWHILE_SHARE * percent)
     days = next(enough, DAYS[-1])
-    points = format_number(find_detectable_change(sd, days), 1, context.language)
-    facts = {"more": str(days - 1), "days": str(days), "points": points}
-    return fill(entry["one_day" if days == 1 else "days"], facts)
+    points = format_number(find_planned_change(sd, days), 1, context.language)
+    return fill(entry["days"], {"days": str(days), "points": points})

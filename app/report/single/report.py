@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import datetime
 
 from app.report.charts.bars import build_bar
@@ -44,9 +45,13 @@ from app.report.words.wording import (
     load_wording,
     name_ranges,
 )
+from fusion.comparison.levels import can_be_below
 from fusion.conventions import MAIN_THRESHOLD_DEG
 from fusion.exposure.types import LEAST_RANGED_S, Episodes
 from fusion.recording import MICROSECONDS
+
+MOST_ON_PAGE_1 = 400
+"""Maximum length of a conclusion on page 1; page 2 has the whole text."""
 
 __all__ = ["Report", "ReportSubject", "Software", "build_report"]
 
@@ -67,7 +72,11 @@ def build_report(findings: Findings, subject: ReportSubject, language: Language)
         subtitle=words["heading"]["subtitle"],
         header=header,
         verdict=build_verdict(context),
-        sentences=(_format_time_above(context), _format_entries(context), _format_worst_window(context)),
+        sentences=(
+            _format_answer(context),
+            f"{_format_time_above(context)} {_format_entries(context)}",
+            _format_worst_window(context),
+        ),
         range_note=words["ranges"][ranges],
         pose_caution=format_pose_caution(findings, words),
         figures=(build_bar(findings.exposure, words, language),),
@@ -83,13 +92,41 @@ def build_report(findings: Findings, subject: ReportSubject, language: Language)
         pose_state=format_pose_state(context),
         needs_pose=format_needs_pose(context),
         walking_note=format_walking_note(context),
-        profile=build_profile(context),
+        profile=replace(build_profile(context), conclusion=_build_conclusion(context, MOST_ON_PAGE_1)),
         conclusion=_build_conclusion(context),
     )
 
 
-# The answer in three sentences: how long the arm was raised above 60 deg (and above 90 deg), how often, and
-# when; with a range only if the exposure has one.
+# The answer in three sentences: how much time above 60 deg beside the proposal and how sure; how long, above
+# 90 deg and how often; and when. With a range only if the exposure has one.
+
+
+def _format_answer(context: Context) -> str:
+    """Return the main figure, its range with the pose, and where it lies beside the proposal."""
+    findings, language, entry = context.findings, context.language, context.words["answer"]
+    above = findings.find_above_60()
+    level = next(one for one in findings.compare_with_levels() if one.reference.key == "above_60")
+    interval, state = above.interval, findings.calibration.state if findings.calibration else None
+    ends = format_range(interval, language)
+    if interval and state is None:
+        ends = fill(entry["sampled"], {"range": ends})
+    if interval and interval.high_pose is not None and interval.high_pose > interval.high:
+        ends = fill(entry["posed"], {"range": ends, "high": format_percent(interval.high_pose, language)})
+    why = ""
+    if level.standing == "cannot tell" and not can_be_below(findings.exposure, state):
+        why = entry["why_pose" if state else "why_ready"]
+    shift_us = findings.time.shift_us
+    is_part = findings.extent == "part" and shift_us is not None
+    facts = {
+        "arm": context.words["arm"][context.subject.side or "unknown"],
+        "percent": format_percent(above.percent, language),
+        "analysed": format_duration(findings.exposure.analysed_s, language),
+        "range": ends,
+        "standing": entry[(level.standing or level.reason).replace(" ", "_")],
+        "why": why,
+        "shift": format_duration(shift_us / MICROSECONDS, language) if is_part and shift_us else "",
+    }
+    return fill(entry["line"], facts)
 
 
 def _format_time_above(context: Context) -> str:
@@ -99,8 +136,6 @@ def _format_time_above(context: Context) -> str:
         facts[f"above{suffix}"] = format_duration(above.duration_s, language)
         facts[f"percent{suffix}"] = format_percent(above.percent, language)
         facts[f"range{suffix}"] = format_range(above.interval, language)
-    arm = context.words["arm"][context.subject.side or "unknown"]
-    facts |= {"arm": arm, "analysed": format_duration(context.exposure.analysed_s, language)}
     return fill(context.words["sentence"]["time_above"], facts)
 
 
@@ -180,13 +215,17 @@ def _build_header(context: Context) -> tuple[Pair, ...]:
     )
 
 
-def _build_conclusion(context: Context) -> Note | None:
+def _build_conclusion(context: Context, most: int | None = None) -> Note | None:
+    """Return the clinician's conclusion, cut if it is longer than ``most`` characters; None without one."""
     concluded, shown = context.subject.conclusion, context.words["conclusion"]
     if concluded is None:
         return None
     when = format_date(datetime.fromisoformat(concluded.date), context.language)
     title = fill(shown["title"], {"name": clean_text(concluded.name), "date": when})
-    return Note(title, (*clean_paragraphs(concluded.text), shown["typed"]))
+    paragraphs, text = clean_paragraphs(concluded.text), " ".join(clean_paragraphs(concluded.text))
+    if most is not None and len(text) > most:
+        paragraphs = (fill(shown["longer"], {"text": cut_text(text, most)}),)
+    return Note(title, (*paragraphs, shown["typed"]))
 
 
 def _format_amendment(context: Context) -> str:

@@ -10,6 +10,7 @@ from fastapi.testclient import TestClient
 from sqlalchemy import insert, update
 
 from app.http.api.housekeeping import apply_retention, write_side_files
+from app.http.pages.rendering import stamp_release
 from app.library.audit_log import AuditFilter, find_lines
 from app.library.batches import identify_study
 from app.library.database.tables import analyses, answers
@@ -18,11 +19,13 @@ from app.library.jobs import JobStore
 from app.library.recordings import RecordingStore
 from app.library.rows import Job
 from app.queue.worker import WorkerContext
+from app.report.render.html import render_html
 from app.request import ReportRequest
 from app.services import Services
 from app.store.folder import Storage
 from tests.app.accounts.conftest import House
 from tests.app.conftest import AddJob, do_next, on_both_databases
+from tests.app.report.report_reading import report_of
 from tests.crash.program import write_digest
 
 
@@ -75,6 +78,16 @@ def test_a_later_version_is_not_released_by_it(
     assert released.json()["released_by"] == house.people["clinician"]
     shown = caller.get(f"/api/v1/analyses/{second}/release", headers=clinician).json()
     assert shown["released_by"] is None
+
+
+def test_page_1_of_a_shown_report_says_who_released_it() -> None:
+    report = render_html(report_of()).decode()
+
+    stamped = stamp_release(report, "Released by A & B, 2026-03-10 09:00.")
+
+    assert '<span class="released">Released by A &amp; B, 2026-03-10 09:00.</span>' in stamped
+    assert stamped.replace("Released by A &amp; B, 2026-03-10 09:00.", "Released by") == report
+    assert stamp_release("<p>An older report</p>", "Released.") == "<p>An older report</p>"
 
 
 # Holds.

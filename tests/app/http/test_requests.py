@@ -132,7 +132,7 @@ def test_the_paper_and_appendix_asked_for_go_before_the_server_s(settings: Setti
         assert told == [("letter", True), ("a4", False), ("a4", False)]
 
 
-def test_another_paper_or_language_or_the_appendix_is_the_same_version(client: TestClient, store: JobStore) -> None:
+def test_another_paper_language_or_appendix_is_the_same_version(client: TestClient, store: JobStore) -> None:
     recording = keep(client)
     ask(client, recording, settings={"lang": "en"})
 

@@ -13,11 +13,11 @@ import pytest
 from pypdf import PdfReader
 
 from app.report.findings import Findings
-from app.report.model import Profile, Report
+from app.report.model import Profile, Report, format_brief
 from app.report.render.pdf import render_pdf
 from app.report.single.report import build_report
 from app.report.words.wording import LANGUAGES, Language
-from app.request import Paper
+from app.request import Conclusion, Paper
 from fusion.conventions import Pose
 from fusion.exposure.types import Entries, Exposure, Interval
 from fusion.quality import Quality, TimeAccount
@@ -56,6 +56,25 @@ def with_percent(percent: float, interval: Interval | None = None) -> Exposure:
     return replace(exposure, time_above=tuple(above))
 
 
+def ranged_day() -> Exposure:
+    """Return the day with ranges; the pose takes the time above 60 deg across the proposal, and no other."""
+    pose = {30: (20.0, 41.3, 20.0, 48.6), 60: (5.2, 9.9, 5.2, 14.7), 90: (1.4, 3.0, 1.4, 6.4)}
+    exposure = make_exposure()
+    above = tuple(
+        replace(item, interval=Interval(*pose[int(item.threshold_deg)])) for item in exposure.time_above
+    )
+    speeds = {"generalised_accelerometer_velocity_p50_dps": Interval(38.2, 44.7)}
+    return replace(exposure, time_above=above, intervals=speeds)
+
+
+def last(hours: float, exposure: Exposure | None = None, shift_h: float | None = None) -> Findings:
+    """Return a recording of so many analysed hours, in a shift of a stated length."""
+    analysed_us, shift_us = round(hours * 3.6e9), None if shift_h is None else round(shift_h * 3.6e9)
+    day = replace(exposure or make_exposure(), analysed_s=hours * 3600.0)
+    time = TimeAccount(analysed_us, analysed_us, 0, 0, shift_us=shift_us)
+    return replace(make_analysis(exposure=day), time=time, exclusions=())
+
+
 def short_day() -> Findings:
     """Three minutes, which have neither ranges nor rates."""
     exposure = replace(
@@ -68,44 +87,124 @@ def short_day() -> Findings:
 # Tiles.
 
 
-def test_each_published_value_is_named_by_author_and_year() -> None:
-    assert [plain(tile.published) for tile in profile_of().tiles] == [
-        "Proposal: at most 50 % (Arvidsson 2021)",
-        "Proposal: at most 10 % (Arvidsson 2021)",
-        "Other workers (Lewis 2026)",
-        "No comparable published value",
+def test_each_tile_says_where_it_lies_beside_the_proposal() -> None:
+    told = [plain(tile.standing) for tile in profile_of(exposure=ranged_day()).tiles]
+
+    assert told == [
+        "Below the proposed 50 %",
+        "Cannot tell: 10 % proposed",
+        "Means of four trades, over 50 years (Lewis 2026)",
+        "Below the proposed 60°/s",
     ]
 
 
 def test_the_scale_shows_the_published_value() -> None:
     scales = [plain(tile.scale) for tile in profile_of().tiles]
 
-    assert [
-        mark in scale
-        for mark, scale in zip((">50 %<", ">10 %<", ">1.0–2.8 %<", "accent"), scales, strict=True)
-    ] == [True, True, True, False]
+    marks = (">50 %<", ">10 %<", ">1.0–2.8 %<", ">60°/s<")
+    assert [mark in scale for mark, scale in zip(marks, scales, strict=True)] == [True] * 4
 
 
-def test_less_than_four_hours_and_poor_data_have_no_published_value_beside_them() -> None:
-    exposure = replace(make_exposure(), analysed_s=14_399.0)
-    analysis = replace(
-        make_analysis(exposure=exposure), time=TimeAccount(14_399_000_000, 14_399_000_000, 0, 0)
-    )
+@pytest.mark.parametrize("is_short", [True, False], ids=["short", "poor"])
+def test_less_than_four_hours_and_poor_data_have_no_published_value_beside_them(is_short: bool) -> None:
+    tiles = profile_of(last(3.99) if is_short else make_analysis(quality=make_quality("poor"))).tiles
 
-    tiles = profile_of(analysis).tiles
-
-    assert [tile.published for tile in tiles[:3]] == ["Under 4\u00a0h: not compared"] * 3
+    assert [tile.standing for tile in tiles] == ["Not compared"] * 4
     assert not any("accent" in tile.scale for tile in tiles)
-    assert (
-        profile_of(make_analysis(quality=make_quality("poor"))).tiles[1].published
-        == "Poor data: not compared"
-    )
 
 
-def test_a_rate_that_is_not_given_has_no_scale() -> None:
-    tile = profile_of(short_day()).tiles[3]
+def test_a_velocity_that_was_not_computed_has_no_scale() -> None:
+    exposure = replace(make_exposure(), velocity_dps={})
 
-    assert (tile.value, plain(tile.duration), tile.scale) == ("–", "15 in all", "")
+    tile = profile_of(exposure=exposure).tiles[3]
+
+    assert (tile.value, tile.standing, tile.scale) == ("–", "Not computed", "")
+
+
+# The answer.
+
+
+ANALYSED = "of the 7 h 5 min analysed"
+DAY, OPEN = f"7.6 % {ANALYSED}", "cannot tell whether this is below the proposed 10 %"
+
+
+@pytest.mark.parametrize(
+    ("findings", "told"),
+    [
+        (
+            lambda: make_analysis(exposure=ranged_day()),
+            f"{DAY} (5.2–9.9 %, up to 14.7 % if the pose read low): {OPEN}.",
+        ),
+        (
+            lambda: make_analysis(exposure=with_percent(7.6, Interval(5.2, 9.9, 5.2, 9.9))),
+            f"{DAY} (5.2–9.9 %): below the proposed 10 %.",
+        ),
+        (
+            lambda: make_analysis(exposure=with_percent(14.0, Interval(11.0, 17.0, 11.0, 21.0))),
+            f"14.0 % {ANALYSED} (11.0–17.0 %, up to 21.0 % if the pose read low): above the proposed 10 %.",
+        ),
+        (
+            lambda: make_analysis(exposure=with_percent(7.6, Interval(5.2, 9.3)), calibrated=False),
+            f"{DAY} (sampling range 5.2–9.3 %): {OPEN}, because the error of these angles is unknown.",
+        ),
+        (
+            lambda: replace(
+                make_analysis(exposure=with_percent(7.6, Interval(5.2, 9.3))),
+                calibration=replace(make_calibration(), pose="side-lean", state="assumed"),
+            ),
+            f"{DAY} (5.2–9.3 %): {OPEN}, because the pose is not confirmed.",
+        ),
+        (lambda: last(3.0), "7.6 % of the 3 h analysed: under 4 h, so not compared."),
+        (
+            lambda: make_analysis(quality=make_quality("poor")),
+            f"{DAY}: poor data, so not compared.",
+        ),
+        (
+            lambda: last(5.0, with_percent(7.6, Interval(5.2, 9.3)), shift_h=8.0),
+            "7.6 % of the 5 h analysed (5.2–9.3 %): below the proposed 10 %, for part of a shift of 8 h.",
+        ),
+    ],
+    ids=["pose", "below", "above", "ready", "assumed", "short", "poor", "part"],
+)
+def test_one_sentence_says_how_much_beside_what_and_how_sure(
+    findings: Callable[[], Findings], told: str
+) -> None:
+    report = report_of(analysis=findings())
+
+    assert plain(report.sentences[0]) == f"The right arm was above 60° for {told}"
+
+
+def test_the_first_line_of_the_text_to_copy_is_the_sentence_on_top() -> None:
+    report = report_of(analysis=make_analysis(exposure=ranged_day()))
+
+    assert format_brief(report).decode().splitlines()[0] == report.sentences[0]
+
+
+@pytest.mark.parametrize(
+    ("kind", "told"),
+    [
+        ("task", "Not measured: trunk, arm support, force, seated time."),
+        ("seated", "Not measured: trunk, arm support, force."),
+        ("supported", "Not measured: trunk, force, seated time."),
+    ],
+)
+def test_what_the_diary_does_not_state_is_not_measured(kind: str, told: str) -> None:
+    exposure = with_diary(make_exposure())
+    periods = tuple(replace(part, kind=kind) for part in exposure.by_period)
+
+    assert profile_of(exposure=replace(exposure, by_period=periods)).not_measured == told
+
+
+def test_rest_and_busy_minutes_are_on_page_1_with_their_ranges() -> None:
+    ranges = {"recovery_neutral_slow_percent": Interval(28.4, 34.0)}
+
+    shown = profile_of(exposure=replace(make_exposure(), intervals=ranges)).rest
+
+    assert [(pair.name, plain(pair.value)) for pair in shown] == [
+        ("Arm down and still", "31.2 % (28.4–34.0 %)"),
+        ("Longest time without", "12 min"),
+        ("Minutes with two or more rises", "13.4 %"),
+    ]
 
 
 def test_a_scale_that_a_value_would_leave_is_longer() -> None:
@@ -150,6 +249,25 @@ def test_a_side_lean_is_within_two_degrees_and_ready_angles_have_no_pose() -> No
     assert "pose" not in profile_of(make_analysis(calibrated=False)).sure.alternative
 
 
+def test_all_sources_together_lead_the_list_on_the_scale_of_the_tile() -> None:
+    sure = profile_of(exposure=ranged_day()).sure
+
+    assert plain(sure.alternative) == (
+        "Time above 60°: 7.6 % measured. Range by source of uncertainty: all together, 3.0–15.7 %; angle, "
+        "within-day variation, 5.2–9.9 %; pose, up to 14.7 %; day to day, 3.7–11.5 %."
+    )
+    assert ">40 %<" in plain(sure.svg)
+    assert ">10 %<" in plain(sure.svg)
+
+
+@pytest.mark.parametrize(("high", "is_told"), [(7.0, False), (9.0, True)])
+def test_a_day_below_the_proposal_does_not_speak_for_other_days(high: float, is_told: bool) -> None:
+    # 5.0 + sqrt(2.0² + 3.92²) = 9.4; 5.0 + sqrt(4.0² + 3.92²) = 10.6
+    note = profile_of(exposure=with_percent(5.0, Interval(4.0, high, 4.0, high))).sure.note
+
+    assert ("Compared: this day only." in note) == is_told
+
+
 def test_under_half_an_hour_the_page_says_why_it_is_not_sure() -> None:
     sure = profile_of(short_day()).sure
 
@@ -166,30 +284,72 @@ def test_under_half_an_hour_the_pose_has_its_french_colon() -> None:
 @pytest.mark.parametrize(
     ("percent", "step"),
     [
-        (4.0, "To detect a change of 2.5 points above 60°, measure 4 more days now and 5 after it."),
-        (8.0, "To detect a change of 3.9 points above 60°, measure 1 more day now and 2 after it."),
-        (11.2, "To detect a change of 5.5 points above 60°, measure one day after it."),
+        (4.0, "For a planned change: 5 days before, 5 after (detects 3.5 points, power 80 %)."),
+        (11.3, "For a planned change: 2 days before, 2 after (detects 5.6 points, power 80 %)."),
+        (16.0, "For a planned change: 1 day before, 1 after (detects 7.9 points, power 80 %)."),
     ],
 )
-def test_the_days_asked_for_tell_a_change_of_half_the_time_above(percent: float, step: str) -> None:
-    assert step in profile_of(exposure=with_percent(percent)).next_steps
+def test_the_days_asked_for_detect_half_the_time_above_with_eighty_percent_power(
+    percent: float, step: str
+) -> None:
+    assert step in map(plain, profile_of(exposure=with_percent(percent)).next_steps)
 
 
 def test_a_short_recording_is_followed_by_a_whole_shift() -> None:
     steps = profile_of(short_day()).next_steps
 
     assert plain(steps[0]) == "Record a whole shift, at least 4 h."
-    assert not any("after a change" in step for step in steps)
+    assert not any("planned change" in step for step in steps)
 
 
-@pytest.mark.parametrize(
-    ("side", "step"), [("right", "Measure the left arm too."), (None, "State which arm was measured.")]
-)
-def test_the_other_arm_is_next(side: str | None, step: str) -> None:
+@pytest.mark.parametrize("side", ["right", None])
+def test_the_arm_is_asked_for_only_if_it_was_not_stated(side: str | None) -> None:
     profile = build_report(make_analysis(), make_subject(side=side), "en").profile
 
     assert profile is not None
-    assert profile.next_steps[-1] == step
+    assert ("State which arm was measured." in profile.next_steps) == (side is None)
+    assert not any("Measure the" in step for step in profile.next_steps)
+
+
+def test_no_more_than_three_steps_are_offered() -> None:
+    open_pose = replace(crowded_day(), calibration=replace(make_calibration(), state="assumed"))
+
+    assert len(profile_of(open_pose).next_steps) == 3
+
+
+# The conclusion.
+
+
+def conclude(text: str) -> Report:
+    subject = replace(make_subject(), conclusion=Conclusion(text, "A. Martin", "2026-03-10"))
+    return build_report(make_analysis(), subject, "en")
+
+
+def test_a_conclusion_is_on_page_1_with_name_and_date() -> None:
+    first = read_first_page(conclude("Shelves lowered; measure again."))
+
+    assert flatten("Conclusion: A. Martin, 10 March 2026") in first
+    assert flatten("Shelves lowered; measure again.") in first
+    assert flatten("Released by") in first
+
+
+def test_without_a_conclusion_page_1_has_space_for_one() -> None:
+    first = read_first_page(report_of())
+
+    assert flatten("Conclusion Name, date Released by") in first
+
+
+def test_a_long_conclusion_begins_on_page_1_and_is_whole_behind_it() -> None:
+    text = "Lower the shelves and measure again after four weeks. " * 18
+    report = conclude(text)
+    pages = [flatten(page.extract_text()) for page in PdfReader(io.BytesIO(render_pdf(report, {}))).pages]
+
+    assert flatten("(continued on page 2)") in pages[0]
+    assert flatten(text) in pages[1]
+
+
+def read_first_page(report: Report) -> str:
+    return flatten(PdfReader(io.BytesIO(render_pdf(report, {}))).pages[0].extract_text())
 
 
 # The line of quality.

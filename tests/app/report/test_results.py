@@ -44,8 +44,8 @@ def results() -> dict[str, Any]:
 
 def test_the_parts_stand_in_the_order_of_the_contract(results: dict[str, Any]) -> None:
     assert list(results) == [
-        "schema", "report", "recording", "time", "calibration", "method", "exposure", "quality", "software",
-            "conclusion"
+        "schema", "report", "recording", "time", "calibration", "method", "exposure", "comparison", "quality",
+            "software", "conclusion"
     ]  # fmt: skip
     assert results["schema"] == "acromion.results/1"
     assert " ".join(results["exposure"]["percentiles_deg"]) == "1 5 10 25 50 75 90 95 99"

@@ -11,17 +11,24 @@ from app.report.words.wording import LANGUAGES, Language
 from fusion.exposure.types import Cycles, Entries, Episodes, Interval, PartExposure, PeakWindow
 from fusion.quality import Quality, TimeAccount
 from fusion.recording import QualityFlag
-from tests.app.analysis_factory import make_analysis, make_exposure, make_quality, make_subject
+from tests.app.analysis_factory import (
+    make_analysis,
+    make_exposure,
+    make_quality,
+    make_subject,
+    with_velocity,
+)
 from tests.app.report.report_reading import plain, report_of, section_of, table_of
 
 
 def test_the_answer_in_english() -> None:
     assert [plain(sentence) for sentence in report_of().sentences] == [
         (
-            "The right arm was raised above 60° for 32 min of 7 h 5 min analysed (7.6 %), "
-            "and above 90° for 8 min 56 s (2.1 %)."
+            "The right arm was above 60° for 7.6 % of the 7 h 5 min analysed: "
+            "cannot tell whether this is below the proposed 10 %."
         ),
         (
+            "Above 60° for 32 min; above 90° for 8 min 56 s (2.1 %). "
             "The right arm made 214 rises above 60° (30 per hour); "
             "longest continuous time above 60°: 48 s, at 10:42."
         ),
@@ -35,12 +42,12 @@ SENTENCES: dict[str, tuple[dict[str, Any], Language, int, str]] = {
         {"time_above": make_exposure(above_60_interval=Interval(6.0, 9.5)).time_above},
         "fr",
         0,
-        "(7,6 % ; intervalle à 95 % : 6,0–9,5 %), et",
+        "7,6 % des 7 h 5 min analysées (6,0–9,5 %) : sous les 10 % proposés.",
     ),
     "a range above 90 deg": (
         {"time_above": RANGED},
         "en",
-        0,
+        1,
         "above 90° for 8 min 56 s (2.1 %; range 1.5–2.8 %).",
     ),
     "no hourly rate of a few minutes": (
@@ -108,7 +115,7 @@ def test_a_figure_and_its_range_share_a_cell_with_the_upper_end_of_the_pose() ->
 def test_an_arm_of_unknown_side_is_the_arm() -> None:
     report = build_report(make_analysis(), make_subject(side=None), "fr")
 
-    assert report.sentences[0].startswith("Le bras a été élevé")
+    assert report.sentences[0].startswith("Le bras a dépassé 60°")
 
 
 def test_without_a_clock_times_are_told_from_the_start() -> None:
@@ -239,11 +246,13 @@ def list_compared(report: Report) -> dict[str, str]:
 
 
 def test_a_working_day_is_compared_with_the_proposals_but_not_by_its_fused_speed() -> None:
-    compared = list_compared(report_of())
+    report = report_of(exposure=with_velocity(make_exposure(), "generalised_accelerometer", None))
+
+    compared = list_compared(report)
 
     assert compared["Time above 60°"] == "7.6 %"
     assert compared["Median speed, accelerometer-based"] == "–"
-    note = table_of(report_of(), "published", "published").note
+    note = table_of(report, "published", "published").note
     assert "a fused speed reads two to four times lower" in note
 
 

@@ -21,7 +21,7 @@ from app.http.pages.pairs import build_offers, get_days_address
 from app.http.pages.recording.columns import find_offer
 from app.http.pages.recording.day import DayClock, build_day, build_hours, list_axes, load_day
 from app.http.pages.recording.page_one import read_page_one
-from app.http.pages.rendering import Form, Page, UsedForm, UsedPage, add_navigation, first
+from app.http.pages.rendering import Form, Page, UsedForm, UsedPage, add_navigation, first, stamp_release
 from app.http.pages.trust import build_release
 from app.http.pages.views import (
     Fact,
@@ -436,7 +436,7 @@ def _show_trashed(page: Page, recording_id: str) -> HTMLResponse:
 
 
 @router.get("/analyses/{analysis_id}/report.html")
-def show_report(analysis_id: str, page: UsedPage) -> Response:
+def show_report(analysis_id: str, page: UsedPage, subject: UsedSubject) -> Response:
     """Show the report of a recording, or of a comparison with a reference."""
     services = page.services
     job = services.store.get(analysis_id)
@@ -446,6 +446,10 @@ def show_report(analysis_id: str, page: UsedPage) -> Response:
     pdf = f"{page.base}/api/v1/{place}/{job.id}/{stem}.pdf?{urlencode({'lang': made})}"
     reports = services.store.find_reports(job.recording_id) if stem == "report" else ()
     old = describe_old(job, reports, page)
+    release = build_release(page, subject, job.id)
+    if release.name:
+        words = load_wording(page.language, "trail")["release"]
+        report = stamp_release(report, fill(words["done"], {"name": release.name, "when": release.when}))
     return add_navigation(page, report, f"{page.base}/{place}/{job.id}", pdf, old)
 
 
