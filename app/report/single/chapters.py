@@ -415,7 +415,7 @@ def _tabulate_tasks(context: Context) -> Table:
         whole = _scale(plain.get(MAIN_FIGURE), minutes)
         rows.append(
             (
-                f"{rank} {_name_task(task, words)}".strip(),
+                f"{rank}. {_name_task(task, words)}" if rank else _name_task(task, words),
                 format_duration(task.analysed_s, language),
                 format_ranged(share, ranges.get(MAIN_FIGURE), tenths, words),
                 format_ranged(None if share is None else share * minutes, whole, tenths, words),
@@ -443,7 +443,7 @@ def _tabulate_tasks(context: Context) -> Table:
     return Table.build(entry, rows[:MOST_PARTS], note=fill(entry["note"], cut))
 
 
-def rank_tasks(tasks: Sequence[PartExposure]) -> list[tuple[PartExposure, str]]:
+def rank_tasks(tasks: Sequence[PartExposure]) -> list[tuple[PartExposure, int | None]]:
     """Sort tasks by minutes above 60 deg; each has its rank if its range overlaps with no other."""
 
     def find_above_s(task: PartExposure) -> tuple[float, float, float]:
@@ -453,11 +453,11 @@ def rank_tasks(tasks: Sequence[PartExposure]) -> list[tuple[PartExposure, str]]:
 
     ordered = sorted(tasks, key=lambda task: -find_above_s(task)[0])
     ends = [find_above_s(task)[1:] for task in ordered]
-    ranked = []
+    ranked: list[tuple[PartExposure, int | None]] = []
     for k, task in enumerate(ordered):
         others = ends[:k] + ends[k + 1 :]
         is_apart = all(high < ends[k][0] or low > ends[k][1] for low, high in others)
-        ranked.append((task, f"{k + 1}." if is_apart and others else ""))
+        ranked.append((task, k + 1 if is_apart and others else None))
     return ranked
 
 
