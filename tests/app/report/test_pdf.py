@@ -2,6 +2,7 @@
 
 import io
 import re
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from functools import cache
 from typing import Any, get_args
@@ -94,7 +95,7 @@ def make_poor() -> Findings:
     return replace(read_example(), quality=Quality("poor", codes[:4], flags))
 
 
-TYPICAL = {
+TYPICAL: dict[str, Callable[[], Findings]] = {
     "clean": lambda: replace(
         read_example(), exposure=replace(read_example().exposure, by_task=(), by_period=())
     ),
