@@ -150,7 +150,7 @@ def make_report(
 
     def write_angle(path: Path) -> None:
         """Write the angles to disk while the pages are rendered."""
-        write_elevation(analysis.elevation, path)
+        write_elevation(analysis.elevation, path, analysis.exclusions)
         sync_file(path)
 
     def write_tables() -> None:

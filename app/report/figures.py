@@ -362,6 +362,7 @@ SUMMARY: tuple[Column, ...] = (
         for name in (*_RANGED, "entries_above_60_per_h")
         for end in ("low_pose", "high_pose")
     ),
+    Column("{name}_velocity_p50_dps", {"name": "generalised_accelerometer"}),
 )
 """Columns of ``summary.csv``, one row per recording. Append new columns at the end."""
 

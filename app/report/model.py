@@ -113,8 +113,8 @@ class Tile:
     """A main figure: its value, duration and range, and a scale with the published value.
 
     ``needed`` precedes the value if the pose must be named first. ``pose`` states how far the error of the
-    calibration pose may raise the value; ``standing`` where it lies beside the proposal, or whose the
-    published values are. All except name and value may be empty.
+    calibration pose may raise the value; ``standing`` whether it is below or above the proposal, or
+    the source of the published values. All except name and value may be empty.
     """
 
     name: str

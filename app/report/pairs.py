@@ -19,6 +19,7 @@ from app.errors import CannotCompare
 from app.report.charts.bars import build_parts
 from app.report.charts.day import build_timeline, build_two_days, shift_day
 from app.report.charts.distribution import build_two_curves
+from app.report.export.results import describe_level
 from app.report.figures import format_figure, round_all
 from app.report.findings import Findings, FinishedAnalysis
 from app.report.model import Chart, Note, Pair, Report, Section, Table, VerdictLine
@@ -34,6 +35,7 @@ from app.report.words.numbers import (
     format_number,
     format_percent,
     format_range,
+    percent_sign,
 )
 from app.report.words.wording import (
     LONGEST_CODE,
@@ -46,13 +48,17 @@ from app.report.words.wording import (
     load_wording,
 )
 from app.request import find_code
-from fusion.comparison.change import SOURCE, ComparedDay, DayComparison, FigureChange, compare_days
+from fusion.comparison.change import SOURCE, ComparedDay, DayComparison, FigureChange, Reference, compare_days
 from fusion.conventions import CONFIRMED, UNHELD
 from fusion.exposure.types import LEAST_RANGED_S, PartExposure
 from fusion.recording import MICROSECONDS
 
 if TYPE_CHECKING:
     from fusion.comparison.arms import PairedArms, TrunkRelative
+    from fusion.comparison.levels import ComparedLevel
+
+MAIN_LEVEL = "above_60"
+"""The level that the sentences state."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -270,6 +276,52 @@ def format_points(points: float | None, name: str, language: Language, *, is_sig
     return sign + fill(words[form], {"value": format_number(points, 1, language)})
 
 
+def mark_rounding(before: float, after: float, change: float, name: str, mark: str) -> str:
+    """Return the mark of a difference that the printed values do not give because of rounding; else empty."""
+
+    def shown(value: float) -> float:
+        return round(value, 0 if name.endswith("_per_h") and value >= 9.95 else 1)
+
+    return mark if abs(shown(after) - shown(before) - shown(change)) > 1e-6 else ""
+
+
+def format_level(values: Sequence[float], reference: Reference, language: Language) -> str:
+    """Format a level, a measured value, or a range of two, in the unit of the level."""
+    decimals = 0 if values == (reference.high,) else 1
+    sign = "°/s" if reference.unit == "dps" else percent_sign(language)
+    return "–".join(format_number(value, decimals, language) for value in values) + sign if values else ""
+
+
+def format_standing(level: ComparedLevel, language: Language) -> str:
+    """Return where a figure lies, or why nothing is compared."""
+    entry = load_pair_words(language)["levels"]
+    return str(entry["standing"][level.standing] if level.standing else entry["reason"][level.reason])
+
+
+def lay_level(level: ComparedLevel, language: Language) -> tuple[str, ...]:
+    """Return a row: figure, proposal, measured value, range, highest value with the pose, and standing."""
+    reference, interval = level.reference, level.interval
+    raised = interval.high_pose if interval else None
+    values = (
+        () if level.measured is None else (level.measured,),
+        (interval.low, interval.high) if interval else (),
+        () if raised is None else (raised,),
+    )
+    at_most = format_level((reference.high,), reference, language)
+    return (
+        load_wording(language)["reference"][reference.key]["name"],
+        fill(load_pair_words(language)["levels"]["at_most"], {"value": at_most}),
+        *(format_level(ends, reference, language) or NONE for ends in values),
+        format_standing(level, language),
+    )
+
+
+def format_levels_note(language: Language, *, is_part: bool) -> str:
+    """Return the meaning of the comparison, and whether a recording covers less than its shift."""
+    entry = load_pair_words(language)["levels"]
+    return " ".join(filter(None, (entry["note"], entry["part"] if is_part else "")))
+
+
 def describe_source(kept: FinishedAnalysis) -> dict[str, object]:
     """Return the identity of an analysis for JSON."""
     recording, subject = kept.findings.recording, kept.subject
@@ -350,6 +402,10 @@ def describe_pair(pair: ArmPair) -> dict[str, Any]:
             "both_above_60_percent": shared.both_above_60_percent,
             "right_to_left": {"time_above_60": shared.ratio_above_60, "elevation_p50": shared.ratio_p50},
             "intervals": {name: [range_.low, range_.high] for name, range_ in shared.intervals.items()},
+            "levels": {
+                side: [describe_level(level) for level in kept.findings.compare_with_levels()]
+                for side, kept in (("left", pair.left), ("right", pair.right))
+            },
             "trunk_relative": {
                 side: {
                     "limit": trunk.limit,
@@ -404,6 +460,7 @@ def build_pair(pair: ArmPair, language: Language) -> Report:
         ),
         figures=(build_two_bars(bars, words["bars_note"], language), _build_days(pair, sides, language)),
         sections=(
+            _build_levels(pair, words, language),
             _build_figures(pair, words["table"], language),
             _build_trunk(pair, words, language),
             *(Section("spread", common["section"]["spread"], figures=(chart,)) for chart in curves),
@@ -442,7 +499,13 @@ def _format_answers(pair: ArmPair, words: Words, language: Language) -> tuple[st
         interval = _format_interval(pair, name, language)
         pattern = entry["ranged_inside" if key == "ratio" else "ranged"]  # it is already in brackets
         facts[key] = fill(pattern, {"value": value, "range": interval}) if value and interval else value
-    return tuple(fill(entry[key], facts) for key in ("above", "both", "median"))
+    for side, kept in (("left", pair.left), ("right", pair.right)):
+        level = next(one for one in kept.findings.compare_with_levels() if one.reference.key == MAIN_LEVEL)
+        facts |= {
+            f"{side}_standing": format_standing(level, language),
+            "level": format_level((level.reference.high,), level.reference, language),
+        }
+    return tuple(fill(entry[key], facts) for key in ("above", "level", "both", "median"))
 
 
 def _format_interval(pair: ArmPair, name: str, language: Language) -> str:
@@ -477,32 +540,53 @@ def _build_days(pair: ArmPair, sides: Sequence[PairSide], language: Language) ->
     return build_two_days(days, entry, report_words)
 
 
+def _build_levels(pair: ArmPair, words: Words, language: Language) -> Section:
+    """Compare each arm's whole recording with the proposed levels, as its own report does."""
+    entry, sides = load_pair_words(language)["levels"], (("left", pair.left), ("right", pair.right))
+    arms = [(words[side], kept.findings.compare_with_levels()) for side, kept in sides]
+    rows = [
+        (figure, arm, *cells)
+        for levels in zip(*(levels for _, levels in arms), strict=True)
+        for (arm, _), level in zip(arms, levels, strict=True)
+        for figure, *cells in (lay_level(level, language),)
+    ]
+    figure, *others = entry["columns"]
+    is_part = any(kept.findings.extent == "part" for _, kept in sides)
+    note = format_levels_note(language, is_part=is_part)
+    columns = (figure, entry["arm"], *others)
+    table = Table(entry["caption"], columns, tuple(rows), note=note, even=True)
+    return Section("levels", entry["title"], tables=(table,))
+
+
 def _build_figures(pair: ArmPair, entry: Words, language: Language) -> Section:
-    shared, arms = pair.shared, (pair.shared.left, pair.shared.right)
-    name = str(load_wording(language)["ranges"]["name"]["known"])
-    ranges_label, rows = name[0].upper() + name[1:], []
+    """Build the table of the shared time; a figure and its range are in one cell."""
+    shared, arms, rows = pair.shared, (pair.shared.left, pair.shared.right), []
+    ratios = (("above", 60, shared.ratio_above_60), ("percentile", 50, shared.ratio_p50))
 
-    def add(label: str, cells: Iterable[str], names: Iterable[str]) -> None:
-        """Add a row of figures, and a row of their ranges if any is known."""
-        rows.append((label, *cells))
-        ranges = tuple(_format_interval(pair, name, language) if name else "" for name in names)
-        rows.extend([(ranges_label, *ranges)] if any(ranges) else [])
+    def add(row: str, key: int, figure: str, values: Sequence[str], both: str) -> None:
+        ratio = next((value for name, k, value in ratios if (name, k) == (row, key)), None)
+        left, right = values
+        rows.append(
+            (
+                fill(entry[row], {"threshold": str(key), "p": str(key)}),
+                tell(left, f"left_{figure}"),
+                tell(right, f"right_{figure}"),
+                both,
+                tell(format_number(ratio, 2, language), f"right_to_left_{figure.rpartition('_')[0]}"),
+            )
+        )
 
-    def name_arms(name: str, ratio: str) -> tuple[str, str, str]:
-        return f"left_{name}", f"right_{name}", f"right_to_left_{ratio}"
+    def tell(value: str, name: str) -> str:
+        interval = _format_interval(pair, name, language)
+        return fill(entry["cell"], {"value": value, "range": interval if value != NONE else ""})
 
     for c in shared.left.percent_above:
-        above = (format_percent(arm.percent_above[c], language) for arm in arms)
-        ratio = format_number(shared.ratio_above_60 if c == 60 else None, 2, language)
-        names = name_arms(f"time_above_{c:g}_percent", f"time_above_{c:g}")
-        add(fill(entry["above"], {"threshold": f"{c:g}"}), (*above, ratio), names)
+        above = tuple(format_percent(arm.percent_above[c], language) for arm in arms)
+        both = format_percent(shared.both_above_60_percent if c == 60 else None, language)
+        add("above", int(c), f"time_above_{c:g}_percent", above, tell(both, "both_above_60_percent"))
     for p in shared.left.percentiles_deg:
-        angles = (format_angle(arm.percentiles_deg[p], language, 1) for arm in arms)
-        ratio = format_number(shared.ratio_p50 if p == 50 else None, 2, language)
-        names = name_arms(f"elevation_p{p}_deg", f"elevation_p{p}")
-        add(fill(entry["percentile"], {"p": str(p)}), (*angles, ratio), names)
-    both = (format_percent(shared.both_above_60_percent, language), NONE, NONE)
-    add(entry["both"], both, ("both_above_60_percent", "", ""))
+        angles = tuple(format_angle(arm.percentiles_deg[p], language, 1) for arm in arms)
+        add("percentile", p, f"elevation_p{p}_deg", angles, NONE)
     table = Table.build(entry, rows, entry["note"])
     return Section("figures", entry["title"], tables=(table,))
 
@@ -599,6 +683,8 @@ def build_comparison(
     sentences = []
     for change in (each for name in _TOLD for each in compared.changes if each.name == name):
         facts, shown = _format_change(change, language), entry["sentence"]
+        rounded = mark_rounding(change.before, change.after, change.change, change.name, entry["unrounded"])
+        facts["change"] += rounded
         sentences.append(f"{fill(shown[change.name], facts)} {fill(shown[change.verdict], facts)}")
     shares = [
         (side.name, exposure.analysed_s, {int(t.threshold_deg): t.percent for t in exposure.time_above})
@@ -606,7 +692,8 @@ def build_comparison(
         for exposure in (side.kept.findings.exposure,)
     ]
     table, rows = entry["table"], format_rows(compared.changes, language)
-    changes = Table.build(table, rows, fill(table["note"], {"source": SOURCE}))
+    note = (fill(table["note"], {"source": SOURCE}), format_rounding_note(rows, language))
+    changes = Table.build(table, rows, " ".join(filter(None, note)))
     return build_report(
         (before, after),
         describe_comparison(before, after, same_subject=same_subject),
@@ -675,13 +762,19 @@ def _format_change(change: FigureChange, language: Language) -> dict[str, str]:
 
 
 def format_rows(changes: Iterable[FigureChange], language: Language) -> tuple[tuple[str, ...], ...]:
-    """Format each change with its units: name, before, after, change, minimal detectable change, verdict."""
-    entry = load_pair_words(language)["compare"]["table"]
-    return tuple(
-        (
-            entry["figure"][change.name],
-            *_format_change(change, language).values(),
-            entry["verdict"][change.verdict],
-        )
-        for change in changes
-    )
+    """Format each change with its units: name, before, after, change, minimal detectable change, verdict.
+
+    A star marks a change that the printed values do not give because of rounding.
+    """
+    entry, rows = load_pair_words(language)["compare"]["table"], []
+    for change in changes:
+        shown = _format_change(change, language)
+        shown["change"] += mark_rounding(change.before, change.after, change.change, change.name, "*")
+        rows.append((entry["figure"][change.name], *shown.values(), entry["verdict"][change.verdict]))
+    return tuple(rows)
+
+
+def format_rounding_note(rows: Iterable[Sequence[str]], language: Language) -> str:
+    """Return the meaning of the star in the rows; empty if no row has one."""
+    is_marked = any(cell.endswith("*") for row in rows for cell in row)
+    return str(load_pair_words(language)["compare"]["rounded"]) if is_marked else ""

@@ -1,8 +1,8 @@
 """Read ``elevation.parquet`` in both versions, and ``truth.parquet``, which has no ``valid``.
 
 ``acromion.elevation/2`` contains integers: ``time_us`` from the first sample, ``elevation_cdeg`` (0.01 deg,
-so the rounding error is at most 0.005 deg; null if no angle was measured) and ``valid``. Version 1 contained
-``time_s``, ``elevation_deg`` and ``valid``.
+so the rounding error is at most 0.005 deg; null if no angle was measured), ``valid`` and, in newer files,
+``analysed``. Version 1 contained ``time_s``, ``elevation_deg`` and ``valid``.
 """
 
 from collections.abc import Sequence
@@ -45,6 +45,7 @@ FORMS = (
     Form("time_us", "elevation_cdeg", MICROSECONDS, STEPS_PER_DEG),
     Form("time_s", "elevation_deg", 1, 1),
 )
+_FLAGS = ("valid", "analysed")
 UNREADABLE = (pa.ArrowException, OSError, UnicodeDecodeError)
 """Exceptions that Parquet's reader raises for a damaged file; the last one if a name is not text."""
 LEAST_ANGLE_BYTES = 0.1
@@ -58,12 +59,14 @@ class ElevationRows:
     ``time_s``: shape (n,), from the first sample.
     ``elevation_deg``: shape (n,), float32; NaN if not measured.
     ``valid``: shape (n,). Fused and trusted.
+    ``analysed``: shape (n,). Also outside all excluded time; None in a file without this column.
     ``column``: the name of the angle column.
     """
 
     time_s: Float64Array
     elevation_deg: NDArray[np.float32]
     valid: BoolArray
+    analysed: BoolArray | None
     column: str
 
     def __len__(self) -> int:
@@ -158,15 +161,18 @@ def _read_source(source: Source) -> ElevationRows:
             raise UnknownColumns(list=", ".join(names)[:200])
         check_pages(file.metadata, source.size_bytes)
         check_rows(file.metadata.num_rows, source.size_bytes, source.size_bytes, LEAST_ANGLE_BYTES)
-        table = file.read([name for name in (form.time, form.angle, "valid") if name in names])
+        table = file.read([name for name in (form.time, form.angle, *_FLAGS) if name in names])
     except UNREADABLE as error:
         raise UnreadableFile from error
     time, angle = (table[name].to_numpy() for name in (form.time, form.angle))
-    has_valid = "valid" in table.column_names
+    valid, analysed = (
+        table[name].to_numpy().astype(np.bool_) if name in table.column_names else None for name in _FLAGS
+    )
     return ElevationRows(
         time_s=np.asarray(_scale(time, form.per_second, np.float64), np.float64),
         elevation_deg=_scale(angle, form.per_deg, np.float32),
-        valid=table["valid"].to_numpy().astype(np.bool_) if has_valid else np.ones(len(time), np.bool_),
+        valid=np.ones(len(time), np.bool_) if valid is None else valid,
+        analysed=analysed,
         column=form.angle,
     )
 

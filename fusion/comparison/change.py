@@ -79,6 +79,7 @@ STATEMENTS = {
     "seidler": "Seidler et al. 2020, meta-analysis",
     "waersted": "Waersted et al. 2020, review of 34 studies",
     "nfa": "Palm et al. 2018, 197 workers of 12 occupations",
+    "gupta": "Gupta et al. 2022, 937 workers measured and followed for four years",
 }
 """Findings of studies of groups: quoted in words, without a figure, and never turned into a person's risk."""
 
@@ -88,9 +89,14 @@ NOT_SHIPPED = {
     "EN 1005-4, footnotes": "not read in the standard",
     "ISO 11228-3 and OCRA, 80 deg": "not read in the standard",
     "RAMP II, hand at shoulder height": "the height of the hand, which this angle does not show",
-    "Lewis 2026, share of days over the levels": "needs many days, not one recording",
 }
 """Values that were considered and excluded, with the reason."""
+
+DAYS_ABOVE = {"above_30": (8.0, 24.6), "above_60": (6.3, 22.7)}
+"""Share of days above the proposal in percent, lowest and highest of the four trades of :data:`LEWIS`.
+
+Context for several days, never for one.
+"""
 
 
 def compare_with_references(exposure: Exposure, verdict: str) -> tuple[Compared, ...]:

@@ -4,9 +4,9 @@
 day has analysed ones, with replacement, by PCG64(0). The same recording always gives the same interval.
 
 For the N-pose the same draws are repeated with a share, in [0, 1], of its one-sided error. With the arm along
-the body as the reference, elevations of a raised arm read up to 15 deg low (Bioengineering 2025;12:50). We
-assume that the error is proportional to the angle, from 0 for a hanging arm to 15 deg at 90 deg. The order of
-angles is unchanged: time above a threshold is time that was read above a lower one.
+the body as the reference, elevations of a raised arm read up to 15 deg low (abduction; Bioengineering
+2025;12:50). We assume that the error is proportional to the angle, from 0 for a hanging arm to 15 deg at 90
+deg. The order of angles is unchanged: time above a threshold is time that was read above a lower one.
 """
 
 from collections.abc import Mapping, Sequence

@@ -128,7 +128,7 @@ def test_the_angles_are_those_of_the_results(dataset: Path, results: Path) -> No
 
     assert rows[0].tolist() == (angles["time_us"] / 1e6).tolist()
     assert rows[1].tolist() == (angles["elevation_cdeg"] / 100).tolist()
-    assert rows[2].tolist() == angles["valid"].astype(int).tolist()
+    assert rows[2].tolist() == angles["analysed"].astype(int).tolist()
 
 
 def test_no_name_of_a_file_stands_in_the_dataset_and_other_folders_are_refused(

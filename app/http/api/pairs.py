@@ -93,6 +93,27 @@ class TrunkView(_Exact):
     percentiles_deg: dict[str, float] | None
 
 
+class LevelView(_Exact):
+    """A proposed level beside a figure and its range; ``reason`` states why nothing is compared."""
+
+    key: Literal["above_30", "above_60", "velocity"]
+    at_most: float
+    measured: float | None
+    low: float | None
+    high: float | None
+    low_pose: float | None
+    high_pose: float | None
+    standing: Literal["below", "above", "cannot tell"] | None
+    reason: Literal["", "short", "poor", "not computed"]
+
+
+class MeanLevelView(LevelView):
+    """A proposed level beside the mean of the days; ``days_above``: days that read above it."""
+
+    days_above: int
+    days: int
+
+
 class PairView(_Exact):
     """The figures of both arms of one shift; ``intervals`` are 95 % ranges."""
 
@@ -107,6 +128,7 @@ class PairView(_Exact):
     both_above_60_percent: float
     right_to_left: RatioView
     intervals: dict[str, tuple[float, float]]
+    levels: dict[Side, list[LevelView]]
     trunk_relative: dict[Side, TrunkView]
 
 
@@ -208,6 +230,7 @@ class ArmDaysView(_Exact):
     stage: Stage
     days: list[DayView]
     figures: dict[str, MeanView]
+    levels: list[MeanLevelView]
     telling: TellingView | None
     trend: TrendView | None
     overlay: list[BandView]
@@ -232,6 +255,7 @@ class GroupView(_Exact):
     side: Side | None
     stage: Stage
     figures: dict[str, SpreadView]
+    levels: list[MeanLevelView]
 
 
 class PeopleChangeView(_Exact):

@@ -20,7 +20,7 @@ from app.http.pages.rendering import Page, UsedPage, add_navigation_of_query
 from app.library.listing import Entry, Library, LibraryFilter
 from app.library.report_cache import AnyReportJobs, PairReport, ReportJobs
 from app.library.rows import Job
-from app.report.pairs import format_rows, load_pair_words
+from app.report.pairs import format_rounding_note, format_rows, load_pair_words
 from app.report.words.messages import describe_problem
 from app.report.words.numbers import format_percent
 from app.report.words.wording import fill, load_wording
@@ -107,7 +107,13 @@ def show_pair(asked: AskedPair, page: UsedPage) -> Response:
     first, second, *trunk = asked.jobs
     shown: dict[str, Any] = {"kind": request.kind, "first": first, "second": second}
     shown |= {"trunk": next(iter(trunk), None), "offset": offset, "trunk_offset": trunk_offset}
-    shown |= {"same_subject": request.same_subject, "days": ("", ""), "figures": None, "trunk_limit": ""}
+    shown |= {
+        "same_subject": request.same_subject,
+        "days": ("", ""),
+        "figures": None,
+        "trunk_limit": "",
+        "rounding": "",
+    }
     shown |= dict.fromkeys(("trunks", "sentences", "differences", "changes", "curves"), ())
     try:
         report = _make(page.services, asked)
@@ -119,6 +125,7 @@ def show_pair(asked: AskedPair, page: UsedPage) -> Response:
     before, after = (
         _format_start(str(figures.get(side, {}).get("start") or "")) for side in ("before", "after")
     )
+    changes = format_rows((FigureChange(**row) for row in figures.get("figures", ())), page.language)
     shown |= {
         "days": (before, after),
         "trunks": _offer_trunks(page.services, asked, figures),
@@ -128,7 +135,8 @@ def show_pair(asked: AskedPair, page: UsedPage) -> Response:
             words["difference"][one] for one in figures.get("differences", ()) if one in SETTINGS
         ],
         "trunk_limit": load_pair_words(page.language)["pair"]["trunk"]["limit"],
-        "changes": format_rows((FigureChange(**row) for row in figures.get("figures", ())), page.language),
+        "changes": changes,
+        "rounding": format_rounding_note(changes, page.language),
         "curves": build_curves(page, _place_curves(page, asked, figures, (before, after))),
     }
     return page.render("pairs/beside.html", **shown)

@@ -1,8 +1,8 @@
 """The day's timeline as SVG: each minute's P10 to P90 and median, and the time without analysis.
 
 The 15 minutes with the most time above 60 deg are vermillion and bracketed. A triangle marks the longest
-continuous time. Excluded time is hatched; missing time stays white between dotted edges. Prints in grey lose
-nothing.
+continuous time. Excluded and untrusted time is hatched; missing time stays white between dotted edges. Prints
+in grey lose nothing.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from app.report.findings import Findings
 from app.report.model import Chart
 from app.report.words.numbers import Clock, format_angle, format_duration, format_percent
 from app.report.words.wording import Words, fill, join_clauses
+from fusion.caveats import Caveat
 from fusion.conventions import MAIN_THRESHOLD_DEG
 from fusion.exposure.types import MinuteProfile
 from fusion.recording import MICROSECONDS, find_uncovered, join_overlapping
@@ -59,7 +60,7 @@ Run = tuple[MinuteBand, ...]
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """A stretch without analysed time, and its label. Excluded time is hatched."""
+    """A stretch without analysed time, and its label. Excluded and untrusted time is hatched."""
 
     start_s: float
     end_s: float
@@ -100,7 +101,13 @@ def build_timeline(findings: Findings, clock: Clock, words: Words) -> Day:
     """Build the timeline of a recording."""
     duration_s = findings.recording.duration_us / MICROSECONDS
     runs = _build_runs(findings.exposure.minutes, duration_s)
-    left_out = merge_spans(findings.exclusions)
+    doubted = (
+        LeftOut(round(a * MICROSECONDS), round((b - a) * MICROSECONDS), "untrusted")
+        for flag in findings.quality.flags
+        if flag.code == Caveat.UNTRUSTED
+        for a, b in flag.spans_s
+    )
+    left_out = merge_spans((*findings.exclusions, *doubted))
     marks = [Mark(a, b, "left out", format_reason(reason, words)) for a, b, reason in left_out]
     known = [(b.start_s, b.end_s) for run in runs for b in run] + [(a, b) for a, b, _ in left_out]
     missing = find_uncovered(known, 0.0, duration_s, 0.0)
@@ -135,7 +142,7 @@ def shift_day(day: Day, by_s: float, duration_s: float, clock: Clock, absent: st
 
 def format_reason(reason: str, words: Words) -> str:
     """Return the reason for an exclusion in words; an unknown one (a word of the diary) stays unchanged."""
-    return str(words["reason"].get(reason, reason or words["day"]["left_out"]))
+    return str(words["reason"].get(reason) or reason or fill(words["day"]["left_out"], {"reasons": ""}))
 
 
 def merge_spans(spans: Iterable[LeftOut]) -> list[tuple[float, float, str]]:
@@ -166,7 +173,10 @@ def _build_runs(minutes: MinuteProfile, duration_s: float) -> tuple[Run, ...]:
 
 @dataclass(frozen=True, slots=True)
 class DayLabels:
-    """Words of the timeline; ``worst`` and ``longest`` are beside their marks in the legend."""
+    """Words of the timeline; ``worst`` and ``longest`` are beside their marks in the legend.
+
+    ``left_out`` has a place for those of the ``reasons`` whose marks are too narrow for their labels.
+    """
 
     title: str
     description: str
@@ -178,6 +188,7 @@ class DayLabels:
     longest: str = ""
     inner: str = ""
     """P25 to P75, if a lighter band surrounds it."""
+    reasons: frozenset[str] = frozenset()
 
 
 def build_day(findings: Findings, blocks: tuple[Block, ...], clock: Clock, words: Words) -> Chart:
@@ -223,8 +234,11 @@ def build_two_days(days: Sequence[tuple[str, Day]], entry: Words, words: Words) 
 
 def build_day_labels(title: str, description: str, words: Words) -> DayLabels:
     """Return the words of a timeline; its legend is the same in every report."""
-    shown = (words["day"][name] for name in ("band", "median", "left_out", "missing"))
-    return DayLabels(title, description, *shown)
+    band, median, left_out, missing = (
+        words["day"][name] for name in ("band", "median", "left_out", "missing")
+    )
+    reasons = frozenset(words["reason"].values())
+    return DayLabels(title, description, band, median, left_out, missing, reasons=reasons)
 
 
 def _format_band(band: MinuteBand, clock: Clock) -> tuple[str, ...]:
@@ -240,7 +254,8 @@ def draw_day(day: Day, labels: DayLabels, width_px: float) -> str:
     key = f"day{width_px:.0f}"
     plot = _lay_out(day, 36, width_px - 4, 22, 138 if width_px > NARROW else 190)
     axis = replace(plot, bottom_px=plot.bottom_px + (_LANE_PX if day.blocks else 0.0))
-    legend, height = _draw_legend((day,), labels, axis.bottom_px + 38, key, width_px)
+    named = _name_reasons(labels, (day,), plot)
+    legend, height = _draw_legend((day,), named, axis.bottom_px + 38, key, width_px)
     body = [
         svg.define_hatch(key),
         *_draw_panel(day, plot, key),
@@ -258,18 +273,28 @@ def draw_day(day: Day, labels: DayLabels, width_px: float) -> str:
 def _draw_two_days(days: Sequence[tuple[str, Day]], labels: DayLabels, width_px: float) -> str:
     key, height = f"days{width_px:.0f}", 120.0 if width_px > NARROW else 130.0
     body, plot = [svg.define_hatch(key)], Plot(0, 0)
+    top_deg = _find_top([day for _, day in days])
     for rank, (name, day) in enumerate(days):
         top = 18 + rank * (height + 28)
-        plot = _lay_out(day, 32, width_px - 4, top, top + height)
+        plot = _lay_out(day, 32, width_px - 4, top, top + height, top_deg)
         body += [*_draw_panel(day, plot, key), svg.text(plot.left_px, top - 6, name, "strong")]
     every = [day for _, day in days]
-    legend, bottom = _draw_legend(every, labels, plot.bottom_px + 38, key, width_px)
+    named = _name_reasons(labels, every, plot)
+    legend, bottom = _draw_legend(every, named, plot.bottom_px + 38, key, width_px)
     body += _draw_time_axis(every[-1], plot) + legend
     return svg.picture(width_px, bottom, key, (labels.title, labels.description), body)
 
 
-def _lay_out(day: Day, left_px: float, right_px: float, top_px: float, bottom_px: float) -> Plot:
-    return Plot(left_px, right_px, top_px, bottom_px, across=(0.0, max(day.duration_s, 1.0)))
+def _lay_out(
+    day: Day, left_px: float, right_px: float, top_px: float, bottom_px: float, top_deg: float = 180.0
+) -> Plot:
+    across = (0.0, max(day.duration_s, 1.0))
+    return Plot(left_px, right_px, top_px, bottom_px, across, (0.0, top_deg))
+
+
+def _find_top(days: Sequence[Day]) -> float:
+    """Return the end of one scale for several days: 120 deg, or 180 deg if a band is higher."""
+    return 120.0 if all(b.high_deg <= 120.0 for day in days for run in day.runs for b in run) else 180.0
 
 
 # Several days overlaid.
@@ -300,9 +325,10 @@ def draw_overlays(panels: Sequence[Overlay], labels: DayLabels, width_px: float)
     key, across = f"over{width_px:.0f}", 2 if len(panels) > 1 and width_px > NARROW else 1
     room = (width_px + 16) / across - 16
     body, bottom = [svg.define_hatch(key)], 0.0
+    top_deg = _find_top([panel.day for panel in panels])
     for rank, overlay in enumerate(panels):
         left, top = (rank % across) * (room + 16), 24 + (rank // across) * 224.0
-        plot, day = _lay_out(overlay.day, left + 36, left + room - 4, top, top + 130), overlay.day
+        plot, day = _lay_out(overlay.day, left + 36, left + room - 4, top, top + 130, top_deg), overlay.day
         body += [
             svg.text(left, top - 13, overlay.name, "strong"),
             *_draw_guides(plot),
@@ -347,7 +373,7 @@ def _draw_panel(day: Day, plot: Plot, key: str) -> list[str]:
 
 def _draw_guides(plot: Plot) -> list[str]:
     body = []
-    for degrees in (0, *GUIDES_DEG, 120, 180):
+    for degrees in (deg for deg in (0, *GUIDES_DEG, 120, 180) if deg <= plot.upwards[1]):
         y = plot.y(degrees)
         if degrees in GUIDES_DEG:
             weight = "1" if degrees == 60 else "0.7"
@@ -445,6 +471,14 @@ def _draw_bracket(start_px: float, end_px: float, bottom_px: float) -> str:
 def _draw_triangle(x_px: float, bottom_px: float) -> str:
     commands = f"M{svg.number(x_px)} {svg.number(bottom_px)}l-5 -9h10Z"
     return svg.path(commands, f'class="mark" fill="{svg.RAMP[3]}"')
+
+
+def _name_reasons(labels: DayLabels, days: Sequence[Day], plot: Plot) -> DayLabels:
+    """Name the known reasons of the time left out that no label in the plot names."""
+    marks = [mark for day in days for mark in day.marks]
+    drawn = {mark.label for mark in marks if _draw_mark_label(mark, plot)}
+    others = dict.fromkeys(mark.label for mark in marks if mark.label in labels.reasons - drawn)
+    return replace(labels, left_out=fill(labels.left_out, {"reasons": ", ".join(others)}))
 
 
 def _draw_legend(

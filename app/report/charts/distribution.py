@@ -22,6 +22,7 @@ from fusion.exposure.types import Eva, Exposure
 MARKED_PERCENTILES = (10, 50, 90, 99)
 _CELLS_PER_DEG = 10
 _PERCENTS = (0.0, 100.0)
+_REACHED_PERCENT = 99.95
 
 
 def build_spread(exposure: Exposure, words: Words, language: Language) -> tuple[Chart, ...]:
@@ -105,7 +106,7 @@ def _mark_percents(plot: Plot) -> list[str]:
 
 
 def _label_angle(angle: int, plot: Plot) -> str:
-    kind, anchor = "strong" if angle == 60 else "soft", "end" if angle == 180 else "middle"
+    kind, anchor = "strong" if angle == 60 else "soft", "end" if angle == plot.across[1] else "middle"
     return svg.text(plot.x(angle), plot.bottom_px + 15, f"{angle}°", kind, anchor)
 
 
@@ -147,26 +148,32 @@ _STYLES = (
 
 
 def build_two_curves(named: Sequence[tuple[str, Exposure]], entry: Words, language: Language) -> Chart:
-    """Build a chart of both distributions on one scale, with guide lines at 30, 60 and 90 deg."""
+    """Build a chart of both distributions on one scale, with guide lines at 30, 60 and 90 deg.
+
+    The scale ends where both curves have reached 100 % as printed.
+    """
     (first, _), (second, _) = named
     below = [compute_share_below(exposure) for _, exposure in named]
+    reached = (deg for deg in range(90, 180, 30) if all(curve[deg] >= _REACHED_PERCENT for curve in below))
+    end_deg = next(reached, 180)
 
     def draw(words: tuple[str, str], width_px: float) -> str:
         bottom = 210.0 if width_px > NARROW else 240.0
-        plot = Plot(40.0, width_px - 8, 40.0, bottom, upwards=_PERCENTS)
+        plot = Plot(40.0, width_px - 8, 40.0, bottom, (0.0, end_deg), _PERCENTS)
         dash = f'{svg.RULE} stroke-width="0.7" stroke-dasharray="3 3"'
         body = [
             svg.line(plot.left_px, plot.top_px, plot.left_px, bottom, svg.RULE),
             plot.draw_baseline(),
             *_mark_percents(plot),
         ]
-        for angle in range(0, 181, 30):
+        for angle in range(0, end_deg + 1, 30):
             if angle in GUIDES_DEG:
                 body.append(svg.line(plot.x(angle), plot.top_px, plot.x(angle), bottom, dash))
             body.append(_label_angle(angle, plot))
         across, upwards = entry["axes"]
         body += [svg.text(plot.right_px, bottom + 30, across, "soft", "end"), svg.text(0, 28, upwards)]
-        body += [plot.follow(enumerate(curve), style) for curve, style in zip(below, _STYLES, strict=True)]
+        shown = [curve[: end_deg + 1] for curve in below]
+        body += [plot.follow(enumerate(curve), style) for curve, style in zip(shown, _STYLES, strict=True)]
         x = plot.left_px
         for name, style in zip((first, second), _STYLES, strict=True):
             body += [svg.line(x, 6, x + 26, 6, style), svg.text(x + 31, 10, name, "ink")]

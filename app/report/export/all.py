@@ -29,7 +29,8 @@ from app.report.export.xlsx import encode_workbook
 from app.report.figures import SUMMARY, SUMMARY_OF_ONE, Results, find_unit
 from app.report.words.wording import LANGUAGES
 from fusion.angle_files.elevation_parquet import SCHEMA, STEPS_PER_DEG, read_rows
-from fusion.recording import FloatArray
+from fusion.quality.time_account import leave_out
+from fusion.recording import BoolArray, FloatArray, Span
 
 if TYPE_CHECKING:
     from fusion.elevation import Elevation, ElevationSegment
@@ -81,6 +82,7 @@ _SCHEMA = pa.schema(
         pa.field("time_us", pa.int64(), nullable=False),
         pa.field("elevation_cdeg", pa.int16()),
         pa.field("valid", pa.bool_(), nullable=False),
+        pa.field("analysed", pa.bool_(), nullable=False),
     ],
     {"schema": SCHEMA},
 )
@@ -91,12 +93,14 @@ _MOST_HZ = 100.5
 _ROWS_AT_ONCE = 1 << 20
 
 
-def write_elevation(elevation: Elevation, path: Path) -> None:
-    """Write ``time_us`` (from the first sample), ``elevation_cdeg`` and ``valid``, at most about 100 Hz.
+def write_elevation(elevation: Elevation, path: Path, exclusions: tuple[Span, ...] = ()) -> None:
+    """Write ``time_us`` (from the first sample), ``elevation_cdeg``, ``valid`` and ``analysed``.
 
-    The angle is the one before the metric filter; of a file with angles above 100 Hz every k-th angle is
-    kept. It is null if no sample was measured: missing stays missing.
+    The angle is the one before the metric filter, at most about 100 Hz; of a file with angles above 100 Hz
+    every k-th angle is kept. It is null if no sample was measured: missing stays missing. A row is analysed
+    if it is valid and outside the ``exclusions``, which are sorted and do not overlap.
     """
+    counted = leave_out(elevation, exclusions)
     with pq.ParquetWriter(
         path,
         _SCHEMA,
@@ -105,7 +109,8 @@ def write_elevation(elevation: Elevation, path: Path) -> None:
         column_encoding=_ENCODING,
         write_statistics=["time_us"],
     ) as writer:
-        for table in _gather(table for segment in elevation.segments for table in _lay_segment(segment)):
+        both = zip(elevation.segments, counted.segments, strict=True)
+        for table in _gather(table for one, kept in both for table in _lay_segment(one, kept.valid)):
             writer.write_table(table)
 
 
@@ -121,9 +126,9 @@ def _gather(tables: Iterable[pa.Table]) -> Iterator[pa.Table]:
         yield pa.concat_tables(waiting)
 
 
-def _lay_segment(segment: ElevationSegment) -> Iterator[pa.Table]:
+def _lay_segment(segment: ElevationSegment, analysed: BoolArray) -> Iterator[pa.Table]:
     step = max(1, math.ceil(segment.rate_hz / _MOST_HZ))
-    angle_deg, valid = segment.elevation_deg[::step], segment.valid[::step]
+    angle_deg, valid, analysed = segment.elevation_deg[::step], segment.valid[::step], analysed[::step]
     known = np.isfinite(angle_deg)
     for first, stop in segment.bridged:
         known[math.ceil(first / step) : math.ceil(stop / step)] = False
@@ -135,6 +140,7 @@ def _lay_segment(segment: ElevationSegment) -> Iterator[pa.Table]:
             build_numbers(_round(time_us).astype(np.int64)),
             build_numbers(_round(angle_cdeg).astype(np.int16), known[rows]),
             build_flags(valid[rows] & known[rows]),
+            build_flags(analysed[rows] & known[rows]),
         ]
         yield pa.Table.from_arrays(columns, schema=_SCHEMA)
 
@@ -148,8 +154,11 @@ def encode_elevation_csv(parquet: Path) -> bytes:
     rows = read_rows(parquet)
     angles = build_numbers(rows.elevation_deg, np.isfinite(rows.elevation_deg))
     columns = [build_numbers(rows.time_s), angles, build_flags(rows.valid)]
+    names = ["time_s", "elevation_deg", "valid"]
+    if rows.analysed is not None:
+        columns, names = [*columns, build_flags(rows.analysed)], [*names, "analysed"]
     text = io.BytesIO()
-    table = pa.Table.from_arrays(columns, ["time_s", "elevation_deg", "valid"])
+    table = pa.Table.from_arrays(columns, names)
     pc.write_csv(table, text, pc.WriteOptions(quoting_style="none"))
     return gzip.compress(text.getvalue(), compresslevel=4, mtime=0)
 

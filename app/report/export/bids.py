@@ -2,8 +2,8 @@
 
 Subjects are codes in letters and digits, as BIDS requires; the dataset contains no file name and no serial
 number. Each row of ``elevation.parquet`` is a row of ``_motion.tsv``: seconds from the first sample
-(``latency``), the angle (``n/a`` if none was measured) and whether it counts. Gaps are not filled: they are
-steps in ``latency``. Format: BIDS 1.10, motion.
+(``latency``), the angle (``n/a`` if none was measured) and whether the figures count it. Gaps are not filled:
+they are steps in ``latency``. Format: BIDS 1.10, motion.
 """
 
 import io
@@ -108,7 +108,7 @@ The angle between the upper arm and gravity (0 deg hanging, 90 deg level, 180 de
 Acromion from a motion sensor on the upper arm. Each recording is one run; `acq` is the arm.
 
 Columns of each `_motion.tsv`, in order: seconds from the first sample, elevation in degrees (`n/a`: not
-measured), 1 if the angle counts and 0 if it does not. Missing time is a step in the first column.
+measured), 1 if the figures count the row and 0 if they do not. Missing time is a step in the first column.
 """
 
 
@@ -148,7 +148,7 @@ def _encode_channels(results: Results) -> bytes:
     rows = (
         (_LATENCY, "n/a", "LATENCY", "n/a", "s", "Time from the first sample"),
         (_ELEVATION, "n/a", "ORNT", point, "deg", "Angle between the upper arm and gravity"),
-        (_VALID, "n/a", "MISC", point, "n/a", "1: the angle counts; 0: it does not"),
+        (_VALID, "n/a", "MISC", point, "n/a", "1: the figures count the row; 0: they do not"),
     )
     return _encode_rows(columns, rows)
 
@@ -160,7 +160,7 @@ def _encode_motion(parquet: Path) -> bytes:
     columns = [
         pc.divide(pc.cast(table["time_us"], pa.float64()), 1e6),
         pc.fill_null(angle_deg, "n/a"),
-        pc.cast(table["valid"], pa.int8()),
+        pc.cast(table["analysed" if "analysed" in table.column_names else "valid"], pa.int8()),
     ]
     body = io.BytesIO()
     options = pcsv.WriteOptions(include_header=False, delimiter="\t", quoting_style="none")

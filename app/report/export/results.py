@@ -41,7 +41,7 @@ from app.report.findings import Findings, FinishedAnalysis, ReportSubject, Softw
 from app.report.words.numbers import Clock
 from app.request import Conclusion
 from fusion.caveats import Caveat
-from fusion.comparison.levels import combine_days
+from fusion.comparison.levels import ComparedLevel, combine_days
 from fusion.conventions import CONVENTIONS
 from fusion.exposure.types import ElevationBin, Exposure, Interval, PartExposure, TimeAbove
 from fusion.quality import TimeAccount, TimePart
@@ -236,21 +236,23 @@ def _describe_comparison(findings: Findings) -> dict[str, object]:
     is_short = findings.extent == "short"
     return {
         "extent": findings.extent,
-        "levels": [
-            {
-                "key": one.reference.key,
-                "at_most": one.reference.high,
-                "measured": one.measured,
-                **{end: getattr(one.interval, end, None) for end in _ENDS},
-                "standing": one.standing,
-                "reason": one.reason,
-            }
-            for one in findings.compare_with_levels()
-        ],
+        "levels": list(map(describe_level, findings.compare_with_levels())),
         "other_days": {
             name: None if each is None or is_short else [each.low, each.high]
             for name, each in (("between", days.between), ("combined", days.combined))
         },
+    }
+
+
+def describe_level(level: ComparedLevel) -> dict[str, object]:
+    """Return a proposed level with its figure."""
+    return {
+        "key": level.reference.key,
+        "at_most": level.reference.high,
+        "measured": level.measured,
+        **{end: getattr(level.interval, end, None) for end in _ENDS},
+        "standing": level.standing,
+        "reason": level.reason,
     }
 
 

@@ -227,8 +227,6 @@ def _draw_panel(visits: Sequence[_Visit], plot: Plot, width_px: float) -> list[s
 
 _ROW_PX = 24.0
 _GAP_PX = 10.0
-_MOST_OVER = 1.3
-"""Factor of the largest value at which a column ends; a longer range is cut without an end mark."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -289,7 +287,7 @@ def _draw_rows(
 def _find_end(rows: Sequence[FigureRow], column: int) -> float:
     largest = max((row.values[column] or 0.0 for row in rows), default=0.0)
     ends = (span[1] for row in rows if row.ranges and (span := row.ranges[column]))
-    return max(largest, min(max(ends, default=0.0), _MOST_OVER * largest), 1e-9)
+    return max(largest, max(ends, default=0.0), 1e-9)
 
 
 def _draw_figure(row: FigureRow, column: int, plot: Plot, top_px: float) -> list[str]:
@@ -304,6 +302,5 @@ def _draw_figure(row: FigureRow, column: int, plot: Plot, top_px: float) -> list
         low, high = map(plot.x, span)
         stroke = f'{svg.ACCENT} stroke-width="1.6"'
         body.append(svg.line(low, top_px + 17, high, top_px + 17, stroke))
-        inside = (end for end in span if end <= plot.across[1])
-        body += [svg.line(plot.x(end), top_px + 14, plot.x(end), top_px + 20, stroke) for end in inside]
+        body += [svg.line(end, top_px + 14, end, top_px + 20, stroke) for end in (low, high)]
     return body

@@ -11,6 +11,7 @@ from typing import Any
 from app.report.export.tables import encode_table
 from app.report.figures import round_all
 from app.report.pairs import describe_source, name_method
+from app.report.several.levels import compare_arms, compare_group, describe_levels
 from app.report.several.people import ArmDays, MeasuredDay, PoseEnds, Side, Stage, StudiedDays
 from fusion.comparison.change import BETWEEN_DAY_SD, SOURCE, WHOLE_DAY_S
 from fusion.comparison.days import (
@@ -61,6 +62,7 @@ def describe_profile(studied: StudiedDays) -> dict[str, Any]:
                         name: _spell(spread) | _spell_pose(find_group_pose(studied, name, side, stage))
                         for name, spread in figures.items()
                     },
+                    "levels": list(describe_levels(compare_group(studied, side, stage))),
                 }
                 for side, stage, figures in list_groups(studied)
             ],
@@ -88,6 +90,7 @@ def _describe_arm(arm: ArmDays) -> dict[str, Any]:
             name: _spell(figure) | _spell_pose(arm.find_pose_ends(name))
             for name, figure in describe_arm(arm).items()
         },
+        "levels": list(describe_levels(compare_arms([arm]))),
         "telling": _spell(telling) if telling else None,
         "trend": _spell(trend) if trend else None,
         "overlay": [_describe_band(band) for band in arm.bands],

@@ -6,17 +6,24 @@ each.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 from app.report.figures import format_figure, format_figure_range
 from app.report.model import Chart, Pair, Report, Section, Table, VerdictLine
 from app.report.pairs import (
+    MAIN_LEVEL,
     build_report,
+    format_level,
+    format_levels_note,
     format_person,
     format_points,
     format_pose,
+    format_rounding_note,
+    format_standing,
+    lay_level,
     load_pair_words,
+    mark_rounding,
     name_method,
 )
 from app.report.several.charts import FigureRow, build_overlays, build_rows, build_visits
@@ -31,6 +38,7 @@ from app.report.several.document import (
     list_changes,
     list_groups,
 )
+from app.report.several.levels import MeanLevel, compare_arms, compare_group
 from app.report.several.people import ArmDays, PoseEnds, Side, Stage, StudiedDays
 from app.report.single.chapters import format_pose_caution
 from app.report.words.numbers import (
@@ -53,7 +61,7 @@ from app.report.words.wording import (
     find_device_name,
     load_wording,
 )
-from fusion.comparison.change import SOURCE
+from fusion.comparison.change import DAYS_ABOVE, SOURCE
 from fusion.comparison.days import LEAST_OWN_DAYS
 from fusion.exposure.types import Interval
 from fusion.recording import MICROSECONDS
@@ -160,7 +168,17 @@ def _list_arm_sentences(arm: ArmDays, entry: Words, language: Language) -> list[
         return [fill(entry["one"], facts), fill(entry["more"], facts)]
     needed = fill(entry["more" if telling.more_days else "enough"], facts)
     trend = _format_trend(arm, entry, language)
-    return [fill(entry["mean"], facts), f"{fill(entry['spread'], facts)} {needed}", *trend]
+    mean = f"{fill(entry['mean'], facts)} {_format_level_sentence(compare_arms([arm]), language)}"
+    return [mean, f"{fill(entry['spread'], facts)} {needed}", *trend]
+
+
+def _format_level_sentence(levels: Sequence[MeanLevel], language: Language) -> str:
+    level = next(level.mean for level in levels if level.mean.reference.key == MAIN_LEVEL)
+    facts = {
+        "level": format_level((level.reference.high,), level.reference, language),
+        "standing": format_standing(level, language),
+    }
+    return fill(load_wording(language, "days")["levels"]["sentence"], facts)
 
 
 def _format_trend(arm: ArmDays, sentence: Words, language: Language) -> list[str]:
@@ -174,7 +192,7 @@ def _format_trend(arm: ArmDays, sentence: Words, language: Language) -> list[str
         "to": format_date(starts[-1], language),
         "first": format_figure(trend.first, MAIN, language),
         "last": format_figure(trend.last, MAIN, language),
-        "change": format_points(trend.change, MAIN, language, is_signed=True),
+        "change": _format_change(trend.first, trend.last, trend.change, language),
         "detectable": format_points(trend.detectable, MAIN, language),
         "own": sentence["own"][trend.sd_from],
         "outside": str(trend.outside),
@@ -185,6 +203,13 @@ def _format_trend(arm: ArmDays, sentence: Words, language: Language) -> list[str
     )
     outside = fill(entry["outside" if trend.outside else "none"], facts)
     return [f"{shown} {outside}" if len(starts) > 2 else shown]
+
+
+def _format_change(before: float, after: float, change: float, language: Language) -> str:
+    """Format a change in a sentence, with a note if the printed values do not give it."""
+    mark = load_pair_words(language)["compare"]["unrounded"]
+    shown = format_points(change, MAIN, language, is_signed=True)
+    return shown + mark_rounding(before, after, change, MAIN, mark)
 
 
 def _list_group_sentences(studied: StudiedDays, entry: Words, language: Language) -> Iterator[str]:
@@ -206,7 +231,8 @@ def _list_group_sentences(studied: StudiedDays, entry: Words, language: Language
             "between": between,
             "within": within,
         }
-        yield fill(entry["group"], facts)
+        level = _format_level_sentence(compare_group(studied, side, stage), language)
+        yield f"{fill(entry['group'], facts)} {level}"
         yield fill(entry["unsplit" if spread.between_sd is None else "split"], facts)
 
 
@@ -240,7 +266,7 @@ def _list_change_sentences(studied: StudiedDays, entry: Words, language: Languag
             "after_days": after_days,
             "before": format_figure(change["before"], MAIN, language),
             "after": format_figure(change["after"], MAIN, language),
-            "change": format_points(change["change"], MAIN, language, is_signed=True),
+            "change": _format_change(change["before"], change["after"], change["change"], language),
             "low": format_number(span[0], 1, language) if span else "",
             "high": format_number(span[1], 1, language) if span else "",
             "detectable": format_points(change["detectable"], MAIN, language) if change["detectable"] else "",
@@ -295,6 +321,7 @@ def _lay_row(
 
 
 def _list_sections(studied: StudiedDays, words: Words, language: Language) -> Iterator[Section]:
+    yield from _build_levels(studied, words["levels"], language)
     yield from (_build_group if studied.is_group else _build_means)(studied, words, language)
     yield from _build_changes(studied, words, language)
     if not studied.is_group:
@@ -345,9 +372,38 @@ def _build_means(studied: StudiedDays, words: Words, language: Language) -> Iter
             for name, figure in describe_arm(arm).items()
         )
         name = _name_arm(arm.side, arm.stage, language)
-        tables += [Table(name, tuple(entry["columns"]), rows, note=entry["note"])] if arm.counted else []
+        if arm.counted:
+            tables.append(Table(name, tuple(entry["columns"]), rows, note=entry["note"], even=True))
     if tables:
         yield Section("means", entry["title"], tables=tuple(tables))
+
+
+def _build_levels(studied: StudiedDays, entry: Words, language: Language) -> Iterator[Section]:
+    """Build the chapter with each mean beside the proposed levels; none if no day counts."""
+    named = [(_name_arm(arm.side, arm.stage, language), compare_arms([arm])) for arm in studied.arms]
+    if studied.is_group:
+        named = [
+            (_name_arm(side, stage, language), compare_group(studied, side, stage))
+            for side, stage, _ in list_groups(studied)
+        ]
+    is_part = any(day.kept.findings.extent == "part" for day in studied.days if day.left_out is None)
+    ranges = {key: Interval(*ends) for key, ends in DAYS_ABOVE.items()}
+    others = fill(entry["others"], {key: format_range(ends, language) for key, ends in ranges.items()})
+    columns = (*load_pair_words(language)["levels"]["columns"], entry["column"])
+
+    def lay(level: MeanLevel) -> tuple[str, ...]:
+        days = {"above": str(level.days_above), "days": str(level.days)}
+        return (*lay_level(level.mean, language), fill(entry["above"], days) if level.days else NONE)
+
+    note = " ".join((format_levels_note(language, is_part=is_part), entry["note"], others))
+    tables = tuple(
+        Table(name, columns, tuple(lay(level) for level in levels), even=True)
+        for name, levels in named
+        if levels
+    )
+    if tables:
+        shown = (*tables[:-1], replace(tables[-1], note=note))
+        yield Section("levels", load_pair_words(language)["levels"]["title"], tables=shown)
 
 
 def _build_group(studied: StudiedDays, words: Words, language: Language) -> Iterator[Section]:
@@ -367,7 +423,7 @@ def _build_group(studied: StudiedDays, words: Words, language: Language) -> Iter
             for name, spread in figures.items()
         )
         caption = _name_arm(side, stage, language)
-        tables.append(Table(caption, tuple(entry["columns"]), rows, note=entry["note"]))
+        tables.append(Table(caption, tuple(entry["columns"]), rows, note=entry["note"], even=True))
     if tables:
         yield Section("group", entry["title"], tables=tuple(tables))
 
@@ -382,7 +438,8 @@ def _build_changes(studied: StudiedDays, words: Words, language: Language) -> It
                 str(change["people"]),
                 format_figure(change["before"], name, language),
                 format_figure(change["after"], name, language),
-                format_points(change["change"], name, language, is_signed=True),
+                format_points(change["change"], name, language, is_signed=True)
+                + mark_rounding(change["before"], change["after"], change["change"], name, "*"),
                 format_ends(Interval(*change["change_range"]), 1, language)
                 if change["change_range"]
                 else NONE,
@@ -391,7 +448,8 @@ def _build_changes(studied: StudiedDays, words: Words, language: Language) -> It
             )
             for name, change in figures.items()
         )
-        caption, note = _name_arm(side, "all", language), fill(entry["note"], {"source": SOURCE})
+        notes = (fill(entry["note"], {"source": SOURCE}), format_rounding_note(rows, language))
+        caption, note = _name_arm(side, "all", language), " ".join(filter(None, notes))
         tables.append(Table(caption, tuple(entry["columns"]), rows, note=note, even=True))
     if tables:
         yield Section("changes", entry["title"], tables=tuple(tables))

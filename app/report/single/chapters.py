@@ -370,7 +370,7 @@ def _build_published(context: Context) -> Section:
         why = fill(comparison["does_not_apply"], {"reason": comparison["reason"]["not_computed_velocity"]})
         note = f"{words['reference']['velocity']['name']} – {why}"
     table = Table.build(entry, rows, prose=True, note=note)
-    paragraphs = (*(entry["statement"][key] for key in STATEMENTS), entry["groups"])
+    paragraphs = (*(entry["statement"][key] for key in STATEMENTS), entry["groups"], entry["breaks"])
     return Section("published", entry["title"], (" ".join(paragraphs),), tables=(table,))
 
 

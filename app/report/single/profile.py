@@ -41,7 +41,7 @@ END_DPS = 120.0
 REST = ("recovery_neutral_slow_percent", "recovery_longest_without_s")
 BUSY = "entries_above_60_busy_minutes_percent"
 UNMEASURED = ("trunk", "supported", "force", "seated")
-"""What the angle does not show; a diary may state when the arm was supported, or the person seated."""
+"""Not shown by the angle; a diary may state when the arm was supported, or the person seated."""
 
 
 def build_profile(context: Context) -> Profile:
@@ -151,7 +151,7 @@ def _format_speed(speed_dps: float, language: Language) -> str:
 
 
 def _format_standing(level: ComparedLevel, context: Context) -> str:
-    """Return where the figure lies beside its level, or why it is not compared."""
+    """Return whether the figure is below or above its level, or why it is not compared."""
     entry, value = context.words["profile"]["standing"], level.reference.high
     shown = _format_speed(value, context.language)
     if level.reference.unit == "percent":
@@ -162,9 +162,10 @@ def _format_standing(level: ComparedLevel, context: Context) -> str:
 
 def _build_tile(scale: TileScale, facts: Mapping[str, str], context: Context) -> Tile:
     entry, name = context.words["profile"], scale.words[0]
-    calibration = context.findings.calibration
+    calibration = context.findings.calibration  # the velocity does not depend on the pose
+    needs_pose = calibration is not None and calibration.needs_pose and scale.key != "tile-velocity"
     shown = {
-        "needed": context.words["pose_state"]["needed"] if calibration and calibration.needs_pose else "",
+        "needed": context.words["pose_state"]["needed"] if needs_pose else "",
         **facts,
         "range": fill(entry["range"][choose_ranges(context.findings)], facts) if facts["range"] else "",
         "pose": fill(entry["with_pose"], {"high": facts["pose"]}) if facts["pose"] else "",

@@ -102,7 +102,7 @@ def build_report(findings: Findings, subject: ReportSubject, language: Language)
 
 
 def _format_answer(context: Context) -> str:
-    """Return the main figure, its range with the pose, and where it lies beside the proposal."""
+    """Return the main figure, its range with the pose, and whether it is below the proposal."""
     findings, language, entry = context.findings, context.language, context.words["answer"]
     above = findings.find_above_60()
     level = next(one for one in findings.compare_with_levels() if one.reference.key == "above_60")

@@ -28,7 +28,7 @@ from fusion.elevation import Elevation, ElevationSegment
 from fusion.exposure.types import Interval
 from fusion.recording import Span
 from tests.app.analysis_factory import START, make_analysis, make_exposure, make_subject
-from tests.app.report.report_reading import plain
+from tests.app.report.report_reading import plain, section_of
 
 NO_TRUNK = TrunkRelative("no trunk sensor")
 SHARED = PairedArms(
@@ -112,13 +112,13 @@ RANGED = replace(
 def test_the_ranges_stand_behind_the_figures_under_those_of_the_table_and_in_the_document() -> None:
     pair = replace(make_pair(), shared=RANGED)
     report = report_of(pair)
-    sentences, rows = [plain(s) for s in report.sentences], report.sections[0].tables[0].rows
+    sentences, rows = [plain(s) for s in report.sentences], section_of(report, "figures").tables[0].rows
 
     assert "above 60° for 4.0 % (2.5–6.0 %) and the right arm for 10.0 % of" in sentences[0]
     assert "(right/left ratio 2.50, range 1.20–4.12)" in sentences[0]
-    assert sentences[1] == "Both arms were above 60° at the same time for 2.5 % (1.0–4.5 %) of that time."
-    assert [plain(cell) for cell in rows[2]] == ["95 % range", "2.5–6.0 %", "", "1.20–4.12"]
-    assert [plain(cell) for cell in rows[-1]] == ["95 % range", "1.0–4.5 %", "", ""]
+    assert sentences[2] == "Both arms were above 60° at the same time for 2.5 % (1.0–4.5 %) of that time."
+    ranged = ["Time above 60°", "4.0 % (2.5–6.0 %)", "10.0 %", "2.5 % (1.0–4.5 %)", "2.50 (1.20–4.12)"]
+    assert [plain(cell) for cell in rows[1]] == ranged
     assert describe_pair(pair)["intervals"]["left_time_above_60_percent"] == [2.5, 6.0]
 
 
@@ -166,9 +166,28 @@ def test_the_answer_tells_both_arms_and_the_time_at_once() -> None:
             "In the 1 h analysed for both arms, the left arm was above 60° for 4.0 % and the right "
             "arm for 10.0 % of the time (right/left ratio 2.50); above 90° for 1.0 % and 3.0 %."
         ),
+        (
+            "Whole recordings, compared with the proposed 10 % of a working day above 60°: left arm: cannot "
+            "tell; right arm: cannot tell."
+        ),
         "Both arms were above 60° at the same time for 2.5 % of that time.",
         "The median elevation was 20° on the left and 30° on the right.",
     ]
+
+
+def test_each_arm_is_compared_with_the_levels_as_in_its_own_report() -> None:
+    pair = make_pair()
+    own = make_exposure(above_60_interval=Interval(6.0, 9.5, 6.0, 9.9))
+    kept = replace(pair.left, findings=replace(pair.left.findings, exposure=own))
+    pair = replace(pair, left=kept)
+
+    _, _, left, right, *_ = section_of(report_of(pair), "levels").tables[0].rows
+    document = describe_pair(pair)["levels"]
+
+    told = [plain(cell) for cell in left]
+    assert told == ["Time above 60°", "Left arm", "at most 10 %", "7.6 %", "6.0–9.5 %", "9.9 %", "below"]
+    assert [plain(cell) for cell in right[3:]] == ["7.6 %", "–", "–", "cannot tell"]
+    assert [document[side][1]["standing"] for side in ("left", "right")] == ["below", "cannot tell"]
 
 
 def test_the_bars_show_the_figures_of_the_answer_and_not_those_of_each_own_day() -> None:

@@ -12,11 +12,12 @@ import pytest
 
 from app.errors import CannotProfile
 from app.report.model import Report
-from app.report.pairs import encode_document
+from app.report.pairs import encode_document, mark_rounding
+from app.report.several.charts import FigureRow, build_rows
 from app.report.several.document import describe_profile, encode_day_table, encode_overlay_table
 from app.report.several.people import MeasuredDay, Stage, StudiedDays, group_days
 from app.report.several.report import build_days
-from app.report.words.wording import Language
+from app.report.words.wording import Language, load_wording
 from fusion.comparison.days import ClockBand
 from fusion.exposure.types import Interval
 from tests.app.analysis.days_factory import MONDAY, change_findings, change_recording, make_day
@@ -300,12 +301,102 @@ def test_the_answer_states_mean_range_and_spread() -> None:
 
     assert mean == (
         "Right arm, 5 days: time above 60° was 6.0 % of the analysed time on average (4.2–7.8 %), "
-        "and 4.0 % to 8.0 % on single days."
+        "and 4.0 % to 8.0 % on single days. Compared with the proposed 10 % of a working day: cannot tell."
     )
     assert spread == (
         "Days differ by 1.4 points (standard deviation, 95 % range 0.8–4.1). These days can detect "
         "a change of 1.8 points (1.1–5.0) against as many later days, using this person's standard deviation."
     )
+
+
+def with_ranges(day: MeasuredDay, low: float, high: float, high_pose: float) -> MeasuredDay:
+    """The same day, with the given distances of the ends from each share."""
+    exposure = day.kept.findings.exposure
+    above = tuple(
+        replace(
+            item,
+            interval=Interval(
+                item.percent - low, item.percent + high, item.percent, item.percent + high_pose
+            ),
+        )
+        for item in exposure.time_above
+    )
+    return change_findings(day, exposure=replace(exposure, time_above=above))
+
+
+@pytest.mark.parametrize(
+    ("percents", "distances", "told"),
+    [
+        # mean 6, t(4) sd/sqrt(5) = 2.776 × 1.414 / 2.236 = 1.756: 4.2 to 7.8
+        (FIVE, (1.0, 1.0, 3.9), ("4.2–7.8", 9.9, "below", 0)),  # the pose raises the days to 9.9 on average
+        (FIVE, (1.0, 1.0, 4.0), ("4.2–7.8", 10.0, "cannot tell", 0)),
+        (FIVE, (3.4, 4.1, 4.1), ("2.6–10.1", 10.1, "cannot tell", 0)),  # the error of the angle alone
+        ((14.0, 16.0, 16.0, 16.0, 18.0), (3.9, 1.0, 3.0), ("12.1–17.8", 19.0, "above", 5)),
+    ],
+)
+def test_a_mean_is_below_a_level_only_with_every_end_of_its_range(
+    percents: tuple[float, ...], distances: tuple[float, float, float], told: tuple[Any, ...]
+) -> None:
+    studied = group_days([with_ranges(day, *distances) for day in week(*percents)])
+
+    levels = {level["key"]: level for level in describe_profile(studied)["arms"][0]["levels"]}
+
+    level = levels["above_60"]
+    assert f"{level['low']:.1f}–{level['high']:.1f}" == told[0]
+    assert (level["standing"], level["days_above"], level["days"]) == (told[2], told[3], 5)
+    assert level["high_pose"] == pytest.approx(told[1])
+
+
+def test_a_poor_day_is_not_compared_with_a_level() -> None:
+    days = [with_ranges(day, 1.0, 1.0, 1.0) for day in week(*FIVE)]
+    poor = change_findings(days[0], quality=make_quality("poor"))
+
+    sentence = plain(report_of([poor, *days[1:]]).sentences[0])
+
+    assert sentence.endswith("proposed 10 % of a working day: not compared (poor data).")
+
+
+def test_a_group_is_compared_with_the_levels_each_person_once() -> None:
+    days = [with_ranges(day, 1.0, 1.0, 1.0) for day in group_of(6)]
+
+    report, document = report_of(days), describe_profile(group_days(days))
+
+    level = document["group"][0]["levels"][1]
+    assert (level["measured"], level["standing"], level["days_above"], level["days"]) == (
+        8.0,
+        "cannot tell",
+        3,
+        12,
+    )
+    rows = [[plain(cell) for cell in row] for row in report.sections[0].tables[0].rows]
+    assert rows[1] == [
+        "Time above 60°",
+        "at most 10 %",
+        "8.0 %",
+        "4.6–11.4 %",
+        "9.0 %",
+        "cannot tell",
+        "3 of 12",
+    ]
+
+
+def test_the_line_of_a_range_is_never_cut() -> None:
+    row = FigureRow("Mean", (2.0,), ("2.0 %",), ((0.0, 9.0),), is_mean=True)
+
+    chart = build_rows([row], ("Days", "Day"), ["Above 60°"], load_wording("en", "days"))
+
+    ends = {float(x) for x in re.findall(r'<line x1="([\d.]+)" y1="[\d.]+" x2="\1"', chart.wide)}
+    assert ends == {150.0, 670.0}  # the column from its start to its end
+
+
+@pytest.mark.parametrize(
+    ("values", "mark"),
+    [((4.0, 6.0, 2.0), ""), ((12.04, 6.96, -5.08), "*"), ((27.3, 13.6, -13.7), "")],
+)
+def test_a_difference_that_the_printed_values_do_not_give_is_marked(
+    values: tuple[float, float, float], mark: str
+) -> None:
+    assert mark_rounding(*values, "time_above_60_percent", "*") == mark
 
 
 def test_the_answer_says_how_many_days_are_still_needed() -> None:

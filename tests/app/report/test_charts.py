@@ -2,20 +2,34 @@
 
 import re
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from html import escape
 from itertools import pairwise
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from app.report.charts.bars import Slice, draw_bar
-from app.report.charts.day import Day, DayLabels, build_timeline, draw_day, merge_spans
+from app.report.charts.day import (
+    Day,
+    DayLabels,
+    Mark,
+    MinuteBand,
+    build_day_labels,
+    build_timeline,
+    build_two_days,
+    draw_day,
+    merge_spans,
+)
+from app.report.charts.distribution import build_two_curves
 from app.report.charts.svg import RAMP
 from app.report.words.numbers import Clock
 from app.report.words.wording import load_wording
-from fusion.recording import Span
-from tests.app.analysis_factory import START, make_analysis
+from fusion.caveats import Caveat
+from fusion.recording import QualityFlag, Span
+from tests.app.analysis_factory import START, make_analysis, make_exposure
 
 LABELS = DayLabels("Day", "What", "band", "median", "left out", "no data", "worst")
 SVG = "{http://www.w3.org/2000/svg}"
@@ -66,6 +80,26 @@ def test_breaks_and_hole_are_marked_and_named() -> None:
     ]
 
 
+def test_the_legend_names_the_known_reasons_that_have_no_space_in_the_plot() -> None:
+    day, labels = day_of(), build_day_labels("Day", "What", load_wording("en"))
+    narrow = [Mark(60.0, 120.0, "left out", label) for label in ("sensor stuck", "a word of the diary")]
+
+    words = words_in(draw_day(replace(day, marks=(*day.marks, *narrow)), labels, 680))
+
+    assert "not analysed: sensor stuck" in words
+    assert "not analysed" in words_in(draw_day(day, labels, 680))  # the breaks have their labels
+
+
+def test_time_with_samples_that_is_not_trusted_is_not_named_missing() -> None:
+    flag = QualityFlag(Caveat.UNTRUSTED, 1, 540.0, spans_s=((20400.0, 20940.0),))
+    analysis = make_analysis()
+    quality = replace(analysis.quality, flags=(flag,))
+
+    day = build_timeline(replace(analysis, quality=quality), Clock(START, "en"), load_wording("en"))
+
+    assert (day.marks[-1].kind, day.marks[-1].label) == ("left out", "direction not trusted")
+
+
 def test_the_day_falls_into_unbroken_runs() -> None:
     assert [(run[0].start_s, run[-1].end_s) for run in day_of().runs] == [
         (0.0, 7200.0),
@@ -101,6 +135,34 @@ def test_the_most_loaded_window_is_bracketed_where_it_is() -> None:
     left, right = (36 + 640 * seconds / 28740 for seconds in (18420, 19320))
 
     assert np.allclose([float(path[1]), float(path[2])], [left, right], atol=0.06)
+
+
+@pytest.mark.parametrize(("deg", "shown", "absent"), [(40, "90°", "120°"), (95, "120°", "150°")])
+def test_two_curves_end_where_both_have_reached_all_of_the_time(deg: int, shown: str, absent: str) -> None:
+    low, high = (make_exposure(), make_exposure())
+    for exposure, angle in ((low, 10), (high, deg)):
+        exposure.histogram_s[:] = 0.0
+        exposure.histogram_s[angle * 10] = 60.0
+
+    chart = build_two_curves([("a", low), ("b", high)], load_wording("en", "pairs")["curves"], "en")
+
+    words = words_in(chart.wide)
+    assert (shown in words, absent in words) == (True, False)
+
+
+@pytest.mark.parametrize(("high_deg", "has_180"), [(119.0, False), (121.0, True)])
+def test_two_days_share_a_scale_that_ends_at_120_unless_a_band_is_higher(
+    high_deg: float, *, has_180: bool
+) -> None:
+    run = (MinuteBand(0.0, 60.0, 5.0, 20.0, high_deg),)
+    days = [
+        (name, Day(60.0, Clock(START, "en"), runs, (), None)) for name, runs in (("a", (run,)), ("b", ()))
+    ]
+    words = load_wording("en")
+
+    chart = build_two_days(days, load_wording("en", "pairs")["days"], words)
+
+    assert ("180°" in words_in(chart.wide)) == has_180
 
 
 def test_the_narrow_drawing_is_another_one_with_its_own_ids() -> None:

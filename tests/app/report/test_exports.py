@@ -116,7 +116,7 @@ def test_every_column_of_every_table_is_explained_in_both_languages() -> None:
     assert {file: tables[file] for file in files} == {
         "summary.csv": [c.name for c in SUMMARY],
         "periods.csv": PERIOD_COLUMNS,
-        "elevation.parquet": ["time_us", "elevation_cdeg", "valid"],
+        "elevation.parquet": ["time_us", "elevation_cdeg", "valid", "analysed"],
     }
     assert all(row["english"] and row["french"] for row in rows)
 

@@ -27,6 +27,7 @@ from fusion.angle_files import AngleFile, read_angle_file
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import UnknownColumns, UnreadableFile, UnusableTime
 from fusion.exposure.summary import summarise_exposure
+from fusion.recording import Span
 
 
 def make_segment(start_us: int, rate_hz: float, rows: int) -> ElevationSegment:
@@ -87,6 +88,7 @@ def test_the_columns_and_the_version_are_those_of_the_contract(tmp_path: Path) -
         "time_us": pa.int64(),
         "elevation_cdeg": pa.int16(),
         "valid": pa.bool_(),
+        "analysed": pa.bool_(),
     }
     assert pq.read_metadata(path).metadata[b"schema"] == b"acromion.elevation/2"
 
@@ -98,6 +100,16 @@ def test_a_bridge_and_a_row_without_an_angle_are_missing_and_an_untrusted_row_is
 
     assert table["elevation_cdeg"].to_pylist() == [1000, None, None, 1200, 1300]
     assert table["valid"].to_pylist() == [True, False, False, True, False]
+
+
+def test_a_row_in_a_break_is_valid_but_not_analysed(tmp_path: Path) -> None:
+    segment = lay([10.0, 11.0, 12.0, 13.0], bridged=((3, 4),))
+    path = tmp_path / "elevation.parquet"
+    write_elevation(Elevation((segment,), None), path, (Span(10_000, 10_000, "break"),))
+    table = pq.read_table(path)
+
+    assert table["valid"].to_pylist() == [True, True, True, False]
+    assert table["analysed"].to_pylist() == [True, False, True, False]
 
 
 def test_many_short_segments_share_a_group_of_rows(tmp_path: Path) -> None:
@@ -207,10 +219,10 @@ def test_the_text_is_in_seconds_and_degrees(tmp_path: Path) -> None:
     path = write(tmp_path, lay([10.0, 11.0, 12.346], bridged=((1, 2),)))
 
     assert list_rows(path) == [
-        ["time_s", "elevation_deg", "valid"],
-        ["0", "10", "true"],
-        ["0.01", "", "false"],
-        ["0.02", "12.35", "true"],
+        ["time_s", "elevation_deg", "valid", "analysed"],
+        ["0", "10", "true", "true"],
+        ["0.01", "", "false", "false"],
+        ["0.02", "12.35", "true", "true"],
     ]
 
 
