@@ -85,7 +85,7 @@ class Block:
 class Day:
     """All data of the timeline.
 
-    ``longest_start_s``: start of the longest continuous time above 60 deg; ``blocks`` are below the plot.
+    ``longest_start_s``: start of the longest episode above 60 deg; ``blocks`` are below the plot.
     """
 
     duration_s: float

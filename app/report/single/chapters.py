@@ -291,7 +291,7 @@ def build_sections(context: Context) -> tuple[Section, ...]:
         _build_day(context, brackets),
         Section(
             "spread",
-            title["spread"],
+            title["measures"],
             brackets,
             build_spread(exposure, words, context.language),
             tables=(*spread, *rises),

@@ -30,7 +30,7 @@ def test_the_answer_in_english() -> None:
         (
             "Above 60° for 32 min; above 90° for 8 min 56 s (2.1 %). "
             "The right arm made 214 rises above 60° (30 per hour); "
-            "longest continuous time above 60°: 48 s, at 10:42."
+            "longest stay until below 55°: 48 s, at 10:42."
         ),
         "The 15 minutes with the most time above 60° were 13:05–13:20 (41.2 %).",
     ]
@@ -66,7 +66,7 @@ SENTENCES: dict[str, tuple[dict[str, Any], Language, int, str]] = {
         {"entries": (Entries(60, 1, 0.14),), "episodes": (Episodes(60, 1, 12.0, 12.0, 60.0, 0),)},
         "fr",
         1,
-        "un passage au-dessus de 60° ; durée continue au-dessus de 60° : 12 s, à 7 h 59.",
+        "un passage au-dessus de 60° ; durée jusqu'à moins de 55° : 12 s, à 7 h 59.",
     ),
     "too short for the window": (
         {"peak_windows": (PeakWindow(900, None, None),)},
