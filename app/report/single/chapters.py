@@ -82,6 +82,8 @@ SHORTEST_RATED_S = 600.0
 """In less than ten minutes a rate per hour would only multiply a small count."""
 MOST_FINDINGS = 6
 """Maximum findings on page 4; the appendix and the HTML report have all, with their details."""
+TASK_KINDS = frozenset({"task", "seated", "supported"})
+"""Kinds of period that name a task; work counts only with a name in the diary."""
 MOST_PARTS = 14
 """Maximum hours, periods or tasks in a table of the report; the CSV has all."""
 MAIN_FIGURE = f"time_above_{MAIN_THRESHOLD_DEG}_percent"
@@ -402,12 +404,13 @@ def _build_day(context: Context, brackets: tuple[str, ...]) -> Section:
 
 
 def _tabulate_tasks(context: Context) -> Table:
-    """Tabulate the tasks and the shift without tasks, those with the most time above 60 deg first."""
+    """Tabulate the tasks, those with the most time above 60 deg first, and the shift without tasks."""
     words, language = context.words, context.language
     entry, rows = words["part"]["tasks"], []
     tenths, signed = _show_number(language, 1), partial(format_signed, language=language)
     lasting, spread = _show_duration(language)
-    for task, rank in rank_tasks([part for part in context.exposure.by_task if part.analysed_s > 0]):
+    others = [(part, None) for part in context.exposure.by_task if part.analysed_s > 0 and not is_task(part)]
+    for task, rank in (*rank_tasks(context.exposure.by_task), *others):
         share, ranges = task.percent_above.get(MAIN_THRESHOLD_DEG), task.intervals
         minutes = task.analysed_s / MINUTE_S / 100
         per_h = task.entries_above_60_per_h if task.analysed_s >= SHORTEST_RATED_S else None
@@ -443,14 +446,20 @@ def _tabulate_tasks(context: Context) -> Table:
     return Table.build(entry, rows[:MOST_PARTS], note=fill(entry["note"], cut))
 
 
-def rank_tasks(tasks: Sequence[PartExposure]) -> list[tuple[PartExposure, int | None]]:
-    """Sort tasks by minutes above 60 deg; each has its rank if its range overlaps with no other."""
+def is_task(part: PartExposure) -> bool:
+    """Return whether a period or its pooled rows name a task whose time is analysed."""
+    return not part.reason and (part.kind in TASK_KINDS or (part.kind == "work" and bool(part.label)))
+
+
+def rank_tasks(parts: Sequence[PartExposure]) -> list[tuple[PartExposure, int | None]]:
+    """Sort the tasks by minutes above 60 deg; each has its rank if its range overlaps with no other."""
 
     def find_above_s(task: PartExposure) -> tuple[float, float, float]:
         interval, share = task.intervals.get(MAIN_FIGURE), task.percent_above.get(MAIN_THRESHOLD_DEG, 0.0)
         low, high = (interval.low, interval.high) if interval else (0.0, 100.0)
         return share * task.analysed_s, low * task.analysed_s, high * task.analysed_s
 
+    tasks = (part for part in parts if is_task(part) and part.analysed_s > 0)
     ordered = sorted(tasks, key=lambda task: -find_above_s(task)[0])
     ends = [find_above_s(task)[1:] for task in ordered]
     ranked: list[tuple[PartExposure, int | None]] = []

@@ -374,7 +374,7 @@ def test_only_a_task_whose_range_overlaps_with_no_other_has_a_rank() -> None:
 
     rows = table_of(report_of(exposure=exposure), "hours", "Task by task").rows
 
-    assert [row[0] for row in rows] == ["1. Ceilings", "Shelves", "Shift without tasks", "Till"]
+    assert [row[0] for row in rows] == ["1. Ceilings", "Shelves", "Till", "Shift without tasks"]
 
 
 def test_the_cycles_say_what_their_range_does_not_hold() -> None:
