@@ -91,11 +91,11 @@ class UncertaintyChart:
 
 def draw_uncertainty(shown: UncertaintyChart) -> str:
     """Draw a bar for each uncertainty on one scale, crossed by the measured value."""
-    plot, bottom = Plot(2.0, SURE_PX - 2.0, across=(0.0, shown.end)), _ROW_PX * len(shown.doubts) + 2
+    plot, bottom = Plot(2.0, SURE_PX - 2.0, across=(0.0, shown.end)), _ROW_PX * len(shown.doubts) + 4
     at, median = plot.x(shown.measured), f'{svg.MEDIAN} stroke-width="2.4"'
     body = [svg.define_hatch("sure")]
     for rank, doubt in enumerate(shown.doubts):
-        top, kind = rank * _ROW_PX, "strong" if doubt.is_combined else "ink"
+        top, kind = 2 + rank * _ROW_PX, "strong" if doubt.is_combined else "ink"
         body += [
             svg.text(0, top + 12, doubt.name, kind),
             svg.text(SURE_PX, top + 12, doubt.shown, kind, "end"),

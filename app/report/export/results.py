@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from functools import cache
 from itertools import starmap
-from math import nan
+from math import inf, nan
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -349,13 +349,21 @@ def _read_findings(results: Mapping[str, Any]) -> dict[str, Any]:
     }
     return {
         "recording": recording | timed,
-        "calibration": results["calibration"],
+        "calibration": _read_calibration(results["calibration"]),
         "method": results["method"],
         "exclusions": [_read_us(span) for span in time["exclusions"]],
         "time": _read_us(time) | {"parts": list(map(_read_us, time["parts"]))},
         "exposure": _read_exposure(results["exposure"]),
         "quality": results["quality"] | {"flags": results["quality"]["warnings"]},
     }
+
+
+def _read_calibration(stored: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    """Return the calibration; a part without an end lasts until the end of the recording."""
+    if stored is None:
+        return None
+    ends = ({"end_s": inf} if part["end_s"] is None else {} for part in stored["parts"])
+    return {**stored, "parts": [part | end for part, end in zip(stored["parts"], ends, strict=True)]}
 
 
 def _read_subject(results: Mapping[str, Any]) -> ReportSubject:

@@ -142,7 +142,7 @@ def format_quality(context: Context) -> str:
     findings, words, language = context.findings, context.words, context.language
     counted = [_format_flag(flag, language) for flag in _list_counted(findings)]
     if not counted:
-        return str(words["profile"]["no_fault_posed" if format_pose_caution(findings, words) else "no_fault"])
+        return str(words["profile"]["no_fault"])
     more = len(counted) - MOST_REASONS
     shown = join_clauses(counted[:MOST_REASONS], language)
     facts = {"reasons": shown[0].upper() + shown[1:], "more": str(more) if more > 0 else ""}

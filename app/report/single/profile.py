@@ -58,6 +58,8 @@ def build_profile(context: Context) -> Profile:
     amended = fill(context.words["heading"]["amended_short"], versions) if subject.version > 1 else ""
     stated = {part.kind for part in context.exposure.by_period}
     missing = ", ".join(entry["unmeasured"][key] for key in UNMEASURED if key not in stated)
+    levels = context.findings.compare_with_levels()
+    cited = entry["proposals"] if any(level.standing for level in levels) else ""
     return Profile(
         quality=format_quality(context),
         not_measured=fill(entry["not_measured"], {"list": missing}),
@@ -69,7 +71,7 @@ def build_profile(context: Context) -> Profile:
         sure=_build_uncertainty(context),
         next_title=entry["next"]["title"],
         next_steps=_list_next_steps(blocks if tasks else (), context),
-        not_a_diagnosis=entry["not_a_diagnosis"],
+        not_a_diagnosis=fill(entry["not_a_diagnosis"], {"proposals": cited}),
         amendment=amended,
     )
 

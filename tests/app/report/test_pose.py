@@ -180,7 +180,7 @@ def test_a_question_keeps_its_kind_both_times_and_the_angle() -> None:
             with_pose(QualityFlag("W-NOT-HELD"), state="assumed"),
             "State when the pose was held: the arm was not still within 60 s of the start of wear.",
         ),
-        (asked(), "State when the calibration pose was held."),
+        (asked(), "State when the pose was held."),
     ],
     ids=["assumed", "none", "slip", "put back", "after a slip", "not held", "open"],
 )

@@ -18,7 +18,6 @@ from app.report.render.pdf import render_pdf
 from app.report.single.report import build_report
 from app.report.words.wording import LANGUAGES, Language
 from app.request import Conclusion, Paper
-from fusion.conventions import Pose
 from fusion.exposure.types import Entries, Exposure, Interval
 from fusion.quality import Quality, TimeAccount
 from fusion.recording import QualityFlag
@@ -364,15 +363,15 @@ def test_the_line_of_quality_names_the_gravest_two() -> None:
     )
 
 
-@pytest.mark.parametrize(
-    ("pose", "more"), [("n-pose", ", but the pose may hide time above 60°"), ("side-lean", "")]
-)
-def test_a_recording_without_a_fault_is_told_so_with_what_its_pose_hides(pose: Pose, more: str) -> None:
-    findings = make_analysis(quality=make_quality("good"))
+def test_a_recording_without_a_fault_is_called_so() -> None:
+    quality = profile_of(make_analysis(quality=make_quality("good"))).quality
 
-    told = profile_of(replace(findings, calibration=replace(make_calibration(), pose=pose))).quality
+    assert quality == "No fault was found in the recording."
 
-    assert told == f"No fault was found in the recording{more}."
+
+def test_proposals_are_cited_only_if_something_is_compared_with_them() -> None:
+    assert plain(profile_of().not_a_diagnosis) == "Not a diagnosis. Proposals: Arvidsson 2021, never limits."
+    assert profile_of(short_day()).not_a_diagnosis == "Not a diagnosis."
 
 
 # In print.

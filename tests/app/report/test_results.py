@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from datetime import datetime
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,7 @@ from tests.app.analysis_factory import (
     make_exposure,
     make_quality,
     make_subject,
+    with_velocity,
 )
 
 
@@ -98,7 +100,10 @@ def test_a_bin_without_an_interval_has_nulls(results: dict[str, Any]) -> None:
     }  # fmt: skip
 
 
-def test_four_speeds_of_which_an_uncomputed_one_is_null(results: dict[str, Any]) -> None:
+def test_four_speeds_of_which_an_uncomputed_one_is_null() -> None:
+    exposure = with_velocity(make_exposure(), "generalised_accelerometer", None)
+    results = json.loads(encode_results(make_analysis(exposure=exposure), make_subject()))
+
     speeds = results["exposure"]["velocity_dps"]
 
     assert (list(speeds), speeds["generalised_accelerometer"], list(speeds["inclination"])) == (
@@ -248,6 +253,7 @@ def test_the_facts_of_a_caveat_are_kept() -> None:
         {"pose": "two-point", "second": StillFacts(60.0, 8.0)},
         {"repeats": (RepeatFacts(7242.0, 8.0, 3.5),), "repeat_deg": 3.5},
         {"parts": (PartFacts(3600.0, 7242.0, valid=False, pose_index=None),)},
+        {"parts": (PartFacts(3600.0, inf, valid=False, pose_index=None),)},  # until the end
         {"proposals": (StillFacts(108.0, 10.0),), "spread_deg": 34.2, "needs_pose": True},
         {"questions": (QuestionFacts("slip", 7200.0, 7320.0, 23.0),), "slip_times_s": (3600.0,)},
     ],
