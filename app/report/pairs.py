@@ -285,11 +285,13 @@ def mark_rounding(before: float, after: float, change: float, name: str, mark: s
     return mark if abs(shown(after) - shown(before) - shown(change)) > 1e-6 else ""
 
 
-def format_level(values: Sequence[float], reference: Reference, language: Language) -> str:
-    """Format a level, a measured value, or a range of two, in the unit of the level."""
-    decimals = 0 if values == (reference.high,) else 1
-    sign = "°/s" if reference.unit == "dps" else percent_sign(language)
-    return "–".join(format_number(value, decimals, language) for value in values) + sign if values else ""
+def format_level(reference: Reference, language: Language) -> str:
+    """Format a proposed level, which has no decimals."""
+    return format_number(reference.high, 0, language) + _find_sign(reference, language)
+
+
+def _find_sign(reference: Reference, language: Language) -> str:
+    return "°/s" if reference.unit == "dps" else percent_sign(language)
 
 
 def format_standing(level: ComparedLevel, language: Language) -> str:
@@ -307,11 +309,12 @@ def lay_level(level: ComparedLevel, language: Language) -> tuple[str, ...]:
         (interval.low, interval.high) if interval else (),
         () if raised is None else (raised,),
     )
-    at_most = format_level((reference.high,), reference, language)
+    shown = ("–".join(format_number(end, 1, language) for end in ends) for ends in values)
+    sign, at_most = _find_sign(reference, language), format_level(reference, language)
     return (
         load_wording(language)["reference"][reference.key]["name"],
         fill(load_pair_words(language)["levels"]["at_most"], {"value": at_most}),
-        *(format_level(ends, reference, language) or NONE for ends in values),
+        *(f"{text}{sign}" if text else NONE for text in shown),
         format_standing(level, language),
     )
 
@@ -460,7 +463,7 @@ def build_pair(pair: ArmPair, language: Language) -> Report:
         ),
         figures=(build_two_bars(bars, words["bars_note"], language), _build_days(pair, sides, language)),
         sections=(
-            _build_levels(pair, words, language),
+            _build_levels(pair, language),
             _build_figures(pair, words["table"], language),
             _build_trunk(pair, words, language),
             *(Section("spread", common["section"]["spread"], figures=(chart,)) for chart in curves),
@@ -503,7 +506,7 @@ def _format_answers(pair: ArmPair, words: Words, language: Language) -> tuple[st
         level = next(one for one in kept.findings.compare_with_levels() if one.reference.key == MAIN_LEVEL)
         facts |= {
             f"{side}_standing": format_standing(level, language),
-            "level": format_level((level.reference.high,), level.reference, language),
+            "level": format_level(level.reference, language),
         }
     return tuple(fill(entry[key], facts) for key in ("above", "level", "both", "median"))
 
@@ -540,8 +543,9 @@ def _build_days(pair: ArmPair, sides: Sequence[PairSide], language: Language) ->
     return build_two_days(days, entry, report_words)
 
 
-def _build_levels(pair: ArmPair, words: Words, language: Language) -> Section:
+def _build_levels(pair: ArmPair, language: Language) -> Section:
     """Compare each arm's whole recording with the proposed levels, as its own report does."""
+    words = load_wording(language)["side"]
     entry, sides = load_pair_words(language)["levels"], (("left", pair.left), ("right", pair.right))
     arms = [(words[side], kept.findings.compare_with_levels()) for side, kept in sides]
     rows = [

@@ -175,7 +175,7 @@ def _list_arm_sentences(arm: ArmDays, entry: Words, language: Language) -> list[
 def _format_level_sentence(levels: Sequence[MeanLevel], language: Language) -> str:
     level = next(level.mean for level in levels if level.mean.reference.key == MAIN_LEVEL)
     facts = {
-        "level": format_level((level.reference.high,), level.reference, language),
+        "level": format_level(level.reference, language),
         "standing": format_standing(level, language),
     }
     return fill(load_wording(language, "days")["levels"]["sentence"], facts)
@@ -395,7 +395,9 @@ def _build_levels(studied: StudiedDays, entry: Words, language: Language) -> Ite
         days = {"above": str(level.days_above), "days": str(level.days)}
         return (*lay_level(level.mean, language), fill(entry["above"], days) if level.days else NONE)
 
-    note = " ".join((format_levels_note(language, is_part=is_part), entry["note"], others))
+    has_several = any(level.days > 1 for _, levels in named for level in levels)  # context for several days
+    notes = (format_levels_note(language, is_part=is_part), entry["note"], others if has_several else "")
+    note = " ".join(filter(None, notes))
     tables = tuple(
         Table(name, columns, tuple(lay(level) for level in levels), even=True)
         for name, levels in named

@@ -185,7 +185,7 @@ def test_each_arm_is_compared_with_the_levels_as_in_its_own_report() -> None:
     document = describe_pair(pair)["levels"]
 
     told = [plain(cell) for cell in left]
-    assert told == ["Time above 60°", "Left arm", "at most 10 %", "7.6 %", "6.0–9.5 %", "9.9 %", "below"]
+    assert told == ["Time above 60°", "left", "at most 10 %", "7.6 %", "6.0–9.5 %", "9.9 %", "below"]
     assert [plain(cell) for cell in right[3:]] == ["7.6 %", "–", "–", "cannot tell"]
     assert [document[side][1]["standing"] for side in ("left", "right")] == ["below", "cannot tell"]
 
