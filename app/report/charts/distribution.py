@@ -150,7 +150,7 @@ _STYLES = (
 def build_two_curves(named: Sequence[tuple[str, Exposure]], entry: Words, language: Language) -> Chart:
     """Build a chart of both distributions on one scale, with guide lines at 30, 60 and 90 deg.
 
-    The scale ends where both curves have reached 100 % as printed.
+    The scale ends at the first guide line with 100 % of both, as printed.
     """
     (first, _), (second, _) = named
     below = [compute_share_below(exposure) for _, exposure in named]

@@ -188,7 +188,7 @@ def test_the_angles_are_given_as_text(shared: TestClient, analysed: str) -> None
     body = shared.get(f"{analysed}/elevation.csv.gz").content
 
     rows = list(csv.DictReader(io.StringIO(gzip.decompress(body).decode())))
-    assert list(rows[0]) == ["time_s", "elevation_deg", "valid"]
+    assert list(rows[0]) == ["time_s", "elevation_deg", "valid", "analysed"]
     assert float(rows[-1]["time_s"]) == pytest.approx(360, abs=0.1)
 
 
