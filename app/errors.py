@@ -191,6 +191,10 @@ class LiveSourceFailed(
     """The source of a live session sends no samples."""
 
 
+class LiveStopped(AppError, code="E-LIVE-STOPPED", outcome=Outcome(503, 3, retryable=True)):
+    """The process of a live session died or did not respond."""
+
+
 class PurgedSince(AppError, code="E-PURGED", outcome=Outcome(410, 3)):
     """The recording of this upload has been deleted permanently."""
 

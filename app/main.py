@@ -59,6 +59,7 @@ from app.library.database.connect import (
     translate_start_errors,
 )
 from app.library.jobs import JobStore
+from app.live.hub import LiveHub
 from app.logs import start_logging
 from app.ops.place import warn_of_lost_secret
 from app.ops.recover import check_known
@@ -120,6 +121,7 @@ def create_app(settings: Settings, clock: Callable[[], float] = time.time) -> Fa
         routes=[*_build_routes()],
     )
     services = application.state.services = Services(settings)
+    services.live = LiveHub(live.LiveLibrary(services))
     accounts = AccountStore(settings, clock, services.store.engine)
     try:
         accounts.check_kept()
@@ -298,8 +300,7 @@ async def _live(application: FastAPI) -> AsyncIterator[None]:
         finally:
             house.cancel()
             await asyncio.gather(house, return_exceptions=True)
-            if services.live is not None:
-                await asyncio.to_thread(services.live.close)
+            await asyncio.to_thread(services.live.close)
             await asyncio.to_thread(write_side_files, services)
 
 

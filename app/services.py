@@ -1,10 +1,9 @@
 """The stores, folders and settings that all routes share."""
 
-import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import Annotated, cast
 
 import anyio
 import anyio.to_thread
@@ -27,14 +26,12 @@ from app.library.report_cache import PairReports
 from app.library.results import ResultReader
 from app.library.side_files import SideWriter
 from app.library.webhooks import WebhookStore
+from app.live.hub import LiveHub
 from app.report.words.wording import EVERY_LANGUAGE, Language
 from app.settings import Settings
 from app.store.decoded import DecodedCache
 from app.store.folder import Storage, check_folder, open_storage
 from app.store.incoming import Incoming, UploadSlots
-
-if TYPE_CHECKING:
-    from app.live.hub import LiveHub
 
 # Readiness: each dependency of an upload is checked separately and within a time limit.
 
@@ -140,9 +137,8 @@ class Services:
         """Unknown entries among the recordings, from the last check."""
         self.cache = DecodedCache(settings.data_dir / "cache", settings.max_cache_bytes)
         self.readiness = Readiness(store, storage, settings)
-        self.live: LiveHub | None = None
-        """The first live session builds it (:func:`app.http.api.live.get_hub`): it loads the science."""
-        self.live_turn = threading.Lock()
+        self.live: LiveHub
+        """The live sessions; the application sets it, because they store recordings with these services."""
 
 
 SUBJECT = "acromion.subject"

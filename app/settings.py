@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from app.request import Paper
@@ -103,7 +103,7 @@ class Settings(BaseSettings):
     object_store: str = ""
     engine: Literal["embedded", "procrastinate"] = "embedded"
     host: str = "127.0.0.1"
-    port: int = 8080
+    port: int = Field(default=8080, ge=0, le=65535)
     hosts: str = ""
     proxy: str = ""
     second_factor: Literal["required", "offered"] = "required"
@@ -115,7 +115,7 @@ class Settings(BaseSettings):
     no_secret: bool = False
     tls_cert: Path | None = None
     tls_key: Path | None = None
-    workers: int = 1
+    workers: int = Field(default=2, ge=0)
     max_upload_bytes: int = 4 * GIB
     min_free_bytes: int = 2 * GIB
     max_uploads_at_once: int = 32
@@ -139,6 +139,22 @@ class Settings(BaseSettings):
     max_queued: int = 100_000
     upload_term_s: float = 24 * 3600.0
     trash_term_s: float = 30 * 24 * 3600.0
+
+    @field_validator("data_dir", "watch_dir", "tls_cert", "tls_key", mode="before")
+    @classmethod
+    def check_path(cls, value: object) -> object:
+        """Raise ValueError for an empty path, which would mean the current folder."""
+        if value == "":
+            raise ValueError("PATH")
+        return value
+
+    @field_validator("database_url")
+    @classmethod
+    def check_database_url(cls, value: str) -> str:
+        """Raise ValueError if the address has no scheme."""
+        if "://" not in value:
+            raise ValueError("sqlite:///FILE, postgresql+psycopg://USER@HOST/NAME")
+        return value
 
     @property
     def host_names(self) -> frozenset[str]:

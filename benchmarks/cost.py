@@ -37,12 +37,12 @@ class Cost:
 
     @property
     def puts(self) -> int:
-        """Requests that write to the bucket: the parts of the recording, their start and end, the results."""
+        """Write requests to the bucket: parts of the recording, begin and end of the upload, results."""
         return math.ceil(self.recording_bytes / PART_BYTES) + 2 + self.results
 
     @property
     def moved_bytes(self) -> int:
-        """From the client to the web server, to the bucket, to the worker; the results to the bucket."""
+        """The recording goes to the web server, the bucket and the worker; the results go to the bucket."""
         return 3 * self.recording_bytes + self.result_bytes
 
     @property
@@ -89,7 +89,7 @@ class Plan:
 
 
 def simulate(folder: Path, hours: float) -> None:
-    """Write the shift, in a separate process: its memory must not count as that of the analysis."""
+    """Write the shift in a separate process, so that its memory is not counted as the analysis's."""
     write_shift(folder, simulate_shift("gt9x", hours, seed=1), actilife_csv=False)
 
 

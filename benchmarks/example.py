@@ -2,7 +2,8 @@
 
     python -m benchmarks.example
 
-Writes ``templates/example/results.json``; ``tests/app/report/test_example.py`` compares it with the engine.
+Writes ``templates/example/results.json`` and the pictures of its page 1 in ``docs``.
+``tests/app/report/test_example.py`` compares the results with the engine.
 """
 
 import tempfile
@@ -12,12 +13,19 @@ from pathlib import Path
 from app.http.pages.help import find_example
 from app.report.export.results import encode_results, identify_report
 from app.report.findings import Findings, ReportSubject, Software, build_findings
+from app.report.render.pdf import render_first_page
+from app.report.single.report import build_report
+from app.report.words.wording import Language
 from app.version import software_revision, software_version
 from fusion.diary import read_diary
 from fusion.pipeline import analyse
 from fusion.settings import AnalysisSettings
 from fusion.simulation import simulate_shift, write_shift
 
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+PICTURES: dict[Language, str] = {"en": "page1.png", "fr": "page1_fr.png"}
+"""Page 1 of the example, for README and the guide."""
+DOTS_PER_INCH = 96
 HOURS, SEED = 8.0, 2
 DIARY = b"""start;end;kind;label
 07:10;09:00;task;Transport
@@ -47,6 +55,9 @@ def main() -> None:
     subject = replace(subject, report_id=identify_report(SETTINGS, findings, subject))
     path.write_bytes(encode_results(findings, subject))
     print(path.name, path.stat().st_size)
+    for language, name in PICTURES.items():
+        report = build_report(findings, subject, language)
+        (DOCS / name).write_bytes(render_first_page(report, "a4", DOTS_PER_INCH))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Compare the computed figures of signals with oracles: values that follow from a formula.
+"""Compare the figures of constructed signals with oracles: values that follow from a formula.
 
 The metric filter is off if the oracle is defined without it. The last line counts the failures.
 """

@@ -105,7 +105,10 @@ def mount(acc_g: FloatArray, gyr_dps: FloatArray, turn: FloatArray) -> FloatArra
 
 
 def count_disorder(day: Exposure) -> int:
-    """Count higher thresholds or longer windows with a larger share, and percentiles out of order."""
+    """Count the contradictions.
+
+    A contradiction is a higher threshold or a longer window with a larger share, or percentiles out of order.
+    """
     above = [item.percent for item in day.time_above]
     percentiles = list(day.percentiles_deg.values())
     windows = [window.percent_above_60 or 0.0 for window in day.peak_windows]

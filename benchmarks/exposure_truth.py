@@ -3,10 +3,10 @@
 The truth is the exact angle of the simulated arm, counted in the same way. A range includes the error of the
 angle (of the fusion, and of a pose held 3 deg off) and the sampling of the day in 5-minute blocks. Here both
 sides have the same day, so only the first part is tested. A range that is wide because of its second part
-includes the truth more often than 95 %. A range of the sampling only (speeds) says nothing about the error of
-the angle, and a range of the error only (the windows with the most time above 60°, the longest episode)
-nothing about other days. The simulated pose is held exactly; the second count rotates the arm axis away from
-it, in a random direction, by an amount that the range allows for.
+includes the truth more often than 95 %. The ranges of speeds include the sampling only, so they do not show
+the error of the angle. The ranges of the worst windows and of the longest episode include the error only, so
+they do not show the variation between days. The simulated pose is held exactly; the second count rotates the
+arm axis away from it, in a random direction, by an amount that the range allows for.
 """
 
 from collections import Counter

@@ -5,8 +5,8 @@
 
 Covers the samples and flags of every readable recording under ``../shared/data``, and a dozen recordings of
 every format, with the settings that change a report, pairs, changes and agreements. Recordings under
-``../shared/data`` are used if they exist; the others are simulated. ``software.revision`` hashes every source
-file; it is the only value that is held constant.
+``../shared/data`` are used if they exist; the others are simulated. ``software.revision`` would change with
+every source file, so it alone is replaced by a constant.
 """
 
 import argparse
@@ -24,7 +24,7 @@ ROOT = Path(__file__).resolve().parents[1]
 SHARED = ROOT.parent / "shared" / "data"
 HOLD_REVISION = "import app.version\napp.version._source_files = lambda: []\n"
 PASSING = frozenset({"run.json", "done.json"})
-"""Files with the time of the run, or with the output folder."""
+"""Files that contain the time of the run or the path of the output folder."""
 END_TIME = re.compile(rb'"endTime": "[^"]*"')
 """The time of the run in the RO-Crate."""
 

@@ -25,8 +25,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("app", "fusion")
 CAVEAT = re.compile(r"W-[A-Z][A-Z-]+")
 FIGURE = "longest_without_s"
-"""A figure in results.json and in a report: the files that contain its name are those to change for a new
-one.
+"""A figure in results.json and in a report; to add another, change the files that contain this name.
 """
 TRACER = f"""
 import os, sys, threading
@@ -199,7 +198,7 @@ def _name_room(parts: tuple[str, ...]) -> str | None:
 
 
 def count_used_once(sources: dict[Path, str], trees: dict[Path, ast.Module]) -> int:
-    """Count the private functions whose name occurs once besides their definition."""
+    """Count the private functions that are used once: their name occurs once besides the definition."""
     number = 0
     for path, tree in trees.items():
         names = [node.name for node in tree.body if isinstance(node, ast.FunctionDef)]
@@ -209,7 +208,7 @@ def count_used_once(sources: dict[Path, str], trees: dict[Path, ast.Module]) -> 
 
 
 def count_caveat_files(trees: dict[Path, ast.Module]) -> int:
-    """Count the files with a caveat's code as a literal, without caveats.py, which declares them."""
+    """Count the files, except caveats.py with its declarations, that contain a caveat's code as a literal."""
     others = (tree for path, tree in trees.items() if path.name != "caveats.py")
     return sum(any(_is_caveat(node) for node in ast.walk(tree)) for tree in others)
 

@@ -3,7 +3,7 @@
     python -m benchmarks.live [--hours 8] [--minutes 10] [--sessions 20] [--seconds 60]
 
 Each part prints its line. The server is killed with SIGKILL while lines arrive at 100 Hz; the loss is counted
-in the recording that the next server creates from the rest.
+in the recording that the next server makes of the remaining data.
 """
 
 import argparse
@@ -32,7 +32,7 @@ from tests.app.live.made import count_stored_rows
 from tests.ways_in.servers import RunningServer
 
 HEADER = "# device: LSM9DS1\ntime_us,counter,acc_x_g,acc_y_g,acc_z_g,gyr_x_dps,gyr_y_dps,gyr_z_dps\n"
-RATE_HZ, CHUNK_ROWS = 100, 4
+RATE_HZ, CHUNK_ROWS, SETTLED_S = 100, 4, 10.0
 PERCENTILES = (50, 99)
 WATCH = """() => {
   window.taken = [];
@@ -71,7 +71,7 @@ def measure_replay(
 
 
 def measure_latency(running: RunningServer, seconds: float) -> None:
-    """Measure from the arrival of the frames at the server to the screen, in headless Chromium."""
+    """Measure the latency from the arrival of frames at the server to the screen, in headless Chromium."""
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=["--no-sandbox"])
         page = browser.new_page()
@@ -124,20 +124,34 @@ async def feed_all(address: str, sessions: int, seconds: float) -> list[dict[str
     return await asyncio.gather(*(feed(address, seconds) for _ in range(sessions)))
 
 
+def measure_cpu_s(server: psutil.Process) -> float:
+    """Return the CPU time of a server and its child processes."""
+    times = [one.cpu_times() for one in (server, *server.children(recursive=True))]
+    return sum(one.user + one.system for one in times)
+
+
 def measure_many(running: RunningServer, sessions: int, minutes: float) -> None:
-    """Measure CPU and memory of the server, and the lost frames."""
+    """Measure CPU and memory of the server and of the sessions, and the lost frames."""
     server = psutil.Process(running.process.pid)
     address = running.address.replace("http", "ws") + "api/v1/live"
     asyncio.run(feed_all(address, 1, 5.0))  # loads the analysis code
-    before, began_s = server.cpu_times(), time.monotonic()
     own_s = resource.getrusage(resource.RUSAGE_SELF).ru_utime
-    found = asyncio.run(feed_all(address, sessions, 60.0 * minutes))
-    after, taken_s = server.cpu_times(), time.monotonic() - began_s
-    cpu_s = after.user + after.system - before.user - before.system
+
+    async def run() -> tuple[list[dict[str, Any]], float, float, float]:
+        feeding = asyncio.create_task(feed_all(address, sessions, 60.0 * minutes))
+        await asyncio.sleep(SETTLED_S)
+        before_s, began_s = measure_cpu_s(server), time.monotonic()
+        await asyncio.sleep(60.0 * minutes - 2 * SETTLED_S)
+        cpu_s, taken_s = measure_cpu_s(server) - before_s, time.monotonic() - began_s
+        children = sum(one.memory_full_info().pss for one in server.children(recursive=True))
+        return await feeding, cpu_s, taken_s, children
+
+    found, cpu_s, taken_s, children_bytes = asyncio.run(run())
     own_s = resource.getrusage(resource.RUSAGE_SELF).ru_utime - own_s
     print(
         f"{sessions} sessions at {RATE_HZ} Hz for {minutes:g} min: {100 * cpu_s / taken_s:.0f} % of a core, "
-        f"{server.memory_info().rss / (1 << 20):.0f} MiB, lost {sum(one['lost'] for one in found)} of "
+        f"server {server.memory_info().rss / (1 << 20):.0f} MiB, "
+        f"sessions {children_bytes / (1 << 20):.0f} MiB, lost {sum(one['lost'] for one in found)} of "
         f"{sum(one['frames'] for one in found)} (the benchmark itself: {100 * own_s / taken_s:.0f} %)"
     )
 
@@ -159,7 +173,7 @@ async def feed_until_killed(running: RunningServer, address: str, seconds: float
 
 
 def measure_kill(folder: Path, after_s: float, *, is_busy: bool) -> float:
-    """Return the seconds lost when a fresh server is killed: sent before it, minus those in the recording."""
+    """Return the seconds that a kill of a fresh server loses: sent seconds minus those in the recording."""
     log = folder.with_suffix(".log")
     busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2 * is_busy)]
     try:

@@ -99,7 +99,7 @@ def describe(recording: Recording) -> Outcome:
 
 
 def find_unstated(recording: Recording) -> set[str]:
-    """Return the sensors whose unit no header states: determining it changes no correct value."""
+    """Return the sensors without a stated unit; determining their unit changes no correct value."""
     names = {"acceleration": "acceleration_unit", "angular rate": "angular_rate_unit"}
     return {name for name, key in names.items() if not recording.understood.get(key, "-")}
 

@@ -3,8 +3,8 @@
     python -m benchmarks.readers shift_seed1.gt3x shift_seed1-IMU.csv shift_seed1.csv
 
 Every reading is a separate process, limited to one core (affinity, and one thread for readers with threads),
-and warmed up on the first megabyte (imports and compilation are not timed). The readers alternate, so that
-other load on the machine affects all alike. Prints medians of three rounds.
+and warmed up on the first megabyte (imports and compilation are not timed). The readers alternate, so other
+load on the machine affects all of them equally. Prints medians of three rounds.
 
 The peers only get the needed columns, and leave timestamps as text. Our reader also finds the gaps and checks
 the physics and the sensors' faults. "with SHA-256" also computes the file's digest, which the peers do not.

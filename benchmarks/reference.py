@@ -1,4 +1,4 @@
-"""Write the pages of docs/reference from the code.
+"""Write the pages of docs/reference and docs/guide from the code.
 
 python -m benchmarks.reference
 """
@@ -22,8 +22,9 @@ from benchmarks.codes import write_document as write_codes
 from benchmarks.devices import draw_devices
 from benchmarks.public_files import COLUMNS, FOUND
 from benchmarks.settings import write_document as write_settings
+from benchmarks.site.guide import build_guide
 
-REFERENCE = Path(__file__).resolve().parents[1] / "docs" / "reference"
+DOCS = Path(__file__).resolve().parents[1] / "docs"
 MADE = "Made from the code: `python -m benchmarks.reference`"
 """The first line of a page that this module writes."""
 
@@ -74,18 +75,23 @@ themselves are not in the repository.
 def main() -> None:
     """Write every page."""
     for name, text in build_pages().items():
-        (REFERENCE / name).write_text(text, "utf-8")
+        path = DOCS / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text, "utf-8")
 
 
 def build_pages() -> dict[str, str]:
-    """Return the text of each page by its file name."""
+    """Return the text of each page and drawing by its path in ``docs``."""
     return {
-        "api.md": write_api(),
-        "cli.md": write_cli(),
-        "codes.md": write_codes(),
-        "dictionary.md": write_dictionary(),
-        "formats.md": write_formats(),
-        "settings.md": write_settings(),
+        "reference/api.md": write_api(),
+        "reference/cli.md": write_cli(),
+        "reference/codes.md": write_codes(),
+        "reference/dictionary.md": write_dictionary(),
+        "reference/formats.md": write_formats(),
+        "reference/settings.md": write_settings(),
+    } | {
+        f"guide/{name}": f"{MADE}\n\n{text}" if name.endswith(".md") else text
+        for name, text in build_guide().items()
     }
 
 
@@ -125,7 +131,10 @@ def _describe_parameter(parameter: Any, context: Any) -> list[str]:
         value = "" if parameter.is_flag else parameter.metavar or parameter.display_type(context)
     values = " or ".join(f"`{one}`" for one in value.strip("<>").split("|") if one)
     is_set = parameter.default not in (None, False, "", []) and not callable(parameter.default)
-    default = str(parameter.default) if is_set else stated.rstrip("]")
+    shown = getattr(parameter, "show_default", None)  # of an option that may also be in the environment
+    default = (
+        str(parameter.default) if is_set else stated.rstrip("]") or (shown if isinstance(shown, str) else "")
+    )
     return [name, values, "required" if parameter.required else _clean_cell(default), _clean_cell(meaning)]
 
 

@@ -99,7 +99,7 @@ def build(root: Path, out: Path, seconds: int) -> Mapping[str, str]:
 
 
 def build_twice(root: Path, out: Path, seconds: int) -> Mapping[str, str]:
-    """Build twice, and the wheel also from the source archive; raise NotReady if the builds differ."""
+    """Build twice, then the wheel from the source archive; raise NotReady if any two builds differ."""
     made = build(root, out, seconds)
     (archive,) = (out / name for name in made if name.endswith(".tar.gz"))
     with tempfile.TemporaryDirectory() as folder:

@@ -13,8 +13,7 @@ PAGE = """Made from the code: `python -m benchmarks.reference`
 # Settings
 
 Each setting is an environment variable. A clinic server reads them from `/etc/acromion/acromion.env`: one
-`NAME=value` per line, then `systemctl restart acromion`. Options of the command line take precedence, and
-`acromion serve` takes host, port, data folder, workers and watched folder from its options only.
+`NAME=value` per line, then `systemctl restart acromion`. Options of the command line take precedence.
 
 | variable | default | meaning |
 |---|---|---|

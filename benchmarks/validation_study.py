@@ -57,7 +57,7 @@ def write_study(folder: Path, people: int) -> None:
 
 
 def write_tasks(path: Path, shift: SimulatedShift) -> None:
-    """Write every repetition; one of a held task from when the arm is up until it is lowered."""
+    """Write every repetition; for a held task, only the time between raising and lowering the arm."""
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(("name", "start_s", "end_s", "paper_task"))

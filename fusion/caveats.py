@@ -217,4 +217,4 @@ TIME_LOST = frozenset(
         Caveat.UNTRUSTED,
     }
 )
-"""Caveats whose seconds were not analysed. The seconds of others only give place or length."""
+"""Caveats whose seconds were not analysed. The seconds of all others only state a place or a length."""

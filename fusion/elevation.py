@@ -24,8 +24,8 @@ from fusion.sensor.stillness import StillRules
 # Rows of the angle: at most 100 per second, averaged from the samples around them.
 #
 # At 500 Hz a row has five samples. A row starts at its timestamp and lasts until the next row. Its vertical
-# is the mean over 10 ms centred on that timestamp, so it has no delay. Its time is that of the five samples
-# from the timestamp on.
+# is the mean over 10 ms centred on that timestamp, so it has no delay. Its duration is that of the five
+# samples from the timestamp on.
 #
 # The rows of a segment share its time evenly. A segment may have up to 4 samples (at 500 Hz) after its last
 # whole row. No time is lost: each row lasts a little longer, 0.8 percent in a segment of 1 s, 0.01 percent in

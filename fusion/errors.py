@@ -216,11 +216,13 @@ class WrongScale(
     high_g="g at rest, most",
     dps="deg/s, largest",
 ):
-    """The reading at rest is not 1 g (facts: g; or low_g, high_g), or a rate is beyond any sensor (dps)."""
+    """The reading at rest is not 1 g (facts: g; or low_g, high_g), or no sensor has such a rate (dps)."""
 
 
-class UnknownUnit(UnusableRecording, code="E-UNIT", sensor=TERM):
-    """Neither the header nor rest and motion show the unit of a sensor."""
+class UnknownUnit(
+    UnusableRecording, code="E-UNIT", sensor=TERM, mixed=TERM, units="of x, y and z, in the header"
+):
+    """Neither the header nor rest and motion show the unit of a sensor, or the header states several."""
 
 
 class MixedColumns(

@@ -72,7 +72,7 @@ def _scan_runs(mask: Any, runs: Any) -> int:  # pragma: no cover
 def _scan_stays(
     values: Any, valid: Any, enter: Any, leave: Any, since: Any, stays: Any
 ) -> int:  # pragma: no cover
-    """``above`` counts the levels that are up; ``since``: when each went up, and if by an entry."""
+    """``above`` counts the levels that are up; ``since``: when each went up, and whether by an entry."""
     count, run, above, inside, top, bottom = 0, 0, 0, False, enter[0], -np.inf
     for i in range(len(values) + 1):
         if i == len(values) or not valid[i]:

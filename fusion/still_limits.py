@@ -35,6 +35,8 @@ the vertical, which the accelerometer cannot see. The two upper-arm recordings o
 """
 
 OFF_THE_ARM = StillLimit(10.0, 0.013)
-"""For a sensor on a desk, window after window for ten minutes: an arm at rest moves more, through breathing
-and small corrections.
+"""For a sensor on a desk.
+
+It must be this still in each window of ten minutes. An arm at rest moves more, through breathing and small
+corrections.
 """

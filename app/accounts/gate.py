@@ -53,7 +53,7 @@ class StartSecret:
             self._end_by_cookie.pop(cookie, None)
 
     def matches(self, bearer: str, cookie: str) -> bool:
-        """Return whether a request brings the secret or a valid cookie."""
+        """Return whether a request contains the secret or a valid cookie."""
         by_secret = hmac.compare_digest(bearer.encode(), self.bearer.encode())
         return by_secret or self.now_s() < self._end_by_cookie.get(cookie, float("-inf"))
 

@@ -8,8 +8,8 @@ The act is what the response adds to the audit log (:mod:`app.http.middleware.ac
 itself adds its lines, in its own transaction. ``none``: no personal data is read.
 
 ``again``: the person must confirm the password first: to erase, to export the data of many recordings, to
-open a lasting way out (a token, a webhook), or to manage accounts. The files of one recording, including the
-original and its ZIP, are ordinary downloads like its PDF.
+create lasting access to the data (a token, a webhook), or to manage accounts. The files of one recording,
+including the original and its ZIP, are ordinary downloads like its PDF.
 """
 
 from collections.abc import Iterator, Mapping

@@ -210,7 +210,8 @@ LOG_PERIOD_S = 15 * 60.0
 class Budget:
     """A counter of attempts: the first ``free`` cost no time, then 1, 2, 4 … s up to ``longest_s``.
 
-    ``most_each``: the most attempts of one source that count; the first budget of an attempt is its source's.
+    ``most_each``: only this many attempts of one source count; the first budget of an attempt counts its
+    source.
     """
 
     key: str
@@ -265,7 +266,7 @@ class Throttle:
                 _write_tries(connection, budget.key, max(failures - 1, 0), self._clock())
 
     def clear(self, budgets: Collection[Budget]) -> None:
-        """Clear all attempts after a sign-in; of the address take back only one.
+        """Clear all attempts after a sign-in, but take back only one attempt of the address.
 
         Otherwise a person could clear an address by signing in to another account.
         """
@@ -300,7 +301,7 @@ def _read_tries(connection: Connection, key: str) -> tuple[int, float]:
 
 
 def _read_limited_tries(connection: Connection, budget: Budget, now_s: float) -> tuple[int, float]:
-    """Return the failed attempts and the end of their delay, which a clock that was ahead cannot prolong."""
+    """Return the failed attempts and the end of their delay; a clock that was ahead does not prolong it."""
     failures, until_s = _read_tries(connection, budget.key)
     return failures, min(until_s, now_s + budget.find_delay_s(failures))
 

@@ -105,7 +105,7 @@ class Stopped:
 
 @dataclass(frozen=True, slots=True)
 class Unstarted:
-    """No child could be started because of the machine, not the file."""
+    """No child could be started; the cause is the machine, not the file."""
 
 
 Outcome = Finished | Refused | Died | Stopped | Unstarted
@@ -216,13 +216,7 @@ def _follow(child: BaseProcess, pipe: Connection, limits: Limits, on_progress: O
 
 def _run_child(attempt: Attempt, pipe: Connection, level: int) -> None:
     """Run in the child process."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the worker, which then ends the child
-    threading.Thread(target=_exit_with_parent, daemon=True).start()
-    _apply_limits(attempt.limits)
-    start_logging(logging.WARNING)
-    logging.getLogger("app").setLevel(level)  # only ours: a library's messages may contain a file name
-    if attempt.gives_way and sys.platform != "win32":
-        os.nice(NICENESS)
+    prepare_child(attempt.limits, level, gives_way=attempt.gives_way)
 
     def send_stage(stage: Stage, fraction: float) -> None:
         _send(pipe, {"stage": stage, "fraction": fraction})
@@ -235,19 +229,35 @@ def _run_child(attempt: Attempt, pipe: Connection, level: int) -> None:
     pipe.close()
 
 
+def prepare_child(limits: Limits, level: int, *, gives_way: bool) -> None:
+    """Apply the limits, follow the parent's end, and log at the parent's level."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which then ends the child
+    threading.Thread(target=_exit_with_parent, daemon=True).start()
+    _apply_limits(limits)
+    start_logging(logging.WARNING)
+    logging.getLogger("app").setLevel(level)  # only ours: a library's messages may contain a file name
+    if gives_way and sys.platform != "win32":
+        os.nice(NICENESS)
+
+
 def _make_files(attempt: Attempt, on_stage: OnStage) -> Finished | Refused:
     try:
         with translate_disk_full():
             attempt.make_report(attempt.recording_path, attempt.request, attempt.out, on_stage)
             return Finished(describe_files(attempt.out))
-    except (FusionError, AppError) as refusal:
-        return Refused(refusal.code, refusal.facts)
-    except MemoryError:
-        return _refuse(OutOfMemory(max=round(attempt.limits.memory_bytes / 1e9, 1)))
-    except Exception:  # the only place that turns a bug into a failed job
-        reference = secrets.token_hex(4)
-        logger.exception("analysis failed, reference %s", reference)
-        return _refuse(InternalError(reference=reference))
+    except Exception as error:  # noqa: BLE001 - a bug becomes a failed job
+        return describe_failure(error, attempt.limits)
+
+
+def describe_failure(error: Exception, limits: Limits) -> Refused:
+    """Return the code and facts of an error; a bug is logged with a reference."""
+    if isinstance(error, FusionError | AppError):
+        return Refused(error.code, error.facts)
+    if isinstance(error, MemoryError):
+        return _refuse(OutOfMemory(max=round(limits.memory_bytes / 1e9, 1)))
+    reference = secrets.token_hex(4)
+    logger.error("analysis failed, reference %s", reference, exc_info=error)
+    return _refuse(InternalError(reference=reference))
 
 
 def _refuse(error: AttemptFailed) -> Refused:

@@ -26,14 +26,15 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:  # the command line starts the fork server before it loads anything else
     from app.request import OnStage, Stage
 
-MODULES = ("app.analysis.attempt", "app.analysis.run", "app.analysis.inspect")
+MODULES = ("app.analysis.attempt", "app.analysis.run", "app.analysis.inspect", "app.live.child")
 
 
 def load() -> None:
     """Load what every child needs, including the compiler part that reads cached compiled code.
 
-    The garbage collector is off during loading: loaded modules are never freed, and collections take a sixth
-    of the time. Frozen objects are not visited in the children either, so that their memory stays shared.
+    The garbage collector is off during loading, because loaded modules are never freed and collections would
+    take a sixth of the loading time. The loaded objects are then frozen: the collectors of the children do
+    not visit them, and their memory stays shared.
     """
     gc.disable()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # numpy's matrices here are small; threads wait busily
@@ -61,7 +62,7 @@ logger = logging.getLogger(__name__)
 
 
 class NotStarted(Exception):
-    """No child could be started because of the machine, never because of a file."""
+    """No child could be started; the cause is the machine, never a file."""
 
 
 def choose_context() -> Any:
@@ -196,7 +197,7 @@ def report_preparing(on_stage: OnStage) -> OnStage:
 
 
 class _Preparing:
-    """Reports "preparing" instead of each stage before the last, several times a second."""
+    """Reports "preparing" in place of every stage except the last, several times a second."""
 
     def __init__(self, on_stage: OnStage) -> None:
         self._on_stage = on_stage

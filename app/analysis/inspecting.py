@@ -12,7 +12,7 @@ from typing import Any
 
 from app.analysis.attempt import Attempt, MakeReport, choose_limits, run_and_wait
 from app.analysis.fork_server import warm_up
-from app.request import OnStage, ReportRequest
+from app.request import Language, OnStage, ReportRequest
 from app.settings import Settings
 
 MOST_CONCURRENT = 2
@@ -24,6 +24,21 @@ def load_and_call(
 ) -> None:
     """Call a function of a module that only the child process loads."""
     getattr(importlib.import_module(module), function)(recording_path, request, out, on_stage)
+
+
+def load_and_compare_live(
+    shown: Path, elevation: Path, request: ReportRequest, out: Path, _on_stage: OnStage
+) -> None:
+    """Compare the displayed angles of a live session with its report."""
+    write = importlib.import_module("app.live.recorder").write_difference
+    write(shown, elevation, request.languages[0], out)
+
+
+def load_and_write_raw(
+    raw: Path, early: Path, _request: ReportRequest, _out: Path, _on_stage: OnStage
+) -> None:
+    """Write the raw file of an interrupted live session from its early bytes."""
+    importlib.import_module("app.live.raw_file").write_early_rows(early, raw)
 
 
 INSPECT = partial(load_and_call, "app.analysis.inspect", "write_inspection")
@@ -81,13 +96,22 @@ class Inspector:
         """Return the angles as gzipped CSV."""
         return self._run(parquet, ReportRequest(""), WRITE_ANGLES, "elevation.csv.gz")
 
-    def _run(self, recording_path: Path, request: ReportRequest, make: MakeReport, name: str) -> bytes:
-        """Return the content of the named file that the child wrote."""
+    def compare_live(self, shown: Path, elevation: Path, language: Language) -> dict[str, Any]:
+        """Return the difference between the displayed angles of a live session and its report."""
+        request = ReportRequest("", languages=(language,))
+        return _read(self._run(elevation, request, partial(load_and_compare_live, shown), "difference.json"))
+
+    def write_raw(self, early: Path, raw: Path) -> None:
+        """Write the raw file of an interrupted live session. Raises RecordedProblem, Crashed."""
+        self._run(early, ReportRequest(""), partial(load_and_write_raw, raw))
+
+    def _run(self, recording_path: Path, request: ReportRequest, make: MakeReport, name: str = "") -> bytes:
+        """Return the content of the file that the child wrote; none if it has no name."""
         with self._turns, tempfile.TemporaryDirectory(prefix=PREFIX, dir=self.folder) as folder:
             out = Path(folder)
             limits = choose_limits(self.settings, recording_path.stat().st_size)
             run_and_wait(Attempt(recording_path, request, out, make, limits))
-            return (out / name).read_bytes()
+            return (out / name).read_bytes() if name else b""
 
 
 def _read(body: bytes) -> dict[str, Any]:

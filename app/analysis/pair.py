@@ -84,7 +84,7 @@ def _pair_arms(arms: tuple[Path, Path], trunk: Path | None, request: PairRequest
     offset_s = find_offset_s(left, right) if request.offset_s is None else request.offset_s
     angles = read_analysed(arms[0], left), read_analysed(arms[1], right)
     first, second = (kept.findings.exposure.angle_sigma_deg for kept in (left, right))
-    sigmas_deg = (first, second) if first and second else None  # known for both, or for none
+    sigmas_deg = (first, second) if first and second else None  # known for both arms, or for neither
     try:
         shared = pair_arms(*angles, offset_s, sigmas_deg)
         if trunk is None or body is None:
@@ -101,7 +101,7 @@ def _pair_arms(arms: tuple[Path, Path], trunk: Path | None, request: PairRequest
 def find_offset_s(left: FinishedAnalysis, right: FinishedAnalysis) -> float:
     """Return the start of the right recording in seconds after the left, by their clocks.
 
-    If only one file states its time zone, both clocks are taken as local to the same place.
+    If only one file states its time zone, both clocks are assumed to show the same local time.
 
     Raises CannotPair if one of them has no clock.
     """
@@ -136,7 +136,8 @@ def _check_same_person(one: FinishedAnalysis, other: FinishedAnalysis) -> None:
 def widen_unconfirmed(shared: PairedArms, left: FinishedAnalysis, right: FinishedAnalysis) -> PairedArms:
     """Widen the ranges of an arm with an unconfirmed pose to include those of its single report.
 
-    Those cover the other stillnesses that may be the pose. A figure that cannot be widened has no range.
+    The ranges of the single report include the other stillnesses that may be the pose. A figure that cannot
+    be widened has no range.
     """
     arms = {"left": left.findings, "right": right.findings}
     open_arms = {side: arm.exposure for side, arm in arms.items() if not is_confirmed(arm)}

@@ -104,7 +104,7 @@ def _bound(span: Span) -> list[float]:
 
 FHIR = "fhir.json"
 
-# Start of each stage as a fraction, from its share of the time on a long shift.
+# Progress at the start of each stage, from the share of time that each stage takes on a long shift.
 _BEGINS: dict[Stage, float] = {
     "reading": 0.0,
     "checking": 0.45,

@@ -74,8 +74,8 @@ _RESERVED = re.compile(r'[<>:"/\\|?*\x00-\x1f]|[. ]+$')
 def assign_folders(logs: Sequence[Path], out: Path) -> list[Path]:
     """Assign each recording a folder: its own from an earlier run, or a free one.
 
-    The plan does not depend on how much of a study is already done. The results are read once, so folders
-    that another process creates meanwhile do not change the plan.
+    The plan is the same however much of a study is already done. The results are read once, so folders that
+    another process creates meanwhile do not change the plan.
     """
     folders: dict[str, list[tuple[int, Path]]] = {format_folder_name(log).casefold(): [] for log in logs}
     for path in out.iterdir() if out.is_dir() else ():

@@ -234,7 +234,7 @@ class Shard:
     count: int
 
     def select(self, tasks: Sequence[Task]) -> list[Task]:
-        """Return every N-th task in path order, so that slices differ by at most one recording."""
+        """Return every N-th task in path order; the sizes of the slices differ by at most one recording."""
         ordered = sorted(tasks, key=lambda task: (task.name, task.folder.name))
         return ordered[self.number - 1 :: self.count]
 

@@ -46,19 +46,26 @@ T = TypeVar("T", bound=str)
 
 def serve(
     host: Annotated[
-        str,
+        str | None,
         typer.Option(
-            help="Address to listen on; other than this computer, it needs accounts, --hosts and TLS."
+            help="Address to listen on; other than this computer, it needs accounts, --hosts and TLS.",
+            show_default="127.0.0.1",
         ),
-    ] = "127.0.0.1",
-    port: Annotated[int, typer.Option(min=0, max=65535)] = 8080,
-    data: Annotated[Path, typer.Option(metavar="DIR", help="Folder for recordings and reports.")] = Path(
-        "acromion-data"
-    ),
+    ] = None,
+    port: Annotated[int | None, typer.Option(min=0, max=65535, show_default="8080")] = None,
+    data: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Folder for recordings and reports.", show_default="acromion-data"),
+    ] = None,
     workers: Annotated[
-        int,
-        typer.Option("-j", "--jobs", min=0, help="Analyses in parallel; 0 leaves them to separate workers."),
-    ] = 2,
+        int | None,
+        typer.Option(
+            *("-j", "--jobs"),
+            min=0,
+            help="Analyses in parallel; 0 leaves them to separate workers.",
+            show_default="2",
+        ),
+    ] = None,
     open_: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
     watch: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Also import files that are put into this folder.")
@@ -80,18 +87,28 @@ def serve(
         bool, typer.Option("--no-secret", help="Without accounts, allow everyone on this computer.")
     ] = False,
 ) -> None:
-    """Start the web page, the API and the workers."""
-    from app.main import serve as serve_app  # noqa: PLC0415
-    from app.settings import Settings  # noqa: PLC0415
+    """Start the web page, the API and the workers.
 
-    if pose_held and not watch:
+    An option overrides its setting in the environment (ACROMION_HOST, ACROMION_PORT and so on).
+    """
+    from app.main import serve as serve_app  # noqa: PLC0415
+
+    settings = load_settings(
+        data,
+        host=host,
+        port=port,
+        workers=workers,
+        watch_dir=watch,
+        tls_cert=tls_cert,
+        tls_key=tls_key,
+        hosts=hosts or None,
+        proxy=proxy or None,
+        watch_pose_held=pose_held,
+        no_secret=no_secret or None,
+    )
+    if pose_held and not settings.watch_dir:
         raise typer.BadParameter("only with --watch", param_hint="--pose-held")
     try:
-        settings = Settings(host=host, port=port, data_dir=data, workers=workers, watch_dir=watch)
-        chosen = {"tls_cert": tls_cert, "tls_key": tls_key, "hosts": hosts, "proxy": proxy}
-        chosen["watch_pose_held"] = pose_held
-        given = {name: value for name, value in (chosen | {"no_secret": no_secret}).items() if value}
-        settings = settings.model_copy(update=given)
         serve_app(settings, open_browser=open_)
     except AppError as refusal:
         print_problem("serve", refusal.code, refusal.facts, "en")
@@ -99,19 +116,19 @@ def serve(
 
 
 def worker(
-    data: Annotated[Path, typer.Option(metavar="DIR", help="Data folder of the server.")] = Path(
-        "acromion-data"
-    ),
+    data: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Data folder of the server.", show_default="acromion-data"),
+    ] = None,
 ) -> None:
     """Run queued analyses until stopped; several workers can run next to the server."""
     from app.library.database.connect import check_whole, translate_start_errors  # noqa: PLC0415
     from app.queue.worker import run_by_settings  # noqa: PLC0415
-    from app.settings import Settings  # noqa: PLC0415
     from app.start_checks import check_passwords  # noqa: PLC0415
     from app.store.permissions import restrict_new_files  # noqa: PLC0415
 
     restrict_new_files()
-    settings = Settings(data_dir=data)
+    settings = load_settings(data)
     try:
         start_logging()
         check_passwords(settings)
@@ -339,11 +356,24 @@ def _print_faults(language: Language, faults: "Sequence[Fault]") -> None:
         print_sentence(language, "verify", fault.finding, name=fault.name)
 
 
-def load_settings(data: Path | None) -> "Settings":
-    """Return the settings of a data folder, or those of the environment."""
+def load_settings(data: Path | None, **options: object) -> "Settings":
+    """Return the settings of the environment, overridden by the options that are not None.
+
+    An unusable setting is printed and ends the command.
+    """
+    from pydantic import ValidationError  # noqa: PLC0415  slow import
+
     from app.settings import Settings  # noqa: PLC0415
 
-    return Settings() if data is None else Settings(data_dir=data)
+    given = {name: value for name, value in (options | {"data_dir": data}).items() if value is not None}
+    try:
+        return Settings(**given)  # type: ignore[arg-type]
+    except ValidationError as error:
+        wrong = error.errors(include_url=False)[0]
+        name, allowed = f"ACROMION_{wrong['loc'][0]}".upper(), wrong["msg"].removeprefix("Value error, ")
+        refusal = BadParameter(name=name, allowed=allowed)  # the value may contain a password
+        print_problem("acromion", refusal.code, refusal.facts, "en")
+        raise typer.Exit(Exit.USAGE) from None
 
 
 def print_sentence(language: Language, command: str, sentence: str, /, **facts: str) -> None:
@@ -519,9 +549,9 @@ def retention(
     lang: LanguageOption = "en",
 ) -> None:
     """Show how long each kind is kept, or change the term of one."""
-    from app.library.governance import GRACE_DAYS, RetentionStore  # noqa: PLC0415
+    from app.library.governance import DAY_S, GRACE_DAYS, RetentionStore  # noqa: PLC0415
 
-    with _opened(lang, data) as (_, store):
+    with _opened(lang, data) as (settings, store):
         terms = RetentionStore(store.engine, store.reader)
         if kind:
             if days != "never" and (not days.isdecimal() or len(days) > 6):
@@ -531,9 +561,11 @@ def retention(
                 print_sentence(lang, "trail", "due", count=str(count), days="0" if now else str(GRACE_DAYS))
             terms.put(kind, term, now=now)
         for name, number in terms.find_all().items():
-            sentence = "term" if number is not None else "for_good"
             what = load_wording(lang, "trail")["terms"][name]
-            print_sentence(lang, "trail", sentence, what=what, days=str(number or ""))
+            sentence, shown = ("for_good", "") if number is None else ("term", str(number))
+            if name == "trash" and number is None:
+                sentence, shown = "server_term", f"{settings.trash_term_s / DAY_S:g}"
+            print_sentence(lang, "trail", sentence, what=what, days=shown)
 
 
 def _read_moment(text: str) -> str:

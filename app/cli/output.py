@@ -218,7 +218,7 @@ def printing_refusals(name: str, language: Language) -> Iterator[None]:
 def finish(
     outcomes: Sequence[Outcome], out: Path, request: ReportRequest, *, goes_on: bool = True, asks: bool = True
 ) -> NoReturn:
-    """Write the tables and exit with the code that agrees with them.
+    """Write the tables, and exit with the code that matches them.
 
     ``goes_on``: repeating the command continues the run. ``asks``: ask for the pose if it was assumed.
     """

@@ -26,7 +26,7 @@ from app.request import ReportRequest
 WayIn = Literal["web", "api"]
 PAGE_PRIORITY, SCRIPT_PRIORITY = 0, 1
 SLOW_TIMEOUTS, SLOW_S = 2, 3600.0
-"""A subject with so many time-outs in so long waits for all others."""
+"""A subject with this many time-outs within this time waits for all others."""
 _ENDS: Mapping[JobState, Act] = {
     JobState.SUCCEEDED: "analysis.succeeded",
     JobState.FAILED: "analysis.failed",
@@ -162,7 +162,9 @@ def find_next(connection: Connection) -> str | None:
     whose analyses timed out repeatedly in the last hour come after all others.
     """
     first = _find_next(connection)
-    if first is None or not (slow := _find_slow_subjects(connection)):  # nothing more to ask while none waits
+    if first is None or not (
+        slow := _find_slow_subjects(connection)
+    ):  # no job waits, so slow subjects need not be looked up
         return first
     others = analyses.c.asked_by.is_(None) | analyses.c.asked_by.not_in(slow)
     return _find_next(connection, others) or first

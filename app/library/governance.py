@@ -1,7 +1,8 @@
 """Data governance: retention, releases and published group figures.
 
-A kind without a row is kept permanently. Ages are counted in the running time of the server, never by the
-clock: a clock that is set forward deletes nothing. Recordings on hold are not deleted.
+A kind without a row is kept permanently; the trash then has the term of the server's settings. Ages are
+counted in the running time of the server, never by the clock: a clock that is set forward deletes nothing.
+Recordings on hold are not deleted.
 """
 
 import json
@@ -59,12 +60,12 @@ class RetentionStore(RowStore):
     """Retention terms in the database, and the data that has reached them."""
 
     def find_all(self) -> Mapping[Kind, int | None]:
-        """Return the term of each kind in days; None if it is kept permanently."""
+        """Return the term of each kind in days; None if no term is set."""
         rows = {row.kind: int(row.days) for row in self._read_all(select(retention))}
         return {kind: rows.get(kind) for kind in KINDS}
 
     def put(self, kind: str, days: int | None, *, now: bool = False) -> None:
-        """Change the term of a kind; None keeps it permanently.
+        """Change the term of a kind; None removes the term.
 
         After a term was shortened, no data of its kind are deleted for :data:`GRACE_DAYS`, unless ``now``.
         Raises BadParameter.
@@ -169,7 +170,7 @@ class RetentionStore(RowStore):
 
 
 _GRACE = "grace_"
-"""Before the kind: the name of the fact until when (running time, s) nothing of a kind is deleted."""
+"""Prefix of a fact's name, before the kind; the fact is the running time, s, at which deletions begin."""
 
 
 def check_term(kind: str, days: int | None) -> None:
@@ -366,7 +367,7 @@ def _read_new_people(connection: Connection, study_id: str) -> Mapping[str, Sequ
 
 
 def _average(people: Iterable[Sequence[Any]]) -> dict[str, float]:
-    """Return the means over people, each person with the same weight for any number of recordings."""
+    """Return the means over people; each person has the same weight, however many recordings they have."""
     of_each = list(people)
     above = fmean(fmean(row.above_60_percent for row in rows) for rows in of_each)
     hours = fmean(fmean(row.recorded_s / 3600.0 for row in rows) for rows in of_each)

@@ -76,8 +76,8 @@ def apply_description(connection: Connection, analysis_id: str) -> None:
     """Copy the corrected subject, side and diary of a successful analysis to its recording.
 
     Only an analysis requested on the page corrects its recording, and only once it has a report: a failed
-    correction does not reach later analyses. A present value that no analysis was requested with was entered
-    by another person in the meantime, and stays.
+    correction does not reach later analyses. If no analysis was requested with the stored value, another
+    person entered it in the meantime, and it stays.
     """
     about = (recordings.c.id, *(recordings.c[name] for name in FIELDS))
     query = select(analyses.c.request, analyses.c.way_in, *about).join(

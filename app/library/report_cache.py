@@ -127,11 +127,8 @@ class PairReports:
     def make(self, asked: AnyReportJobs) -> PairReport:
         """Return a report on several analyses, from the cache if it is intact.
 
-        Raises
-        ------
-        RecordedProblem, Crashed, Interrupted
-            From the child process; E-PAIR and E-DAYS are among the first
-            (:class:`app.errors.CannotPair`, :class:`app.errors.CannotProfile`).
+        Raises ------ RecordedProblem, Crashed, Interrupted From the child process. Refusals such as E-PAIR
+        and E-DAYS are a RecordedProblem (:class:`app.errors.CannotPair`, :class:`app.errors.CannotProfile`).
         NotHere, NotFinished, NoSuchFile, ResultDamaged
             One of the analyses cannot be read.
         """

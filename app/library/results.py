@@ -68,8 +68,8 @@ def check_succeeded(job: Job, name: str) -> None:
         raise NoSuchFile(name=name)
 
 
-# A report can be made again: recording and settings still exist, so that it is the same. If the recording
-# itself is damaged, upload the original again or restore a backup.
+# A report can be made again. Its recording and settings still exist, so the new report is the same. If the
+# recording itself is damaged, upload the original again or restore a backup.
 
 
 def find_or_add(

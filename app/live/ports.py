@@ -1,4 +1,4 @@
-"""Sources of a board's lines (serial port, UDP, TCP, a page), and a buffer for their early bytes."""
+"""Sources of a board's lines (serial port, UDP, TCP, a page, a pipe), and a buffer for their early bytes."""
 
 import json
 import os
@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 from urllib.parse import urlsplit
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
     from serial import Serial
 
 WAIT_S = 0.05
+LEARN_LIMIT_S = 20.0
+"""A board must send data within this time, and after that its header."""
 REOPEN_S = 0.5
 BAUD = 115_200
 SENDER_SILENCE_S = 5.0
@@ -31,7 +34,8 @@ SENDER_SILENCE_S = 5.0
 LINE_SILENCE_S = 10.0
 """A board that lost power does not close its connection; after this silence the client reconnects."""
 PIECE_BYTES = 65_536
-MAX_PIECES = 256
+MAX_PIECES, MAX_PUSHED_BYTES = 256, 1 << 20
+"""Most that a page may send before the session takes it; then the socket is not read."""
 SERIAL_PORT = re.compile(r"^(COM\d+|/dev/(?!shm/)\S+)$", re.IGNORECASE)
 
 
@@ -164,28 +168,91 @@ class PushedPort:
     """Bytes that a page sends, from a board or from the phone's own sensors."""
 
     def __init__(self) -> None:
-        self._pieces: queue.Queue[bytes] = queue.Queue(MAX_PIECES)
+        self._pieces: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+        self._pushed_bytes = self._read_bytes = 0
         self._is_open = True
 
+    @property
+    def is_behind(self) -> bool:
+        """Whether there are bytes that were not read yet."""
+        return not self._pieces.empty()
+
     def push(self, piece: bytes) -> bool:
-        """Add bytes; return False while the queue is full. Bytes for an ended session are dropped."""
-        if self._is_open:
-            try:
-                self._pieces.put_nowait(piece)
-            except queue.Full:
-                return False
+        """Add bytes, from one thread; return False while the queue is full.
+
+        Bytes for an ended session are dropped.
+        """
+        if not self._is_open:
+            return True
+        if self._pieces.qsize() >= MAX_PIECES or self._pushed_bytes - self._read_bytes >= MAX_PUSHED_BYTES:
+            return False
+        self._pushed_bytes += len(piece)
+        self._pieces.put(piece)
         return True
 
     def read(self) -> bytes:
-        """Wait briefly for bytes."""
+        """Wait briefly for bytes; only one thread reads."""
         try:
-            return self._pieces.get(timeout=WAIT_S)
+            piece = self._pieces.get(timeout=WAIT_S)
         except queue.Empty:
             return b""
+        self._read_bytes += len(piece)
+        return piece
 
     def close(self) -> None:
         """Accept no more bytes."""
         self._is_open = False
+
+
+class PipePort:
+    """The bytes that a server passes on to the process of a session, and the server's commands."""
+
+    def __init__(self, pipe: Connection) -> None:
+        self._pipe = pipe
+        self._came_s: float | None = None
+        self.taken_bytes = 0
+        self.is_stopped = False
+        self.asked_pose_s: float | None = None
+
+    def read(self, wait_s: float = WAIT_S) -> bytes:
+        """Wait briefly for bytes; apply a command if one comes first, and stop if the server is gone."""
+        self._came_s = None
+        if self.is_stopped:
+            time.sleep(wait_s)
+            return b""
+        try:
+            message = self._pipe.recv_bytes() if self._pipe.poll(wait_s) else DATA
+        except (EOFError, OSError):
+            message = json.dumps(STOP).encode()
+        if not message.startswith(DATA):
+            command = json.loads(message)
+            self.is_stopped = command == STOP
+            self.asked_pose_s = command.get("countdown_s", self.asked_pose_s)
+            return b""
+        if message == DATA:
+            return b""
+        (self._came_s,) = _CAME.unpack_from(message, len(DATA))
+        piece = message[len(DATA) + _CAME.size :]
+        self.taken_bytes += len(piece)
+        return piece
+
+    def now_s(self) -> float:
+        """Return when the last bytes arrived, by ``time.monotonic``; the current time if there were none."""
+        return time.monotonic() if self._came_s is None else self._came_s
+
+    def close(self) -> None:
+        """Do nothing: the end of the process closes the pipe."""
+
+
+DATA = b"\0"
+"""The first byte of a message of bytes; a command is JSON."""
+STOP = {"type": "stop"}
+_CAME = struct.Struct("<d")
+
+
+def pack_piece(piece: bytes, came_s: float) -> bytes:
+    """Return the message that passes bytes on, with the moment of their arrival."""
+    return DATA + _CAME.pack(came_s) + piece
 
 
 def is_port(source: str) -> bool:
@@ -231,13 +298,14 @@ def find_serial_ports() -> tuple[str, ...]:
 #
 #  live-<session>.raw      the raw file (:mod:`app.live.raw_file`), until it is a recording
 #  live-<session>.early    the early bytes, for some seconds
+#  live-<session>.shown    the displayed angles of an ended session, for an hour
 #  replay-<session>.raw    the raw file of a session that is not kept
 
 
 KEPT, PLAYED = "live-", "replay-"
-RAW, EARLY = ".raw", ".early"
+RAW, EARLY, SHOWN = ".raw", ".early", ".shown"
 SYNC_S = 1.0
-MAX_BYTES = 32 << 20
+MAX_BYTES = 8 << 20
 """Most early bytes; a port that sends more is not read until the session has caught up."""
 CLOSE_LIMIT_S = 5.0
 _ABOUT = struct.Struct("<I")
@@ -301,7 +369,8 @@ class EarlyPort:
     @property
     def is_behind(self) -> bool:
         """Whether there are bytes that were not read yet."""
-        return not self._pieces.empty()
+        is_inner_behind = isinstance(self.inner, PushedPort) and self.inner.is_behind
+        return is_inner_behind or not self._pieces.empty()
 
     def read(self) -> bytes:
         """Wait briefly for bytes. Raises OSError if the disk is full."""
@@ -400,8 +469,13 @@ class SessionFiles:
         """The file of early bytes."""
         return self.folder / f"{KEPT}{self.session_id}{EARLY}"
 
+    @property
+    def shown(self) -> Path:
+        """The displayed angles."""
+        return self.folder / f"{KEPT}{self.session_id}{SHOWN}"
+
     def remove(self) -> None:
-        """Delete the files."""
+        """Delete the files, except the displayed angles."""
         self.early.unlink(missing_ok=True)
         self.raw.unlink(missing_ok=True)
 

@@ -1,6 +1,8 @@
 """One running live session with its raw file, and the difference between displayed and reported angles."""
 
+import json
 import time
+from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -43,7 +45,6 @@ class Recorder:
         axis = point_along(wearer.arm_axis) if wearer.arm_axis else facts.arm_axis
         self.session = LiveSession(facts.rate_hz, axis)
         self.cues: list[Cue] = []
-        self.are_cues_paused = False
         self._cue_watch = CueWatch(rules)
         self._synced_s = time.monotonic()
         self._raw = RawFile(path, facts, wearer, " ".join(map(format_rule, rules)))
@@ -81,10 +82,8 @@ class Recorder:
         return True
 
     def take_cues(self, rows: LiveRows) -> list[Cue]:
-        """Return and log the cues of these rows; none while cues are paused."""
+        """Return and log the cues of these rows."""
         cues = self._cue_watch.take(rows)
-        if self.are_cues_paused:
-            return []
         self.cues += cues
         return cues
 
@@ -105,6 +104,17 @@ class Recorder:
 def measure_difference(shown: ShownAngles, elevation: Path) -> LiveDifference | None:
     """Compare the displayed angles with the report's ``elevation.parquet``."""
     return compare_shown(shown, read_elevation(elevation))
+
+
+def write_difference(shown: Path, elevation: Path, language: Language, out: Path) -> None:
+    """Compare the stored angles of an ended session with the report, and write ``difference.json``."""
+    found = measure_difference(ShownAngles.load(shown.read_bytes()), elevation)
+    facts = {
+        name: tuple(round(one, 6) for one in value) if isinstance(value, tuple) else round(value, 6)
+        for name, value in (asdict(found) if found else {}).items()
+    }
+    facts["compared_s"] = found.compared_s if found else None
+    (out / "difference.json").write_text(json.dumps(facts | {"text": describe_difference(found, language)}))
 
 
 def describe_difference(found: LiveDifference | None, language: Language) -> str:

@@ -5,7 +5,6 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timedelta
-from functools import cache
 from math import inf
 from pathlib import Path
 from typing import Any, Protocol
@@ -13,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from app.errors import LiveSourceFailed
-from app.live.ports import EarlyFile, EarlyPort, Port, open_port
+from app.live.ports import LEARN_LIMIT_S, EarlyFile, EarlyPort, Port, open_port
 from fusion.errors import FusionError, UnusableRecording
 from fusion.live import Frames, LiveSession, replay_frames
 from fusion.live.lines import LineReader
@@ -22,10 +21,7 @@ from fusion.pose.calibrate import calibrate
 from fusion.readers import read_recording
 from fusion.recording import MICROSECONDS, Float64Array, Recording
 from fusion.settings import AnalysisSettings
-from fusion.simulation import simulate_shift, write_shift
 
-LEARN_LIMIT_S = 20.0
-"""A board that sends data must send its header within this time."""
 CHUNK_S = 0.04
 MAX_SPEED = 20.0
 DEMO_HOURS = 0.25
@@ -76,9 +72,12 @@ class LineSource:
         name: str,
         *,
         silence_s: float = inf,
+        learn_limit_s: float = LEARN_LIMIT_S,
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
         """Read until header and rate are known; the source ends after ``silence_s`` without a byte.
+
+        The port must send the header within ``learn_limit_s``.
 
         Raises LiveSourceFailed if no data or no header arrived; FusionError if the header does not state
         columns, units or rate.
@@ -87,7 +86,7 @@ class LineSource:
         self.early = port if isinstance(port, EarlyPort) else None
         self._silence_s, self._heard_s = silence_s, now_s()
         try:
-            learned = self._read_header(name)
+            learned = self._read_header(name, learn_limit_s)
         except BaseException:
             port.close()
             raise
@@ -119,9 +118,9 @@ class LineSource:
         """Close the port."""
         self.port.close()
 
-    def _read_header(self, name: str) -> Frames:
+    def _read_header(self, name: str, limit_s: float) -> Frames:
         began_s, heard = self._now_s(), False
-        while self._now_s() - began_s < LEARN_LIMIT_S:
+        while self._now_s() - began_s < limit_s:
             piece, arrived_us = self._read_port()
             heard = heard or bool(piece)
             frames = self._reader.feed(piece, arrived_us)
@@ -133,6 +132,17 @@ class LineSource:
         piece = self.port.read()
         self._heard_s = self._now_s() if piece else self._heard_s
         return piece, round(self._now_s() * MICROSECONDS)
+
+
+def compile_kernels() -> None:
+    """Compile the kernels of a session, which takes some seconds once per installation."""
+    still = Frames(
+        np.arange(10) * 10_000,
+        np.arange(10),
+        np.full((10, 3), (0, 0, 1), np.float32),
+        np.zeros((10, 3), np.float32),
+    )
+    LiveSession(100.0, np.array([0.0, 0.0, 1.0])).take(still)  # compile the kernels
 
 
 def open_lines(source: str, baud: int, early: Path, about: Mapping[str, Any]) -> LineSource:
@@ -149,13 +159,7 @@ def open_lines(source: str, baud: int, early: Path, about: Mapping[str, Any]) ->
     except OSError:
         port.close()
         raise
-    still = Frames(
-        np.arange(10) * 10_000,
-        np.arange(10),
-        np.full((10, 3), (0, 0, 1), np.float32),
-        np.zeros((10, 3), np.float32),
-    )
-    LiveSession(100.0, np.array([0.0, 0.0, 1.0])).take(still)  # compile the kernels
+    compile_kernels()
     try:
         return LineSource(kept, source, now_s=kept.now_s)
     except (FusionError, LiveSourceFailed):
@@ -226,12 +230,13 @@ def find_axis(recording: Recording) -> Float64Array | None:
         return None
 
 
-@cache
 def build_demo() -> Recording:
-    """Simulate 15 minutes of work, once per server process.
+    """Simulate 15 minutes of work.
 
     It imitates a GT9X Link at 100 Hz with the pose at the start, for trying the live page without a sensor.
     """
+    from fusion.simulation import simulate_shift, write_shift  # noqa: PLC0415  slow import
+
     with tempfile.TemporaryDirectory() as folder:
         shift = simulate_shift("gt9x", DEMO_HOURS, seed=1)
         return read_recording(write_shift(Path(folder), shift, actilife_csv=False)[0])

@@ -1,8 +1,8 @@
 """The leader: the one of several processes that does their shared work.
 
 Among web servers it does the housekeeping (retention, webhooks): if three servers counted time, thirty days
-would pass in ten. Among workers it puts back jobs of dead ones: if every worker read the rows of all, the
-load would grow with the square of their number.
+would pass in ten. Among workers it puts back the jobs of dead workers: if every worker checked all others,
+the load would grow with the square of their number.
 """
 
 from contextlib import suppress
@@ -23,7 +23,7 @@ _NOTICE_DEATH = text(
 _NOTICE_SILENCE = text(
     "SELECT set_config(name, :limit, false) FROM pg_settings WHERE name = 'idle_session_timeout'"
 )
-"""PostgreSQL 14 and newer: it ends the session of a stalled leader, and releases its lock."""
+"""PostgreSQL 14 and newer end the session of a stalled leader, which releases its lock."""
 
 
 @dataclass(slots=True)

@@ -45,7 +45,9 @@ class WorkerPool:
             with suppress(subprocess.TimeoutExpired):
                 worker.wait(STOP_S)
             worker.kill()
-            with suppress(subprocess.TimeoutExpired):  # a process that waits for a dead disk
+            with suppress(
+                subprocess.TimeoutExpired
+            ):  # a process that waits for a disk that no longer responds
                 worker.wait(STOP_S)
 
     def _supervise(self) -> None:

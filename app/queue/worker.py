@@ -61,7 +61,7 @@ RENEWAL_S = 1.0
 TROUBLE_S = 2.0
 LONGEST_PAUSE_S = 60.0
 DEATH_GRACE_S = 1.0
-"""A shutdown may kill the child first: a death counts only if the worker outlives it by this time."""
+"""A shutdown may kill the child first, so its death counts only if the worker survives this much longer."""
 
 T = TypeVar("T")
 

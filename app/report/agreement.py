@@ -22,6 +22,7 @@ from app.report.charts.agreement import (
 from app.report.export.tables import Row, encode_table
 from app.report.figures import round_all
 from app.report.findings import Software
+from app.report.inspection import describe_understood
 from app.report.model import AgreementReport, Chart, Note, Pair, Section, Table
 from app.report.words.numbers import NONE, format_angle, format_duration, format_number, format_percent
 from app.report.words.wording import (
@@ -557,9 +558,8 @@ def _build_sections(
     entry = words["provenance"]
     line = load_wording(language)["label"]["brief_fact"]
     understood = [
-        fill(line, {"name": name, "value": clean_text(value)})
-        for name, value in comparison.reference.understood.items()
-        if value
+        fill(line, {"name": name, "value": value})
+        for name, value in describe_understood(comparison.reference.understood, language)
     ]
     provenance = (
         Pair(entry["ours_sha256"], comparison.ours.sha256, code=True),

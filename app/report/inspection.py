@@ -1,7 +1,7 @@
 """The output of `acromion inspect` as text lines; its JSON contains the same figures."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from app.report.words.messages import describe_flag, format_facts
@@ -50,23 +50,22 @@ def describe_inspection(facts: Mapping[str, Any], language: Language) -> str:
         (words["axes"], sanity["axes"] or words["unseen"]),
         (words["gyro_scale"], scale),
         (words["corrections"], shown.pop("corrections")),
-        *_format_understood(facts["understood"], words, language),
+        *((f"  {name}", value) for name, value in describe_understood(facts["understood"], language)),
         *((words[name], text) for name, text in shown.items()),
     ]
     width = max(len(name) for name, _ in rows)
     return "\n".join(f"{name:<{width}}  {value}" for name, value in rows)
 
 
-def _format_understood(
-    understood: Mapping[str, Any], words: Words, language: Language
-) -> Iterable[tuple[str, str]]:
-    """Return the reader's interpretation of the file, formatted for the language."""
+def describe_understood(understood: Mapping[str, Any], language: Language) -> Iterator[tuple[str, str]]:
+    """Return the reader's interpretation of the file as names and values in the language."""
+    words = load_wording(language, "run")["inspection"]
     for name, value in understood.items():
         if value and name not in _TOLD_ABOVE:
             shown = words["term"].get(name, {}).get(value) or clean_text(str(value))
             if name in _NUMBERS and _NUMBER.fullmatch(shown):
                 shown = format_exact(float(shown), language)
-            yield f"  {words['understood'].get(name, name)}", shown
+            yield words["understood"].get(name, name), shown
 
 
 def _format_number(value: float | None, unit: str, words: Words, language: Language) -> str:

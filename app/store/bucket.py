@@ -1,12 +1,11 @@
 """Recordings and reports as objects in a bucket (S3), shared by any number of machines.
 
- recordings/<recording>.json              its side file
- erasures/<recording>                     the ledger of erasures
- recordings/<recording>                   complete or absent: a multipart put shows nothing before its end
- analyses/<analysis>/<attempt>/<file>     put before the row that states that the attempt counts
+ recordings/<recording>.json its side file erasures/<recording> the ledger of erasures recordings/<recording>
+ complete or absent: an unfinished multipart put is invisible analyses/<analysis>/<attempt>/<file> put before
+ the row that states that the attempt counts
 
-No conditional put is used (some S3 servers lack it): names are random, and rows decide. The folder of this
-machine contains only temporary files, which may be lost.
+No conditional put is used (some S3 servers lack it): names are random, and the rows decide which object
+counts. The folder of this machine contains only temporary files, which may be lost.
 """
 
 import hashlib

@@ -1,4 +1,4 @@
-"""Storage of recordings and results in a folder: verified at each reading, durable before it counts.
+"""Store recordings and results in a folder; each file is durable before it counts, and verified at each use.
 
  root/uploads/<name>.part             bytes still arriving, and copies from a bucket while they are read
  root/recordings/<recording>          bytes whose arrival was acknowledged

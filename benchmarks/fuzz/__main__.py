@@ -2,8 +2,8 @@
 
     python -m benchmarks.fuzz --count 10000 [--format "LSM9DS1 CSV"] [--keep FOLDER]
 
-Exits 1 if any exception except a FusionError was raised, or a second was not accounted for; the file that
-caused it is stored.
+Exits with 1 if an exception other than a FusionError was raised, or if a second was not accounted for. The
+file that caused it is stored.
 """
 
 import argparse

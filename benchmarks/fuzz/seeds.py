@@ -23,7 +23,7 @@ ROWS, LAYOUT_LINES = 90, 150
 TURNS, SLOW_HZ = 12, 16.0
 LEFT_HANDED = np.array([-1.0, 1.0, 1.0])
 LONG_ROWS = 1100
-"""More than the readers process at a time."""
+"""More rows than the readers process at a time."""
 ACTILIFE_HEADER = (
     "------------ Data File Created By ActiGraph Link IMU 9DOF Sensor ActiLife v6.13.3 Firmware v1.7.2 "
     "date format M/d/yyyy at 100 Hz  -----------\nSerial Number: TAS1E00000001\nStart Time 07:00:00\n"

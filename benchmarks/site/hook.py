@@ -2,37 +2,30 @@
 
     mkdocs build --strict -f docs/mkdocs.yml
 
-mkdocs loads this module as its hook. A page with ``words: en`` (or ``fr``) in its head is a Jinja template,
-which is filled with the words and drawings of the product. The hook also renders the example's report and
-runs the notebook.
+mkdocs loads this module as its hook. It renders the example's report, runs the notebook, and adapts the
+pages, which are also readable as files: links that leave ``docs/``, and what only the site has.
 """
 
 import json
 import re
 import tempfile
-from functools import cache
 from pathlib import Path
 
-from jinja2 import ChoiceLoader, Environment, FileSystemLoader
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
-from app.errors import list_refusals
-from app.http.pages.help import POSES, draw_example, find_example
-from app.http.pages.rendering import pages
+from app.http.pages.help import find_example
 from app.main import create_app
 from app.report.export.results import decode_results
 from app.report.model import Report
 from app.report.render.html import render_html
-from app.report.render.pdf import render_first_page, render_pdf
+from app.report.render.pdf import render_pdf
 from app.report.single.report import build_report
-from app.report.words.messages import CaveatWords, Problem, describe_flag, describe_problem, find_flag_codes
-from app.report.words.wording import LANGUAGES, Language, load_wording
+from app.report.words.wording import LANGUAGES, Language
 from app.settings import Settings
 from benchmarks.site.bibliography import cite
 from benchmarks.site.notebook import run_notebook, write_markdown
-from fusion.recording import QualityFlag
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
@@ -48,10 +41,15 @@ SHARED_FILES = (
     "docker/bucket-policy.json",
     "docker/make-bucket.sh",
 )
-PAGE_DOTS_PER_INCH = 110
+EXAMPLE_LINKS = {
+    "en": "The whole report: [HTML]({place}.html), [PDF]({place}.pdf).",
+    "fr": "Le rapport entier : [HTML]({place}.html), [PDF]({place}.pdf).",
+}
+"""The text that the site shows in place of ``<!-- example: en -->``."""
 
 _TO_ROOT = re.compile(r"\]\((?:\.\./)+(?=(?:" + "|".join((*SHARED_PAGES, *SHARED_FILES)) + r")[)#])")
 _TO_DOCS = re.compile(r"\]\(docs/")
+_EXAMPLE = re.compile("<!-- example: (en|fr) -->")
 _FENCE_WORDS = re.compile(r"^(```\w+) [\w.]+$", re.MULTILINE)
 """A word after a block's language is for a test; mkdocs does not understand it."""
 
@@ -59,8 +57,6 @@ _ROLE = re.compile(r":(?:func|data|class|mod|meth):(?=<code>)")
 """Roles that docstrings write before a name, for other tools."""
 
 _GENERATED = re.compile(r"\A(Made from the code: [^\n]+)\n\n(# [^\n]+\n)")
-
-_TEXT = re.compile(r"(?<=>)[^<>]+(?=<)")
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
@@ -87,68 +83,34 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Fill in the product's words, and correct links that leave ``docs/``."""
-    language = page.meta.get("words")
-    if language:
-        markdown = _fill_words(markdown, language)
+    """Correct links that leave ``docs/``; add links to the example's report and to the executed notebook."""
+    if page.file.src_uri.endswith("/codes.md") and _find_language(page):
+        page.meta["search"] = {"boost": 10}
     if "bibliography" in page.meta:
         markdown = cite(markdown, DOCS / str(page.meta["bibliography"]))
     up = "../" * page.file.src_uri.count("/")
     markdown = _TO_ROOT.sub(f"]({up}", markdown)
     if page.file.src_uri in SHARED_PAGES:
         markdown = _TO_DOCS.sub("](", markdown)
-    markdown = _GENERATED.sub(r"\2\n\1.\n", markdown)
+    markdown = _EXAMPLE.sub(
+        lambda found: EXAMPLE_LINKS[found[1]].format(place=f"{up}example/report_{found[1]}"), markdown
+    )
+    markdown = markdown.replace(".ipynb)", ".md)")
+    markdown = _GENERATED.sub(r"\2" if _find_language(page) else r"\2\n\1.\n", markdown)
     return _FENCE_WORDS.sub(r"\1", markdown)
 
 
 def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Mark the language of a page for screen readers; add the French spaces before punctuation."""
+    """Mark the language of a page for screen readers."""
     html = _ROLE.sub("", html)
-    language = page.meta.get("words")
-    if language == "fr":
-        html = _TEXT.sub(lambda found: _set_french(found[0]), html)
+    language = _find_language(page)
     return f'<div lang="{language}">{html}</div>' if language else html
 
 
-def _set_french(text: str) -> str:
-    text = re.sub(r" (?=[;!?](?:\s|$))", "\u202f", text)
-    return re.sub(r" (?=[:%»](?:\s|[.,)]|$))|(?<=«) ", "\u00a0", text)
-
-
-def _fill_words(markdown: str, language: Language) -> str:
-    help_words = load_wording(language, "help")
-    return (
-        _make_environment()
-        .from_string(markdown)
-        .render(
-            words=load_wording(language),
-            page=load_wording(language, "page"),
-            day=load_wording(language, "day"),
-            h=help_words,
-            r=help_words["reading"],
-            pictures=draw_example(language),
-            pose_names=POSES,
-            caveats=_describe_caveats(language),
-            refusals=_describe_refusals(language),
-        )
-    )
-
-
-def _describe_caveats(language: Language) -> dict[str, CaveatWords]:
-    return {code: describe_flag(QualityFlag(code), language) for code in find_flag_codes()}
-
-
-def _describe_refusals(language: Language) -> dict[str, Problem]:
-    codes = sorted({refusal.code for refusal in list_refusals()})
-    return {code: describe_problem(code, {}, language) for code in codes}
-
-
-@cache
-def _make_environment() -> Environment:
-    loaders = [FileSystemLoader(DOCS / "site")]
-    if pages.loader is not None:
-        loaders.append(pages.loader)  # type: ignore[arg-type] # any loader will do
-    return pages.overlay(loader=ChoiceLoader(loaders))
+def _find_language(page: Page) -> str:
+    """Return the language of a page of the guide; "" for any other page."""
+    found = re.match(r"guide/(\w+)/", page.file.src_uri)
+    return found[1] if found else ""
 
 
 def _build_example(language: Language) -> Report:
@@ -157,10 +119,9 @@ def _build_example(language: Language) -> Report:
 
 
 def _render_example(language: Language) -> dict[str, str | bytes]:
-    """Render the report of the example as HTML and PDF, and its page 1 as a picture."""
+    """Render the report of the example as HTML and PDF."""
     report, attached = _build_example(language), {"results.json": find_example().read_bytes()}
     return {
         f"example/report_{language}.html": render_html(report),
         f"example/report_{language}.pdf": render_pdf(report, attached),
-        f"example/page1_{language}.png": render_first_page(report, "a4", PAGE_DOTS_PER_INCH),
     }

@@ -53,7 +53,7 @@ def render_details(section: Section) -> str:
 
 
 def find_sections(text: str, names: Sequence[str]) -> dict[str, str]:
-    """Split an earlier document, so that a section created alone only replaces itself."""
+    """Split an earlier document, so that a section that is made alone replaces only itself."""
     found = {}
     for name in names:
         match = re.search(re.escape(_begin(name)) + r".*?" + re.escape(_end(name)), text, re.DOTALL)

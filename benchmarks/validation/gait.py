@@ -2,7 +2,8 @@
 
     python -m benchmarks.validation.gait [--data DIR ...]
 
-An angle is that of gravity's mean, as measured by a sensor on the upper arm, from the shoulder-elbow line.
+Each angle is between the mean of gravity, as measured by a sensor on the upper arm, and the shoulder-elbow
+line.
 """
 
 import argparse
@@ -45,7 +46,7 @@ class Gait:
 
 
 def measure_recorded(folder: Path) -> list[Gait]:
-    """Measure every subject with plain walking, both arms; stance: calm half seconds of a hanging arm."""
+    """Measure both arms of every subject with plain walking; stance: calm half seconds of a hanging arm."""
     found = []
     for side in SIDES:
         library = load_library(folder, side)

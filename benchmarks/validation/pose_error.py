@@ -1,12 +1,12 @@
-"""Test if the range of the N-pose includes the truth of an arm that was read low.
+"""Test if the range of the N-pose includes the truth if the arm is measured too low.
 
     python -m benchmarks.validation.pose_error [--data DIR] [--seeds N]
 
 A fused angle is lowered by 15 deg x min(1, true angle / 90 deg), and counted with the range of the N-pose.
-The ranges assume an error that grows with the angle that was *read*, and is anything up to that; the error
-here is the largest, by the true angle. The pose is held exactly, or as people hold it (the axis is rotated in
-any direction by a normal deviate of its standard deviation). With 15 deg at every angle it is reported
-without a goal. The days are those of ``stated`` with the window of the pose given.
+The ranges assume an error that grows with the *measured* angle and has any size up to the limit. The error
+here grows with the true angle and is the largest possible. The pose is held exactly, or as people hold it
+(the axis is rotated in any direction by a normal deviate of its standard deviation). With 15 deg at every
+angle it is reported without a goal. The days are those of ``stated`` with the window of the pose given.
 """
 
 import argparse
@@ -43,12 +43,12 @@ Ranged = tuple[str, Interval, float]
 
 
 def lower_with_angle(true_deg: Float64Array) -> Float64Array:
-    """Return the error that grows with the angle, deg."""
+    """Return an error that grows with the angle, deg."""
     return np.asarray(NPOSE_ERROR_DEG * np.minimum(1.0, true_deg / FULL_AT_DEG))
 
 
 def lower_everywhere(true_deg: Float64Array) -> Float64Array:
-    """Return the error that is the same at every angle, deg."""
+    """Return an error that is the same at every angle, deg."""
     return np.full_like(true_deg, NPOSE_ERROR_DEG)
 
 

@@ -159,7 +159,7 @@ def cut_stride(clip: Clip) -> Clip:
 class Track:
     """Clips joined one after the other by minimum-jerk turns.
 
-    ``strap``: returns the plate of clips and held postures that have none; without it, no clip may have one.
+    ``strap`` returns the plate for clips and held postures that have none. Without it, no clip may have one.
     """
 
     chance: np.random.Generator
@@ -182,7 +182,7 @@ class Track:
         self._add(clip)
 
     def append_nearest(self, clips: Sequence[Clip]) -> None:
-        """Append the one of a few random clips whose start is most like the current posture."""
+        """Draw a few clips at random, and append the clip that starts most like the current posture."""
         drawn = [clips[k] for k in self.chance.choice(len(clips), min(CANDIDATES, len(clips)), replace=False)]
         self.append(min(drawn, key=self._find_turn))
 
@@ -251,7 +251,10 @@ def _bridge(before: Clip, after: Clip, least_s: float) -> Clip:
 
 
 def _find_ends(before: Rotation, after: Rotation) -> tuple[Rotation, Float64Array, Float64Array]:
-    """Return the last rotation, and relative to it the three at the end and the three after, as vectors."""
+    """Return the last rotation.
+
+    Also return the last three rotations and the three after them, as rotation vectors relative to it.
+    """
     last = before[-1]
     return last, (last.inv() * before[-3:]).as_rotvec(), (last.inv() * after[:3]).as_rotvec()
 

@@ -1,8 +1,8 @@
 """Upper-arm motion with a sensor on the skin: daily tasks of four seated persons, five minutes in total.
 
 Optical motion capture (UE_ADLdatabase, MIT License). A plate strapped to the upper arm like a sensor was
-measured together with the humerus. The axial rotation of the humerus comes from that plate, so the plate
-moves in elevation and plane, hardly about the arm axis.
+measured together with the humerus. The axial rotation of the humerus comes from that plate. Relative to the
+arm, the plate therefore moves in elevation and plane, but hardly about the arm axis.
 """
 
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ from benchmarks.validation.real_clips import (
 from fusion.recording import Float64Array
 
 LOW_DEG = 25.0
-"""Below this elevation the plate's mean orientation defines the person's mounting: it is that of the arm."""
+"""Below this elevation the plate's mean orientation defines the mounting: it counts as that of the arm."""
 
 
 def load_skin_library(folder: Path, *, is_rigid: bool) -> dict[str, list[Clip]]:
@@ -73,9 +73,10 @@ def _mount(clips: list[Clip], *, is_rigid: bool) -> list[Clip]:
 
 
 class Strap:
-    """The plate of one person in any posture: linear in the vertical in the arm's frame.
+    """The plate of one person in any posture, as a linear function of the vertical in the arm's frame.
 
-    Fitted to the person's clips by least squares; for ``Track``, whose held postures have no measured plate.
+    Fitted to the person's clips by least squares. ``Track`` uses it for held postures, because no plate was
+    measured in them.
     """
 
     def __init__(self, clips: Sequence[Clip]) -> None:

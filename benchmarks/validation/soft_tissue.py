@@ -2,8 +2,9 @@
 
     python -m benchmarks.validation.soft_tissue [--data DIR] [--seeds N]
 
-Half an hour of one person's recorded tasks, once on the plate as it moved and once on a rigid one. The plate
-was not measured in the poses: held postures take it from a line fitted to the person's clips.
+The recording is half an hour of one person's recorded tasks, once with the plate as it moved and once with a
+rigid plate. The plate was not measured in the poses. Its orientation there comes from a line fitted to the
+person's clips.
 """
 
 import argparse

@@ -82,7 +82,7 @@ seated days, fast work looks like walking. The goals exclude slips without a sig
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """One row: ``table_s`` on a table, ``work_s`` of work before the pose, or no pose at all.
+    """One row. Before the pose: ``table_s`` on a table, ``work_s`` of work; or no pose at all.
 
     ``slip_deg``: the sensor slips at noon.
     ``is_off``: it is taken off at noon and put back rotated, with a new pose.
@@ -167,7 +167,7 @@ class Subject:
 
 @lru_cache(maxsize=16)
 def load_person(subject: Subject) -> Person:
-    """Return the person of a seed: four seated ones, or one of the walkers with everybody's work."""
+    """Return the person of a seed: one of four seated people, or one of the walkers with everybody's work."""
     if subject.kind in {"skin", "seated"}:
         people = load_skin_library(subject.data / "skin_motion", is_rigid=subject.kind == "seated")
         clips = people[sorted(people)[subject.seed % len(people)]]

@@ -1,4 +1,4 @@
-"""Precomputed angles on even grids: the CSV of angles, and the rows of any file of angles or orientations."""
+"""Read a CSV of angles, and resample angles or orientations of any file on even grids."""
 
 import hashlib
 from collections.abc import Mapping
@@ -35,7 +35,7 @@ from fusion.runs import find_runs
 # Excel).
 #
 # Missing values are not filled. A step of more than 1.5 sample periods is a gap. A gap of up to 50 ms is
-# bridged for the filter only, and the bridge is not valid; a longer gap ends the segment.
+# interpolated for the filter only, and the interpolated rows are not valid. A longer gap ends the segment.
 
 COLUMNS = ("time_s", "elevation_deg")
 LONGEST_BRIDGE_S = 0.05
@@ -81,7 +81,7 @@ class AngleRows:
 def read_angle_series(file: BinaryIO) -> tuple[Recording, Elevation]:
     """Read a precomputed angle series from an open binary file that can be rewound.
 
-    The segments of the recording have a start and a rate but no samples: shape (0, 3).
+    The segments of the recording have a start and a rate, but no samples: their arrays have shape (0, 3).
 
     Raises
     ------
@@ -238,7 +238,7 @@ def _check_rows(rows: _Rows) -> None:
 
 
 def _make_segment(series: AngleRows, rows: slice, period_s: float) -> ElevationSegment:
-    """Put a run on an even grid; grid rows within a short gap are interpolated and not valid."""
+    """Resample a run on an even grid; rows within a short gap are interpolated and marked as not valid."""
     time_s, elevation_deg = series.time_s[rows], series.elevation_deg[rows]
     steps = np.diff(time_s)
     periods = np.maximum(np.rint(steps / period_s).astype(np.int64), 2)
@@ -266,7 +266,7 @@ def _flag_missing(segments: tuple[ElevationSegment, ...], duration_us: int) -> t
 #
 # An orientation R rotates the segment's frame into a world frame with z up, as Xsens exports it (MVN: global
 # frame z up; MT Manager and DOT: ENU). The zenith in the segment's frame is the third row of R, for any
-# heading. Elevation needs nothing else of the orientation.
+# heading. The elevation depends on no other part of the orientation.
 
 Up = NDArray[np.float32]
 """The unit vector to the zenith in the frame of the segment or sensor, shape (n, 3)."""

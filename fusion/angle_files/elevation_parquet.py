@@ -49,7 +49,7 @@ _FLAGS = ("valid", "analysed")
 UNREADABLE = (pa.ArrowException, OSError, UnicodeDecodeError)
 """Exceptions that Parquet's reader raises for a damaged file; the last one if a name is not text."""
 LEAST_ANGLE_BYTES = 0.1
-"""Least size of a row in the file, beyond two days of rows; a row of a worn arm takes 0.5 to 1 byte."""
+"""Least bytes per row of a file with more than two days of rows; a row of a worn arm takes 0.5 to 1 byte."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

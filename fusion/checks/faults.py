@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
-from fusion.checks.summary import BLOCK_ROWS, SensorSummary, summarise
+from fusion.checks.summary import BLOCK_ROWS, SensorSummary, measure_step, summarise
 from fusion.errors import DeadSensor, UnusableTime
 from fusion.numba_kernels import inner, kernel
 from fusion.recording import (
@@ -257,6 +257,10 @@ COARSE_PART, LIVE_PART = 0.5, 0.25
 """Least share of repeated rows of a coarse channel, and the most of one with noise."""
 MOVING_G, MOVING_DPS = 0.15, 30.0
 MOVED_G, MOVED_DPS = 0.05, 5.0
+FAR_STEPS = 20.0
+"""Steps of a coarse sensor: an axis is stuck while another one is farther than this from its median for two
+seconds. In 2 h of real movement, rounded to two decimals or to 10 bits, the longest such time is 0.5 s.
+"""
 
 
 def exclude_stuck(recording: Recording) -> Recording:
@@ -309,10 +313,15 @@ def _find_stuck(segments: Sequence[Segment]) -> list[list[Pair]]:
                     max(round(length_s * segment.rate_hz), least_rows),
                 )
                 runs.append(find_held_runs(seen, seen, shortest, (axes[0], axes[-1] + 1)))
-            if not any(map(len, runs)) or any(_is_coarse(samples, axis, runs) for axis in axes):
+            if not any(map(len, runs)):
                 continue
+            is_coarse, step = any(_is_coarse(samples, axis, runs) for axis in axes), measure_step(samples)
             for rows, segment, some in zip(found, segments, runs, strict=True):
-                rows += [(a, b) for a, b in some.tolist() if _is_stuck(segment, sensor, axes, (a, b))]
+                rows += [
+                    (a, b)
+                    for a, b in some.tolist()
+                    if _is_stuck(segment, sensor, axes, (a, b), step, is_coarse=is_coarse)
+                ]
     return [join_overlapping(some) for some in found]
 
 
@@ -320,23 +329,40 @@ def _read(segment: Segment, sensor: int) -> Values:
     return segment.gyr_dps if sensor else segment.acc_g
 
 
-def _is_stuck(segment: Segment, sensor: int, axes: tuple[int, ...], rows: Pair) -> bool:
+def _is_stuck(
+    segment: Segment, sensor: int, axes: tuple[int, ...], rows: Pair, step: float, *, is_coarse: bool
+) -> bool:
     """Return whether a constant value is a fault: of a sensor if anything moves, of an axis as in STUCK_S.
 
-    An axis is not stuck if coarse steps explain it: another axis of the sensor changes in the same rows, but
-    seldom.
+    Coarse steps explain it, unless the arm clearly moves: the axis is coarse, or another axis of the sensor
+    changes in the same rows, but seldom. ``step``: that of the sensor.
     """
     first, stop = rows
+    is_long = stop - first >= LONG_S * segment.rate_hz
+    if is_coarse and not is_long:
+        return False
     ranges = [np.ptp(_read(segment, one)[first:stop], axis=0).max() for one in range(2)]
     steps = np.diff(np.delete(_read(segment, sensor)[first:stop], axes, axis=1), axis=0)
     repeats = (steps == 0.0).mean(axis=0)
-    if ((repeats > COARSE_PART) & steps.any(axis=0)).any():
-        return False
-    is_long = len(axes) > 1 or stop - first >= LONG_S * segment.rate_hz
-    if is_long and bool(ranges[0] > MOVING_G or ranges[1] > MOVING_DPS):
+    if is_coarse or ((repeats > COARSE_PART) & steps.any(axis=0)).any():
+        return _moves_far(segment, sensor, axes, rows, step)
+    if (is_long or len(axes) > 1) and bool(ranges[0] > MOVING_G or ranges[1] > MOVING_DPS):
         return True
     is_live = len(axes) == 1 and bool(repeats.max() < LIVE_PART)
     return is_live and bool(ranges[0] > MOVED_G or ranges[1] > MOVED_DPS)
+
+
+def _moves_far(segment: Segment, sensor: int, axes: tuple[int, ...], rows: Pair, step: float) -> bool:
+    """Return whether the other axes, or the other sensor if all are constant, move far for two seconds."""
+    first, stop = rows
+    if len(axes) == 1:
+        values = np.delete(_read(segment, sensor)[first:stop], axes, axis=1)
+        far = max(FAR_STEPS * step, (MOVED_G, MOVED_DPS)[sensor])
+    else:
+        values = _read(segment, 1 - sensor)[first:stop]
+        far = (MOVING_DPS, MOVING_G)[sensor]
+    away = np.abs(values - np.median(values, axis=0)).max(axis=1)
+    return bool(np.count_nonzero(away > far) >= LONG_S * segment.rate_hz)
 
 
 def _is_coarse(samples: Sequence[Values], axis: int, runs: Sequence[Rows]) -> bool:

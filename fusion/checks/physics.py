@@ -67,7 +67,7 @@ ROW_S = 0.02
 PLAIN_G = 0.05
 MOST_WINDOWS = 150
 LIKELY_GAIN, LIKELY_DRIFT_DPS, LIKELY_OFFSET_G = 1.0, 15.0, 0.04
-"""Expected deviation of a fit from its start (of a gain, relative), one standard deviation."""
+"""Expected standard deviation of a fitted value from its start value (for a gain: relative)."""
 LEAST_SPREAD_G = 0.005
 RADIANS = np.pi / 180.0
 
@@ -319,7 +319,7 @@ def _turn_frame(
 # The verdict.
 
 LIVELY_G = 0.1
-"""A window is evidence if its halves would be this far apart without a gyroscope."""
+"""A window counts as evidence if, without the gyroscope, its halves would be this far apart."""
 LEAST_MISS_G = 0.02
 MOST_DPS = 4500.0
 """No sensor in use reads more than 4000 deg/s."""
@@ -333,7 +333,7 @@ CLEAR_NATS, CLEAR_RATIO = 12.0, 0.6
 UNIT_NATS = 8.0
 """Enough for a factor that then fits well."""
 USUAL_ERROR, MOST_FACTOR_NATS = 0.1, 8.0
-"""Usual relative error of factors, and the largest penalty for an odd factor."""
+"""Usual relative error of factors, and the largest penalty for an unusual factor."""
 CERTAIN_NATS, KNOWN_RATIO = 25.0, 0.75
 """A factor may fit less well if the recording is poor."""
 RIVAL_NATS = 4.0
@@ -545,13 +545,13 @@ USUAL_UNITS_G = (1.0, 1e-3, 1 / STANDARD_GRAVITY)
 REST_TOLERANCE, MOST_DOUBTED = 0.10, 0.25
 """Up to this far from 1 g at rest an accelerometer is used, with a caveat."""
 MOVING_TOLERANCE, MOVING_TIMES = 0.20, 5.0
-"""Without rest, the median of the movement distinguishes ranges, a factor of 2 apart, and units."""
+"""Without rest, the median length in movement distinguishes units, and ranges a factor of 2 apart."""
 LEAST_REST_PART = 0.1
 """Acceleration at rest relative to the longest: at least 0.20 (shaken by hand) in the recordings of the
 project, 0.03 without gravity.
 """
 LEAST_USUAL_G = 0.05
-"""In a stated unit less than this is not gravity: m/s2 read in place of g is twice as long."""
+"""Below this length in a stated unit it is not gravity; even m/s2 that was read as g is twice as long."""
 RANGES_G = {0.000061: 2.0, 0.000122: 4.0, 0.000244: 8.0, 0.000732: 16.0}
 """LSM9DS1: full scale by g per count (ST, lsm9ds1_reg.c)."""
 RANGES_DPS = {0.00875: 245.0, 0.0175: 500.0, 0.07: 2000.0}
@@ -599,8 +599,9 @@ def check_physics(recording: Recording) -> Recording:
 def are_exchanged(segments: Sequence[Segment]) -> bool:
     """Return whether the angular rate keeps the length of gravity, and the acceleration does not.
 
-    An accelerometer on an arm always reads about the length of gravity. A gyroscope reads almost zero at rest
-    and a hundred times as much in movement. If the columns show the opposite, their names are exchanged.
+    The reading of an accelerometer on an arm always has about the length of gravity. A gyroscope reads almost
+    zero at rest and a hundred times as much in movement. If the columns show the opposite, their names are
+    exchanged.
     """
     accelerations = _measure_spread(measure_lengths(segments))
     if accelerations < LIVELY_RATIO:

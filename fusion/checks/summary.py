@@ -123,8 +123,9 @@ FLAT_ROWS, FEWEST_TOPS = 3, 5
 LEAST_ACC_RANGE_G, LEAST_GYR_RANGE_DPS = 1.9, 240.0
 """No sensor has a smaller range (2 g, 245 deg/s): a lower extreme is not the end of a range."""
 LEAST_ACC_TOP_G, LEAST_GYR_TOP_DPS = 1.5, 50.0
-"""For a sensor with a narrower range than stated. Below these, coarse counts at rest may also stay at the
-extreme.
+"""For a sensor with a narrower range than stated.
+
+Below these limits, coarse counts at rest may also stay at the extreme.
 """
 
 
@@ -171,8 +172,8 @@ LOOKED_AT_ROWS = 20_000
 
 def flag_resolution(recording: Recording) -> tuple[QualityFlag, ...]:
     """Return the flag of steps so coarse that they hide stillness (W-RESOLUTION)."""
-    acc_g = _measure_step([segment.acc_g for segment in recording.segments])
-    gyr_dps = _measure_step([segment.gyr_dps for segment in recording.segments])
+    acc_g = measure_step([segment.acc_g for segment in recording.segments])
+    gyr_dps = measure_step([segment.gyr_dps for segment in recording.segments])
     facts: dict[str, str | int | float] = {}
     if acc_g > COARSE_G:
         facts["step_mg"] = round(1000.0 * acc_g, 1)
@@ -181,7 +182,7 @@ def flag_resolution(recording: Recording) -> tuple[QualityFlag, ...]:
     return (QualityFlag(Caveat.RESOLUTION, facts=facts),) if facts else ()
 
 
-def _measure_step(samples: Sequence[NDArray[np.float32]]) -> float:
+def measure_step(samples: Sequence[NDArray[np.float32]]) -> float:
     """Return the smallest change from row to row, ignoring one in a hundred, of the coarsest axis.
 
     Few rows are interpolated by a program. Unrounded noise has far smaller changes.
@@ -203,8 +204,10 @@ REST_S, FEWEST_RESTS = 1.0, 2
 REST_PART = 0.015
 """At rest the acceleration scatters by less than this part of its length."""
 RESTING_PART, ROUGH = 0.02, 0.3
-"""The gyroscope is at rest if it scatters by less than this part of its liveliest stretch, or if successive
-readings are nearly independent: noise is, movement is not.
+"""The gyroscope is at rest if it scatters by less than this part of its liveliest stretch.
+
+It also is at rest if successive readings are nearly independent: those of noise are, those of movement are
+not.
 """
 STEADY_PART, SAME_DEG = 0.04, 10.0
 """At rest in one direction, the middle half of the lengths agree within this part; on a boat they do not."""
@@ -243,8 +246,8 @@ def find_rests(segments: Sequence[Segment]) -> Rests:
     """Return the seconds in which neither sensor shows movement.
 
     Returns none if there are fewer than two, or if they differ in length as on a boat. A channel that keeps
-    one value measures nothing (a gap filled with zeros, a stuck axis), unless most of the rests look like
-    that: then the resolution is that coarse.
+    one value measures nothing (a gap filled with zeros, a stuck axis). If most of the rests look like this,
+    the resolution is coarse instead.
     """
     looks = _look(segments)
     if looks is None:
@@ -257,7 +260,7 @@ def find_rests(segments: Sequence[Segment]) -> Rests:
     rests = Rests(acc[is_resting], gyr[is_resting])
     if len(rests) < FEWEST_RESTS:
         return Rests(acc[:0], gyr[:0])
-    # the middle half of them have the same length in the same direction
+    # the middle half of the readings in one direction have the same length
     length = np.linalg.norm(rests.acc, axis=1)
     place = number_directions(rests.acc / np.maximum(length, 1e-12)[:, None], SAME_DEG)
     usual = np.array([np.median(length[place == k]) for k in range(place.max() + 1)])
@@ -382,7 +385,7 @@ SCALE_TOLERANCE = 0.03
 """Ten simulated sensors of each device are within 0.015."""
 ERRORS = 6.0
 MOST_LEFT_G = 0.015
-"""Largest unexplained rest: a calibrated sensor reads within this of 1 g."""
+"""Largest unexplained difference at rest: a calibrated sensor reads within this of 1 g."""
 ROUNDS = 12
 
 

@@ -320,7 +320,10 @@ LEAST_R = 0.5
 """Below this correlation the motions do not match, and there is no alignment."""
 
 LEAST_ENERGY = 0.2
-"""Least share of the lesser side's motion in the common time of a shift; with less, edges match by chance."""
+"""With a smaller share of the motion in the common time, the edges of the recordings match by chance.
+
+The share is that of the side with less motion.
+"""
 
 LEAST_MOTION_S, MOVING_DPS = 10.0, 5.0
 """The common time must contain at least this much motion of both sides, faster than this, to search for a
@@ -328,10 +331,13 @@ shift.
 """
 
 SURE_MOTION_S, SURE_R = 30.0, 0.7
-"""A match of this much motion is not chance: the best of 3e5 shifts of 60 independent values has r 0.65."""
+"""With this much common motion and this correlation, a match is not chance.
+
+The best of 3e5 shifts of 60 independent values has a correlation of 0.65.
+"""
 
 MOST_RIVAL = 0.95
-"""Otherwise, the largest relative score of another shift more than ``REACH_S`` away."""
+"""Any other match must be unique: no shift more than ``REACH_S`` away may reach this share of its score."""
 
 OVERLAP_WORTH = 0.25
 FASTEST_DPS = 150.0
@@ -391,7 +397,7 @@ def align_roughly(ours: Runs, reference: Runs, clock: ClockSettings) -> Alignmen
         raise NothingInCommon(s=0.0)
     if clock.offset_s is None:
         first = _find_shift(ours, reference)
-        middle_s = (ours[0].start_s + ours[-1].end_s) / 2.0  # the time to which a shift without drift applies
+        middle_s = (ours[0].start_s + ours[-1].end_s) / 2.0  # a shift without drift is exact here
     else:
         first, middle_s = Alignment(clock.offset_s, 0.0, is_offset_given=True), 0.0
     if clock.drift_ppm is not None:
@@ -443,7 +449,7 @@ def _count_steps(runs: Runs) -> int:
 
 
 def _score_shifts(own: Float64Array, other: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Return correlation and score for every shift of ``other`` to the right; index len(own) - 1 is none.
+    """Return correlation and score for every shift of ``other`` to the right; index len(own) - 1: no shift.
 
     Of two shifts with the same correlation, the one with more common motion has the higher score.
     """
@@ -556,7 +562,10 @@ def _find_step(
 
 
 def _find_slopes(run: PairedRun) -> Float64Array:
-    """Return the slope of the reference over a fifth of a second: noise would make every step too short."""
+    """Return the slope of the reference over a fifth of a second.
+
+    Over a shorter time the slope contains more noise, which makes every step too short.
+    """
     reach = max(1, round(SLOPE_S * run.rate_hz / 2))
     rows = np.arange(len(run))
     first, last = np.maximum(rows - reach, 0), np.minimum(rows + reach, len(run) - 1)

@@ -41,7 +41,7 @@ def draw_pair(
     block_of: IntArray = np.unique(np.floor(time_s / BLOCK_S), return_inverse=True)[1].astype(np.int64)
     lasted = np.bincount(block_of)
     draws = draw_blocks(lasted, sigmas_deg[0])
-    # the same quantiles as those of the first arm, in an order independent of them
+    # the same quantiles as for the first arm, in an independent random order
     other_errors_deg = np.random.Generator(np.random.PCG64(RIGHT_SEED)).permutation(
         draw_errors(sigmas_deg[1])
     )

@@ -102,7 +102,8 @@ Context for several days, never for one.
 def compare_with_references(exposure: Exposure, verdict: str) -> tuple[Compared, ...]:
     """Compare each reference with its figure, or return the reason why it does not apply.
 
-    All apply to a working day: not with less than 4 h analysed, and not if the quality is poor.
+    Every reference applies to a working day. None is compared if less than 4 h were analysed or if the
+    quality is poor.
     """
     reason: Reason = "poor" if verdict == "poor" else ""
     if exposure.analysed_s < WHOLE_DAY_S:

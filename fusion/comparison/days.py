@@ -25,9 +25,9 @@ from fusion.recording import MICROSECONDS, Float64Array
 QUARTER_S = 900.0
 QUARTERS = 96
 LEAST_ANALYSED_S = QUARTER_S / 2
-"""Least time of a quarter hour for a day to count in it."""
+"""A day counts in a quarter hour if at least this much of it was analysed."""
 LEAST_DAYS = 2
-"""Least days in a quarter hour to show it; also at least half of all days."""
+"""A quarter hour is shown if at least this many days count in it, and at least half of all days."""
 PERCENTS = (10, 25, 50, 75, 90)
 
 _DAY_S = 86_400.0
@@ -90,7 +90,8 @@ def overlay_days(days: Sequence[Float64Array]) -> tuple[ClockBand, ...]:
 def find_first_quarter(overlays: Sequence[Sequence[ClockBand]]) -> float:
     """Return the start of a clock axis that contains all overlays: after the longest period without a day.
 
-    Seconds from midnight, with the clock as a ring; 0 without any day, or with days at all hours.
+    In seconds from midnight; the clock is treated as a ring. Returns 0 if there is no day, or if there are
+    days at all hours.
     """
     used = {round(band.start_s / QUARTER_S) for bands in overlays for band in bands if band.days}
     longest, first, unused = 0, 0, 0
@@ -117,7 +118,7 @@ LEAST_OWN_DAYS = 5
 """
 DAYS = (1, 2, 3, 5)
 WORTHWHILE_SHARE = 0.5
-"""Share of a mean: the change that the requested days should detect (docs/profile.md)."""
+"""The change that the requested days should detect, as a share of the mean (docs/profile.md)."""
 _TAIL = 0.025
 
 
@@ -298,7 +299,8 @@ def pool_deviation(sides: Sequence[Sequence[float]]) -> tuple[float, int] | None
 def describe_group(people: Mapping[str, Sequence[float]], most: float = inf) -> GroupSpread:
     """Split the variation of a group, given each person's days, into between and within people.
 
-    The mean is that of the people's means, each person once for any number of days. No range exceeds
+    The mean is the mean of the people's means: each person counts once, however many days they have. No range
+    exceeds
     ``most``, the largest possible value.
 
     Raises ValueError: there is no day.

@@ -1,8 +1,8 @@
 """Time in elevation bins, time above thresholds, and percentiles, all from one 0.1 deg histogram.
 
 The day is split at every minute, clock hour and edge of the diary; all its parts are sums of these stretches.
-The bin edges are the union of those of ISO 11226, EN 1005-4, RULA, REBA, Acti4 and OCRA, so that each
-convention follows exactly. Times are integer microseconds, so parts add up exactly.
+The bin edges include every class edge of ISO 11226, EN 1005-4, RULA, REBA, Acti4 and OCRA, so the classes of
+each convention are exact sums of bins. Times are integer microseconds, so parts add up exactly.
 """
 
 from dataclasses import dataclass
@@ -53,7 +53,8 @@ class PartHistograms:
 def count_cells(angle_deg, valid, rows, counts):  # type: ignore[no-untyped-def]
     """Count the valid rows of each part in each cell; 180 deg belongs to the last cell.
 
-    Ten times an angle with 1e-6 deg resolution is exact at the cell edges, so no tolerance is needed.
+    Angles are rounded to 1e-6 deg. Ten times an angle is therefore exact at the cell edges, and no tolerance
+    is needed.
     """
     for part in range(len(rows) - 1):
         for i in range(rows[part], rows[part + 1]):

@@ -129,14 +129,14 @@ class DayDivision:
     def group_by_row(self) -> tuple[Group, ...]:
         """Return the pieces of each row, in the order of the diary, then the pieces without a row.
 
-        Omits a row that others cover wholly.
+        A row that other rows cover completely is omitted.
         """
         owners = (*range(len(self.periods)), -1)
         owned = (tuple(k for k, piece in enumerate(self.pieces) if piece.period == o) for o in owners)
         return tuple(group for group in owned if group)
 
     def group_by_task(self) -> tuple[Group, ...]:
-        """Return the pieces of all rows of one kind and label, in the order of the first of each.
+        """Return the pieces grouped by kind and label, each group at the place of its first row.
 
         Excluded and analysed pieces stay separate.
         """
@@ -264,7 +264,7 @@ def find_peak_windows(seconds: Float64Array, duration_us: int) -> tuple[PeakWind
 def find_quarter_hours(seconds: Float64Array, duration_us: int) -> tuple[PeakWindow, ...]:
     """Return up to three windows of 15 minutes with the most time above 60 deg, without overlap.
 
-    Each is the worst window in the time that the previous ones leave; empty without time above 60 deg.
+    Each is the worst window in the remaining time. The result is empty if no time is above 60 deg.
     """
     seconds = seconds[: duration_us // MICROSECONDS]
     free = [(0, len(seconds))]
@@ -307,7 +307,7 @@ def _find_worst_window(analysed_s, above_s, length_s):  # type: ignore[no-untype
 
 
 class ShiftedSeconds:
-    """Valid rows of each second by the number of levels (60 deg minus each error) that they reach.
+    """For each second, how many valid rows reach each number of levels; a level is 60 deg minus an error.
 
     ``errors_deg``: shape (g,), evenly spaced.
     ``seconds``: shape (s, g + 1).

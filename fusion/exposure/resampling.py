@@ -6,7 +6,8 @@ day has analysed ones, with replacement, by PCG64(0). The same recording always 
 For the N-pose the same draws are repeated with a share, in [0, 1], of its one-sided error. With the arm along
 the body as the reference, elevations of a raised arm read up to 15 deg low (abduction; Bioengineering
 2025;12:50). We assume that the error is proportional to the angle, from 0 for a hanging arm to 15 deg at 90
-deg. The order of angles is unchanged: time above a threshold is time that was read above a lower one.
+deg. This does not change the order of the angles, so the corrected time above a threshold is the measured
+time above a lower threshold.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,10 +26,10 @@ DRAWS = 200
 SEED = 0
 LOW_HIGH_PERCENT = (2.5, 97.5)
 ERRORS = 11
-"""Number of angle errors for which counts are repeated; linear between them."""
+"""Number of angle errors for which the counts are repeated; between them, counts are interpolated."""
 
 STRIDE = 147
-"""Stride prime to 200 with the most even distribution of shares and errors of the angle."""
+"""Stride, coprime to 200, that spreads the shares most evenly over the errors of the angle."""
 
 LEAST_BLOCKS = 6
 """With fewer blocks a range is only computed if an error of the angle is known."""
@@ -56,7 +57,7 @@ class Resampling:
     share: Float64Array = field(default_factory=lambda: np.zeros(DRAWS))
 
     def with_npose_error(self) -> "Resampling":
-        """Return the same draws with the error of the N-pose: each draw has another of 200 even shares."""
+        """Return the draws with the error of the N-pose: each draw gets one of 200 evenly spaced shares."""
         return replace(self, share=(np.arange(DRAWS) * STRIDE % DRAWS + 0.5) / DRAWS)
 
     def sum(self, blocks: AnyArray) -> Float64Array:
@@ -140,7 +141,7 @@ class DrawnDistribution:
     draws: Resampling
 
     def find_shares(self, angles_deg: Sequence[float]) -> Float64Array:
-        """Return the share of each draw's time below angles, shape (k,), with its errors: (200, k)."""
+        """Return the share of each draw's time below each of k angles, with its errors: shape (200, k)."""
         error_deg, share = self.draws.error_deg[:, np.newaxis], self.draws.share[:, np.newaxis]
         cells = lower_thresholds(np.array(angles_deg, np.float64) - error_deg, share) * CELLS_PER_DEG
         shares = np.empty(cells.shape)
@@ -206,14 +207,14 @@ def _find_places(below, times, wanted, places):  # type: ignore[no-untyped-def]
 
 
 def scale_draws(value: float, drawn: Float64Array, coarse: float) -> Float64Array:
-    """Scale draws from coarser classes to the figure itself."""
+    """Scale draws that were computed from coarser classes, so that they agree with the figure itself."""
     return value / coarse * drawn if coarse > 0 else drawn
 
 
 def find_intervals(drawn: Figures, raised: Mapping[str, Float64Array] | None = None) -> dict[str, Interval]:
     """Return the 2.5th and 97.5th percentiles of each figure; none if over 5 % of the draws lack it.
 
-    ``raised``: figures with the error of the N-pose; their intervals widen the second pair of limits.
+    ``raised``: the same figures with the error of the N-pose, for the second pair of limits.
     """
     if not drawn:
         return {}

@@ -161,7 +161,10 @@ def _take_grid(angle_deg, rows_per_step, steps):  # type: ignore[no-untyped-def]
 
 @kernel
 def count_crossings(angle_deg, valid, rate_hz, part_rows, counts):  # type: ignore[no-untyped-def]
-    """Count, in each part, the reversals: from faster than the dead band in one direction to the other."""
+    """Count the reversals in each part.
+
+    A reversal is a change from a speed beyond the dead band in one direction to one beyond it in the other.
+    """
     part, direction = 0, 0
     for i in range(1, len(angle_deg)):
         if not (valid[i] and valid[i - 1]):
@@ -189,7 +192,7 @@ DEG_PER_HALF_RAD = 360.0 / np.pi
 COARSE_OF_CELL: NDArray[np.int32] = np.concatenate(
     [[0], 1 + np.floor(np.log(np.arange(1, CELLS + 1)) / np.log(WIDENING))]
 ).astype(np.int32)
-"""The coarse cell of each cell: the first is its own, the others widen by 2 %."""
+"""The coarse cell that contains each cell. The first stays alone; each later one is 2 % wider."""
 COARSE_CELLS = int(COARSE_OF_CELL[-1]) + 1
 
 
@@ -253,7 +256,7 @@ class SpeedTally:
         drawn, coarse = _find_speeds(drawn_s), _find_speeds(self.block_s.sum(axis=0)[np.newaxis])[0]
         values = (velocity.p10_dps, velocity.p50_dps, velocity.p90_dps, velocity.p99_dps)
         total_s = drawn_s.sum(axis=1)
-        lacking = np.full(len(total_s), np.nan)  # a draw with short pieces only has no speed
+        lacking = np.full(len(total_s), np.nan)  # a draw that contains only short pieces has no speed
         means = np.divide(draws.sum(self.way_deg), total_s, out=lacking, where=total_s > 0.0)
         found = {
             f"{kind}_velocity_p{p}_dps": scale_draws(value, drawn[:, k], coarse[k])
@@ -394,8 +397,8 @@ class CycleTally:
     def add(self, angle: MetricAngle) -> None:
         """Count a segment: with an error b each angle is b lower, clipped to 0 and 180 deg.
 
-        Clipped turning points have the ranges of the clipped angle, except some under the hysteresis. Those
-        are inside others and in no class.
+        Clipping the turning points gives the same ranges as clipping the angle, except for some ranges
+        smaller than the hysteresis. Those lie inside other ranges and belong to no class.
         """
         points_deg, runs, rows = find_turning_points(angle, HYSTERESIS_DEG)
         parts = find_parts(find_part_rows(angle, self.edges_us), rows)
@@ -492,7 +495,7 @@ def _write_point(points_deg, places, count, point_deg, place):  # type: ignore[n
 
 @kernel_making_arrays
 def count_rainflow(points, runs):  # type: ignore[no-untyped-def]
-    """Return the ranges, their counts (1 or 0.5) and the point that ends each; every run separately.
+    """Return the ranges of each run, their counts (1 or 0.5) and the point at which each ends.
 
     ASTM E1049-85 §5.4.4 with the open points on a stack: the last range X closes the previous one, Y, if X >=
     Y. A Y that contains the starting point is a half cycle, as are all ranges that remain at the end.

@@ -94,7 +94,7 @@ def _merge_and_drop(stays: IntArray, rate_hz: float) -> IntArray:
 
 
 def _is_under(rows: IntArray, limit_s: float, rate_hz: float) -> BoolArray:
-    """Return which lengths are under a limit; a thousandth of a row tolerates the fit of the rate."""
+    """Return which lengths are under a limit; the fitted rate is only exact to a thousandth of a row."""
     return rows < limit_s * rate_hz - 1e-3
 
 
@@ -124,8 +124,8 @@ def find_analysed_minutes(minutes: PartHistograms) -> tuple[Float64Array, BoolAr
 def find_busy(counts: IntArray | Float64Array, analysed_min: Float64Array) -> BoolArray:
     """Return the minutes with two or more entries per minute of analysed time; the last axis is minutes.
 
-    Rows do not start with minutes: a minute may contain one row more than 60 s, which does not require a
-    third entry.
+    Rows do not start exactly with a minute, so a minute may contain one row more than 60 s. That row does not
+    make a third entry necessary.
     """
     return np.asarray(counts >= BUSY_PER_MINUTE * np.minimum(analysed_min, 1.0) - 1e-9)
 
@@ -167,7 +167,7 @@ def find_longest(start_s: Float64Array, end_s: Float64Array, edges_us: IntArray)
 
 CELLS_PER_OCTAVE = 4
 CELLS = 16 * CELLS_PER_OCTAVE  # from 0.5 s to 9 h
-# the sums: episodes, their seconds, and the seconds of episodes longer than 5, 10, 30 and 60 s
+# places in the sums: number of episodes, their seconds, seconds of episodes longer than 5, 10, 30 and 60 s
 STAYS, STAY_S, LONGER_S = range(3)
 SUMS = LONGER_S + len(LONG_S)
 
@@ -231,7 +231,7 @@ class ShiftedStays:
         """Draw repetitions and episodes; ``block_s``, shape (b,), is the analysed time.
 
         The draws include the error of the angle and the sampling of the day. Those of the longest episode
-        only include the error, because the longest of other days cannot be drawn from one day.
+        only include the error, because one day does not show how long the longest episode of other days is.
         """
         found: Figures = {}
         length_h, drawn_h = float(block_s.sum()) / 3600.0, draws.sum(block_s) / 3600.0

@@ -97,7 +97,7 @@ EXACT = np.zeros(1)
 
 
 class SpeedTallies:
-    """The four speeds of the day, by their names in results.json, and the rest found with the fused one."""
+    """The four speeds of the day, by their names in results.json, and the rest that the fused speed shows."""
 
     def __init__(self, errors_deg: Float64Array, stretches: Stretches) -> None:
         """Start with nothing counted."""
@@ -175,7 +175,7 @@ class DayTally:
         self.stays: dict[int, list[Stays]] = {c: [] for c in THRESHOLDS_DEG}
 
     def list_counts(self, angle: MetricAngle) -> list[Count]:
-        """Return the counts to run on one segment's angle; each fills separate sums, in any order."""
+        """Return the counts to run on one segment's angle; they fill separate sums, so any order will do."""
         tallies = (self.eva, self.cycles, self.by_hour, self.by_stretch, self.by_second, self.frequency)
         counts: list[Count] = [partial(self._add_stays, angle)]
         if self.errors is not None:
@@ -209,8 +209,8 @@ def add_intervals(exposure: Exposure, day: DayTally, errors: ErrorTally) -> Expo
     """Add the intervals of the day and of its parts.
 
     If the error of the angle is not known (0), they only include the sampling of the day. The extremes of a
-    day, which only that error could change, then have no interval, and in less than half an hour no figure
-    has one. Speeds never have one in so short a time.
+    day then have no interval, because only that error could change them. With less than half an hour, no
+    figure has an interval. Speeds have none in so short a time even if the error is known.
     """
     blocks = sum_time(day.by_stretch.cell_us, day.stretches.block_of)
     block_us = blocks.sum(axis=1)
@@ -464,8 +464,8 @@ def draw_variation(
 ) -> Figures:
     """Draw the variation between the clock hours; ``drawn``: the figures of each hour.
 
-    Drawn hours also differ by their sampling, so the draws of a spread are too high. They are shifted so that
-    their median is the figure itself, and not below 0.
+    Drawn hours also differ by chance, so the drawn spreads are too large. They are lowered until their median
+    equals the figure itself, but not below 0.
     """
     kept = [one for hour, one in zip(hours, drawn, strict=True) if hour.analysed_s >= LEAST_ANALYSED_S]
     found: Figures = {}
@@ -487,14 +487,14 @@ def draw_variation(
 
 
 def widen_intervals(exposure: Exposure, others: Sequence[Exposure]) -> Exposure:
-    """Return the exposure with each range widened to include the ranges of the same figure in others."""
+    """Return the exposure; each range is widened to include the ranges of that figure in ``others``."""
     widened = _widen(exposure, others)
     assert isinstance(widened, Exposure)
     return widened
 
 
 def _widen(value: Any, others: Sequence[Any]) -> Any:
-    """Return a value whose intervals include those at the same place in others, if present."""
+    """Return a value; its intervals are widened to include those at the same place in ``others``."""
     alike = [other for other in others if type(other) is type(value)]
     if isinstance(value, Interval):
         return join_intervals([value, *alike])
@@ -684,7 +684,7 @@ def compare_with_rest(tasks: Sequence[PartExposure]) -> tuple[PartExposure, ...]
 def remove_short_ranges(exposure: Exposure) -> Exposure:
     """Remove ranges and rates per hour from figures of less than half an hour, including those of parts.
 
-    So little time does not show how often something happens per hour, nor how much another hour would differ.
+    So little time shows neither how often something happens per hour nor how much hours differ.
     """
     if exposure.analysed_s >= LEAST_RANGED_S:
         return exposure

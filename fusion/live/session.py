@@ -10,7 +10,7 @@ from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal
+from typing import IO, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -477,6 +477,19 @@ class ShownAngles:
                 self._time_us.append(time_us)
                 self._angle_deg.append(float(rows.elevation_deg[row]))
                 self._next_us = time_us - time_us % step_us + step_us
+
+    def write(self, file: IO[bytes]) -> None:
+        """Write the times, and then the angles, for :meth:`load`."""
+        file.write(self._time_us.tobytes() + self._angle_deg.tobytes())
+
+    @classmethod
+    def load(cls, content: bytes) -> Self:
+        """Return the angles that :meth:`write` has written."""
+        shown = cls()
+        rows = len(content) // (shown._time_us.itemsize + shown._angle_deg.itemsize)
+        shown._time_us.frombytes(content[: rows * shown._time_us.itemsize])
+        shown._angle_deg.frombytes(content[rows * shown._time_us.itemsize :])
+        return shown
 
     def read(self) -> tuple[Float64Array, Float64Array]:
         """Return the times, s, and the angles, deg, shapes (n,)."""

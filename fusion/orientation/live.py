@@ -6,8 +6,8 @@ time_constant_s`` is ``exp(-s) (freshness cos s + sin s)``: a second-order Butte
 share of the newest samples, which the start needs.
 
 The gyroscope's bias is the mean rate of still moments, minus the rotation that gravity shows in them: a slow,
-even rotation looks still, but it is not bias. Until the first still moment, gentle moments are used instead.
-After it, the bias is not updated while the arm never rests.
+even rotation looks like rest, but its rate is not bias. Until the first still moment, gentle moments are used
+instead. After it, the bias is not updated while the arm never rests.
 """
 
 from dataclasses import dataclass
@@ -158,8 +158,8 @@ def _judge(state: Any, settings: Any) -> None:  # pragma: no cover
         state[BIAS + i] += share * (state[GYR_SUM + i] / block - to_dps * turn_dps - state[BIAS + i])
     for i in range(3):
         if is_still and state[STILLS] == 1.0:
-            # Discard the state from the time of the unknown bias: set the filter as if it had always rested
-            # here.
+            # The state so far contains the unknown bias: discard it, and set the filter as if the sensor had
+            # always rested here.
             settle = 1.0 / ((1.0 - keep) ** 2 + mix * mix)
             state[REAL + i] = settle * (1.0 - keep) * state[ACC_SUM + i] / block
             state[IMAGINARY + i] = settle * mix * state[ACC_SUM + i] / block

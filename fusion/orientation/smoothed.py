@@ -46,8 +46,8 @@ class SmoothedNodes:
 
     ``up``: shape (j, 3): unit vector to the zenith, sensor frame.
     ``disagreement_deg``: one value for each ``nodes_per_value`` nodes (about a second): the root mean square
-    of the angle between the estimates from the past alone and from the future alone, times the smaller one's
-    share in the result (a half, away from the ends).
+    of the angle between the estimates from the past alone and from the future alone, times the share of the
+    lighter estimate in the result (one half, except near the ends).
     """
 
     up: Float64Array
@@ -68,7 +68,7 @@ def smooth_nodes(nodes: Nodes) -> SmoothedNodes:
 
 @fused
 def _disagree(past: Any, future: Any) -> Any:  # pragma: no cover
-    """Return the square of the angle (rad, as its sine; 1 beyond a right angle) times the smaller share."""
+    """Return the squared sine of the angle (1 beyond a right angle) times the smaller share."""
     first = past[0] * past[0] + past[1] * past[1] + past[2] * past[2]
     second = future[0] * future[0] + future[1] * future[1] + future[2] * future[2]
     both = past[0] * future[0] + past[1] * future[1] + past[2] * future[2]
@@ -140,12 +140,12 @@ def _scale_to_unit(past: Any, future: Any, present: Any) -> Any:  # pragma: no c
 
 # Uncertainty of the smoothed angle for each second, without the error of the calibration pose.
 #
-# Three variances are added. First, errors that no recording shows, such as the gyroscope's misalignment.
+# Three variances are added. First, errors that a recording cannot show, such as the gyroscope's misalignment.
 # Second, the part of the accelerometer's offset that the directions at rest leave undetermined
 # (:mod:`fusion.sensor.self_calibration`); it is large if the arm only hung. Third, the effect of the day's
-# movements: half the angle between the estimates from past and future alone, as one of two directions, over
-# nine seconds. The third part grows with the speed of the arm by itself, so speed is not a separate term (a
-# fit gave it zero weight).
+# movements: half the angle between the estimate from the past alone and that from the future alone, averaged
+# over nine seconds. Faster movements make this angle larger, so speed is not a separate term (a fit gave it
+# zero weight).
 
 
 @dataclass(frozen=True, slots=True)

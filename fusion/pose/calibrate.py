@@ -65,8 +65,10 @@ Window = tuple[float, float]
 
 
 OFF_S, TABLE_SWAY_DPS = 300.0, 0.08
-"""A still period with less sway is on a table. Recorded: 57 still periods on desks have 0.015 to 0.046 deg/s,
-three of worn upper arms 0.19 to 0.50, a plate on the skin of a resting arm 0.32 (a foot on the floor 0.04).
+"""With less sway than this, a still sensor is on a table.
+
+Measured: 57 still periods on desks have 0.015 to 0.046 deg/s, three of worn upper arms 0.19 to 0.50, a plate
+on the skin of a resting arm 0.32 (a foot on the floor 0.04).
 """
 
 
@@ -210,7 +212,8 @@ def _measure(
 #
 # A person states when the pose was held, or that it was held at the start of wear. Otherwise the first still
 # period of at least 5 s within ten minutes of the start of wear is assumed, and all others in that time are
-# candidates. A still period without sway is on a table: the sensor is worn from its end on.
+# candidates. In a still period without sway the sensor is on a table; it is worn from the end of that period
+# on.
 
 EARLY_S, HELD_S, AT_ONCE_S, LONGEST_POSE_S = 600.0, 60.0, 10.0, 60.0
 MOST_REPEATS = 3
@@ -379,7 +382,7 @@ class AxisAssignment:
 def assign_axes(
     wears: Sequence[Wear], poses: Sequence[FoundPose], slip_times_s: Sequence[float]
 ) -> AxisAssignment:
-    """Assign to each stretch between the stated slips the poses that were held in it."""
+    """Assign the poses to the stretches between stated slips, by the time at which they were held."""
     slips = join_overlapping([(time_s - SAID_S, time_s + SAID_S) for time_s in slip_times_s])
     edges_s = [-np.inf, *(edge_s for slip in slips for edge_s in slip), np.inf]
     sections = list(zip(edges_s[::2], edges_s[1::2], strict=True))
@@ -441,9 +444,9 @@ def _average(poses: Sequence[FoundPose]) -> Float64Array:
 def find_questions(
     wears: Sequence[Wear], poses: Sequence[FoundPose], answers_s: Sequence[float]
 ) -> Iterator[Question]:
-    """Yield when the sensor may have moved, if neither an answer nor poses settle it.
+    """Yield the times at which the sensor may have moved, unless an answer or poses settle the question.
 
-    Two poses settle a question if a person gave them, one before and one after, and they agree.
+    Poses settle it if a person gave one before and one after that time and the two agree.
     """
     for wear in wears:
         is_posed = any(wear.start_s <= pose.time_s < wear.end_s for pose in poses)
@@ -561,7 +564,7 @@ class CalibratedSamples:
 
     ``bias``: the gyroscope's bias through the whole recording, for all segments, like ``accelerometer`` and
     ``gyro_scale``.
-    ``runs``: the segments as input for the estimators, so that no sample is reduced twice.
+    ``runs``: the segments as input for the estimators, so that each sample is reduced only once.
     ``axis_parts``: the stretches with another axis, or none.
     ``readings``: the alternative readings of the recording that no person has ruled out.
     ``stills``: the still moments that calibrated the sensor.
@@ -593,7 +596,8 @@ def calibrate(
     """Find the arm axis in the sensor from a held pose; ``blocks``: the reduced recording, if already known.
 
     The arm axis is the direction of gravity in the still window (`n-pose`, `side-lean`). For `two-point` it
-    is the direction in the plane of both gravity directions that splits their departure from 90 deg equally.
+    is a direction in the plane of both gravity directions: if these are not 90 deg apart, each gets half of
+    the difference.
 
     Raises UnusableCalibration: facts ``why`` ("count", "outside", "short", "hole", "moving", "gravity",
     "angle", "none"), ``start_s``, ``end_s``.

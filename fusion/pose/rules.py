@@ -124,8 +124,8 @@ def estimate_held_sigma(held_s: float) -> float:
 def estimate_repeated_sigma(apart_deg: Sequence[float]) -> float:
     """Return the standard deviation of the mean of several poses, from the angle of each to the mean.
 
-    The variation from pose to pose is measured, together with a prior worth two poses; its effect decreases
-    with the number of poses. The person's constant tendency remains.
+    The variation from pose to pose is measured and combined with a prior that counts as two poses. Its effect
+    decreases with the number of poses; the person's constant tendency remains.
     """
     count = len(apart_deg)
     squares = 2.0 * REPEAT_SIGMA_DEG**2 + float(np.sum(np.square(apart_deg)))
@@ -151,7 +151,7 @@ def compute_spread_deg(axes: Iterable[Float64Array]) -> float:
 
 
 def select_distinct_axes(axes: Sequence[Float64Array], most: int = MOST_READINGS) -> list[int]:
-    """Return the indices of representative axes: the first, then each time the farthest from those chosen."""
+    """Return the indices of representative axes: the first, then always the one farthest from all chosen."""
     chosen = [0] if axes else []
     while axes and len(chosen) < most:
         nearest_deg = [min(compute_angle_deg(axis, axes[place]) for place in chosen) for axis in axes]

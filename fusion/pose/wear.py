@@ -1,4 +1,4 @@
-"""When the sensor was worn, how the arm hangs in walking, and when the sensor may have moved on it.
+"""Find when the sensor was worn, how the arm hangs in walking, and when the sensor may have moved.
 
 A recording is split at times when the sensor may have been off the arm: five minutes or more on a table
 (:func:`fusion.pose.calibrate.find_tables`), or a gap of that length.
@@ -57,9 +57,10 @@ def find_moments(
     Calm: the mean acceleration of 2 s is within 0.1 g of gravity. Walking: at least five consecutive windows
     of 2 s, each with step-like shaking (standard deviation of the acceleration, the three axes together, 0.15
     to 0.8 g) and within 15 deg of the one before. Some carrying and bench work also fits this, so only the
-    most common direction of many is used. In ordinary gait it is 14 to 18 deg from the arm axis (optical
-    capture of 16 styles, 5 to 42 in total), and 2.5 to 7 from the same person's relaxed stance. On the two
-    upper-arm recordings of the project (45 s of walking) it is 6 and 10.
+    most common direction of many is used. In ordinary gait this direction is 14 to 18 deg from the arm axis
+    (optical capture of 16 styles; 5 to 42 deg over all styles), and 2.5 to 7 deg from the same person's
+    relaxed stance. In the two upper-arm recordings of the project (45 s of walking) it is 6 and 10 deg from
+    the arm axis.
     """
     calm, striding = [], []
     for run in blocks:
@@ -149,7 +150,8 @@ def find_wear(wears: Sequence[Wear], time_s: float) -> Wear:
     return next(wear for wear in reversed(wears) if wear.start_s <= time_s)
 
 
-# How the arm hangs in walking, and when the sensor may have moved on it: always a question to the person.
+# How the arm hangs in walking, and when the sensor may have moved on it. Only a person can confirm that it
+# moved.
 #
 # A slip is visible if the person walked for half a minute before and after it, and the arm hung steadily in
 # two different directions. Without walking, a slip looks like other work.

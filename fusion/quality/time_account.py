@@ -136,7 +136,7 @@ def check_minimum_duration(recording: Recording) -> None:
 
 
 def make_disjoint(spans: Iterable[Span], duration_us: int) -> tuple[Span, ...]:
-    """Cut spans so that none overlap, later spans taking precedence, and join equal neighbours."""
+    """Cut spans until none overlap, and join equal neighbours; later spans take precedence."""
     kept = [span for span in spans if span.start_us < duration_us and span.end_us > 0]
     bounds = [(max(span.start_us, 0), min(span.end_us, duration_us)) for span in kept]
     edges = np.unique(np.array(bounds, np.int64))
@@ -222,7 +222,7 @@ def count_holes_us(recording: Recording, exclusions: tuple[Span, ...]) -> int:
 
 
 def count_partial_rows_us(recording: Recording, exclusions: tuple[Span, ...]) -> int:
-    """Return the time of samples beside a bridged gap that share a row with it, so that the row is not valid.
+    """Return the time of the samples in rows that a bridged gap touches; such rows are not valid.
 
     Zero if each sample is a row, as when `inspect` counts before an analysis.
     """
@@ -290,7 +290,7 @@ def _find_cause(flags: Iterable[QualityFlag]) -> dict[str, str]:
 def _describe_largest(exclusions: tuple[Span, ...], left_out_us: int = 0) -> dict[str, str | float]:
     """Describe the largest exclusion: reason, duration, and the remedy if a person can undo it.
 
-    ``left_out_us``: of the samples; time that no exclusion explains was not trusted.
+    ``left_out_us``: excluded time of the samples; any further lost time was not trusted.
     """
     lengths_us = _sum_by_reason(exclusions)
     untrusted_us = left_out_us - sum(lengths_us.values())

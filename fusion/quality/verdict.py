@@ -202,8 +202,8 @@ def flag_published(bias: GyroBias, static_dps: Float64Array) -> tuple[QualityFla
 def flag_upside_down(exposure: Exposure) -> tuple[QualityFlag, ...]:
     """Return the flag of an arm above level for more than half of the time, in an hour or more (W-UPSIDE).
 
-    No work causes this. Either the sensor was reversed end to end after the pose, or the pose was another one
-    than stated.
+    No work causes this. Either the sensor was turned end to end after the pose, or the pose was not the
+    stated one.
     """
     if exposure.analysed_s < LEAST_ANALYSED_S or exposure.percentiles_deg[50] <= RAISED_DEG:
         return ()

@@ -169,7 +169,8 @@ def read_recording(
     else:
         recording = _read_recognised(content, rate_hz)
     if content.left_aside:
-        understood = {**recording.understood, "left_aside": str(content.left_aside)}
+        left_aside = f"{content.left_aside}: {', '.join(content.beside)}".removesuffix(": ")
+        understood = {**recording.understood, "left_aside": left_aside}
         recording = replace(recording, understood=understood)
     held = profile.pose_held if profile else None
     hashed = replace(recording, sha256=sha256 or hash_source(source), pose_held=held or recording.pose_held)

@@ -4,13 +4,21 @@ import gzip
 import re
 import zipfile
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from pathlib import PurePath
 from typing import IO, BinaryIO, Literal, cast
 
 from fusion.conventions import is_sidecar
-from fusion.errors import EmptyFile, FusionError, SeveralSensors, UnsafeArchive
+from fusion.errors import (
+    EmptyFile,
+    FusionError,
+    NoGyroscope,
+    SeveralSensors,
+    UnknownColumns,
+    UnsafeArchive,
+    UnusableJoin,
+)
 from fusion.readers.source import (
     EMPTY_ZIP_MAGIC,
     GZIP_MAGIC,
@@ -34,7 +42,10 @@ OWN_ARCHIVES = ("log.bin", "info.txt", "activity.bin", "[Content_Types].xml", "m
 DEVICE_PARTS = ("log.bin", "info.txt")
 TABLES = (".csv", ".txt", ".tsv")
 UNCALIBRATED = re.compile(r"uncalibrated", re.IGNORECASE)
-SENSOR_WORDS = {
+Kind = Literal["gyr", "total", "acc", "linear", "gravity", "other"]
+ACCELERATIONS: tuple[Literal["total", "acc", "linear"], ...] = ("total", "acc", "linear")
+PAIRED = ("gyr", *ACCELERATIONS)
+SENSOR_WORDS: Mapping[Kind, re.Pattern[str]] = {
     "other": re.compile(r"magn|(?<![a-z])mag(?![a-z])", re.IGNORECASE),
     "gyr": re.compile(r"gyro(?:scope)?|(?<![a-z])gyr(?![a-z])", re.IGNORECASE),
     "gravity": re.compile(r"gravity", re.IGNORECASE),
@@ -44,20 +55,30 @@ SENSOR_WORDS = {
 }
 """Words for a sensor in the name of a table."""
 PLACE_WORDS = re.compile(
-    r"(?<![a-z])(left|right|gauche|droit|droite|phone|watch|wrist|chest|thigh|hip|head|back)(?![a-z])",
+    r"(?<![a-z])(left|right|phones?|watch|ear|wrist|chest|forearm|upperarm|waist|thigh|shin|head)(?![a-z])",
     re.IGNORECASE,
 )
-"""Words for a device or its place on the body, in the path of a table."""
+"""Words for a device or its place in the names of tables: of Sensor Logger (`WatchGyroscope`), and of the
+public data sets HHAR (`Phones_accelerometer`), WISDM (`data_1600_gyro_watch`), FatigueSet (`ear_acc_left`)
+and RealWorld (`Gyroscope_walking_upperarm`).
+"""
 SAMPLING_RATE = re.compile(r"[ _]?\d{1,6}(?:\.\d{1,6})?hz\b.*", re.IGNORECASE)
+OWN_START = re.compile(r"\d{8}[ _T-]\d{6}")
+"""Polar Sensor Logger writes the start time of each table into its name."""
+SEPARATORS = re.compile(r"[ _.-]+")
 
 
 @dataclass(frozen=True, slots=True)
 class ArchivedRecording:
-    """A recording in an archive: one table, or the tables of a pair."""
+    """A recording in an archive: one table, or the tables of a pair.
+
+    ``beside``: tables of a sensor of another device that it does not use.
+    """
 
     name: str
     table: str = ""
     pair: PairNames | None = None
+    beside: tuple[str, ...] = ()
 
     @property
     def n_files(self) -> int:
@@ -66,22 +87,42 @@ class ArchivedRecording:
 
 
 def find_recordings(tables: Mapping[str, str]) -> list[ArchivedRecording]:
-    """Find the recordings among the tables of an archive, by their heads: text by name."""
+    """Find the recordings among the tables of an archive, by their heads: text by name.
+
+    Two tables are of one device if their names agree apart from the word for the sensor. If no two agree,
+    the only angular rate may belong to each acceleration.
+    """
     found = [ArchivedRecording(PurePath(name).stem, name) for name, head in tables.items() if _is_whole(head)]
     wholes = {one.table for one in found}
-    sensors = {
-        name: kind
-        for name, head in tables.items()
-        if name not in wholes and (kind := _find_sensor(name, head))
-    }
-    if list(sensors.values()).count("gyr") == 1:
-        pair = _find_pair(sensors)
-        return [*found, *([pair] if pair else [])]
-    groups: dict[str, dict[str, str]] = {}
+    sensors = _find_sensors({name: head for name, head in tables.items() if name not in wholes})
+    groups: dict[str, dict[str, Kind]] = {}
     for name, kind in sensors.items():
         groups.setdefault(_name_device(name), {})[name] = kind
-    pairs = (_find_pair(group, device) for device, group in groups.items())
-    return [*found, *(pair for pair in pairs if pair)]
+    pairs = {device: pair for device, group in groups.items() if (pair := _find_pair(group, device))}
+    if not pairs:
+        return [*found, *_find_loose_pairs(sensors)]
+    alone = [group for device, group in groups.items() if device not in pairs]
+    beside = tuple(name for group in alone for name, kind in group.items() if kind in PAIRED)
+    return [*found, *(replace(pair, beside=beside) for pair in pairs.values())]
+
+
+def _find_loose_pairs(sensors: Mapping[str, Kind]) -> list[ArchivedRecording]:
+    """Return the only angular rate with each acceleration that may be of the same device."""
+    rates = [name for name, kind in sensors.items() if kind == "gyr"]
+    kind = next((kind for kind in ACCELERATIONS if kind in sensors.values()), None)
+    accelerations = [name for name, found in sensors.items() if found == kind]
+    near = [name for name in accelerations if len(rates) == 1 and not _are_apart(name, rates[0])]
+    pairs = []
+    for name in near:
+        others = tuple(other for other in accelerations if other != name)
+        if pair := _find_pair({one: found for one, found in sensors.items() if one not in others}):
+            pairs.append(replace(pair, beside=others))
+    return pairs
+
+
+def _find_sensors(tables: Mapping[str, str]) -> dict[str, Kind]:
+    """Return the tables of one sensor, with its kind."""
+    return {name: kind for name, head in tables.items() if (kind := _find_sensor(name, head))}
 
 
 def _is_whole(head: str) -> bool:
@@ -98,11 +139,11 @@ def _is_whole(head: str) -> bool:
     return False
 
 
-def _find_sensor(name: str, head: str) -> str:
+def _find_sensor(name: str, head: str) -> Kind | None:
     """Return the sensor of a table: by its own name, by the names of its columns, or by their unit."""
     stem = PurePath(name).stem
     if UNCALIBRATED.search(stem):
-        return ""
+        return None
     for kind, pattern in SENSOR_WORDS.items():
         if pattern.search(stem):
             return kind
@@ -111,51 +152,50 @@ def _find_sensor(name: str, head: str) -> str:
     columns = [parse_column_name(field) for field in fields]
     axes = [axis for field in fields if (axis := read_axis(field))]
     if sorted(axis for axis, _ in axes) != ["x", "y", "z"] or "time" not in {one.channel for one in columns}:
-        return ""
+        return None
     channels = {one.channel for one in columns} & {"acc", "gyr", "linear", "gravity"}
     units = {unit for _, unit in axes}
     if not channels and units <= set(ACC_UNITS_G):
         return "acc"
     if not channels and units <= set(GYR_UNITS_DPS):
         return "gyr"
-    return channels.pop() if len(channels) == 1 else ""
+    return cast("Kind", channels.pop()) if len(channels) == 1 else None
 
 
 def _name_device(name: str) -> str:
     """Return what the names of the tables of one device have in common."""
     path = PurePath(name)
-    stem = SAMPLING_RATE.sub("", path.stem)
+    parts = [*path.parent.parts, OWN_START.sub("", SAMPLING_RATE.sub("", path.stem))]
     for pattern in SENSOR_WORDS.values():
-        stem = pattern.sub("", stem)
-    return " ".join(part for part in (str(path.parent).strip("."), stem.strip(" _-.")) if part)
+        parts = [pattern.sub("", part) for part in parts]
+    return " ".join(word for part in parts if (word := SEPARATORS.sub("_", part).strip("_")))
 
 
-def _find_pair(sensors: Mapping[str, str], device: str = "") -> ArchivedRecording | None:
+def _find_pair(sensors: Mapping[str, Kind], device: str = "") -> ArchivedRecording | None:
     """Return the one acceleration and the one angular rate of a device; None if there is not one of each.
 
     ``sensors``: kinds by the names of the tables.
     """
-    by_kind = {
-        kind: [name for name, found in sensors.items() if found == kind]
-        for kind in ("gyr", "total", "acc", "linear", "gravity")
-    }
-    if len(by_kind["gyr"]) != 1:
+    names: dict[Kind, list[str]] = {}
+    for name, kind in sensors.items():
+        names.setdefault(kind, []).append(name)
+    if len(names.get("gyr", ())) != 1:
         return None
-    gravity = next(iter(by_kind["gravity"]), "")
-    kinds: tuple[Literal["total", "acc", "linear"], ...] = ("total", "acc", "linear")
-    for kind in kinds:
-        if len(by_kind[kind]) == 1:
-            (acceleration,) = by_kind[kind]
-            if _are_apart(acceleration, by_kind["gyr"][0]):
-                return None
-            pair = PairNames(acceleration, by_kind["gyr"][0], "" if kind == "total" else gravity, kind)
-            return ArchivedRecording(device or PurePath(acceleration).stem, pair=pair)
+    for kind in ACCELERATIONS:
+        if len(names.get(kind, ())) == 1:
+            (acceleration,), (angular_rate,) = names[kind], names["gyr"]
+            gravity = "" if kind == "total" else names.get("gravity", [""])[0]
+            is_named = any(letter.isalpha() for letter in device)
+            return ArchivedRecording(
+                device if is_named else PurePath(acceleration).stem,
+                pair=PairNames(acceleration, angular_rate, gravity, kind),
+            )
     return None
 
 
 def _are_apart(one: str, other: str) -> bool:
-    """Return whether the paths of two tables name different devices or places on the body."""
-    places = [{word.lower() for word in PLACE_WORDS.findall(name)} for name in (one, other)]
+    """Return whether the names of two tables are of different devices or places on the body."""
+    places = [{word.lower() for word in PLACE_WORDS.findall(_name_device(name))} for name in (one, other)]
     return all(places) and not places[0] & places[1]
 
 
@@ -202,7 +242,7 @@ def unpack(source: Source, sensor: str = "") -> Source:
     chosen = _choose_recording(archive, members, sensor)
     left_aside = len(every) - chosen.n_files
     if chosen.pair:
-        return replace(source, pair=chosen.pair, left_aside=left_aside)
+        return replace(source, pair=chosen.pair, left_aside=left_aside, beside=chosen.beside)
     return _open_member(archive, chosen.table, source, left_aside)
 
 
@@ -217,14 +257,27 @@ def is_in_zip(source: Source) -> bool:
 def _choose_recording(archive: zipfile.ZipFile, members: Sequence[str], sensor: str) -> ArchivedRecording:
     tables = {name: _read_head(archive, name) for name in members if name.lower().endswith(TABLES)}
     found = find_recordings(tables)
-    if not found or any(name.lower().endswith((".gt3x", ".cwa")) for name in members):
+    if any(name.lower().endswith((".gt3x", ".cwa")) for name in members):
         raise UnsafeArchive(reason="several", count=len(members))
+    if not found:
+        raise _explain_refusal(set(_find_sensors(tables).values()), len(members))
     if len(found) == 1:
         return found[0]
     named = _name_apart(found)
     if sensor in named:
         return named[sensor]
     raise SeveralSensors(n=len(found), list=", ".join(named), **({"wanted": sensor} if sensor else {}))
+
+
+def _explain_refusal(kinds: Set[Kind], n_members: int) -> FusionError:
+    """Return the error for an archive without a recording, by the sensors of its tables."""
+    if not kinds & set(PAIRED):
+        return UnsafeArchive(reason="several", count=n_members)
+    if "gyr" not in kinds:
+        return NoGyroscope(cure="both in the zip")
+    if kinds.isdisjoint(ACCELERATIONS):
+        return UnknownColumns(why="one sensor in the zip")
+    return UnusableJoin(why="tables apart")
 
 
 def _read_head(archive: zipfile.ZipFile, name: str) -> str:

@@ -1,5 +1,6 @@
 """The bytes of one file, read in pieces, never the whole file at once; packed files as well."""
 
+import errno
 import gzip
 import hashlib
 import io
@@ -59,7 +60,8 @@ class Source:
     ``head``: the first 64 KiB of the content.
     ``packed``: the packed file, if ``file`` is unpacked from it.
     ``pair``: the tables of the archive that are read as one recording.
-    ``left_aside``: files of the archive that are not part of the recording.
+    ``left_aside``: files of the archive that are not part of the recording; ``beside``: those of them that
+    are tables of another device's sensor.
     """
 
     file: BinaryIO
@@ -69,6 +71,7 @@ class Source:
     packed: BinaryIO | None = None
     pair: PairNames | None = None
     left_aside: int = 0
+    beside: tuple[str, ...] = ()
 
     @property
     def read_bytes(self) -> int:
@@ -290,6 +293,10 @@ def read_member(
     except (zipfile.BadZipFile, zlib.error, EOFError, ValueError, NotImplementedError) as error:
         # ValueError: bytes are lost in the middle, so that the index points before the file's start
         raise CorruptArchive(member=name) from error
+    except OSError as error:  # the same in a file on disk
+        if error.errno != errno.EINVAL:
+            raise
+        raise CorruptArchive(member=name) from error
 
 
 GZIP_MAGIC = b"\x1f\x8b"
@@ -320,6 +327,10 @@ class UnpackedFile(io.RawIOBase):
         try:
             return self._open_member()
         except BROKEN as error:
+            raise CorruptArchive(member=self._name) from error
+        except OSError as error:  # the index points before the start of the file
+            if error.errno != errno.EINVAL:
+                raise
             raise CorruptArchive(member=self._name) from error
 
     def read(self, size: int = -1) -> bytes:

@@ -1,12 +1,12 @@
 """Gyroscope errors: the bias through the recording, and the scale and misalignment of its axes.
 
-The bias is estimated from still moments and from motion together. It is piecewise linear between knots one
-minute apart, regularised by a random walk. There are two kinds of observation: the mean angular rate of still
+The bias is estimated from still moments and motion together. It is piecewise linear between knots one minute
+apart, regularised by a random walk. There are two kinds of observation: the mean angular rate of still
 moments, and window equations from motion. Robust least squares (Cauchy weights) solves all of them together.
 If the still moments show a jump, the line is broken there: a sensor that was switched off and on, or
-replaced, has another offset, and one random walk through both would be wrong on one side. Still moments are
-detected by the variation of the rate, not by its level, so an offset of tens of deg/s does not hide them. If
-a steady rotation is mistaken for rest, the motion windows outweigh it.
+replaced, has another offset, and one continuous line through both offsets would be wrong on both sides of the
+jump. Still moments are detected by the variation of the rate, not by its level, so an offset of tens of deg/s
+does not hide them. If a steady rotation is mistaken for rest, the motion windows outweigh it.
 """
 
 from collections.abc import Sequence
@@ -130,7 +130,7 @@ def _walk_windows(
                     spread[w, i, j] += share * turned[i, j]
 
 
-LOOSE = 1e-4  # a very weak pull to the start, so that the equations can be solved
+LOOSE = 1e-4  # a very weak pull towards the starting value, so that the equations can be solved
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +140,7 @@ class BiasSettings:
     ``window_s``: length of the motion windows, placed every ``window_every_s`` in files up to
     ``dense_up_to_s`` and every ``window_apart_s`` in longer ones.
     ``wander_dps_per_root_min``: the random walk.
-    ``still_floor_dps``: the error of a still moment, however quiet.
+    ``still_floor_dps``: the error of even the quietest still moment.
     ``least_stills``: with fewer still moments the search starts from zero, with windows of increasing length.
     ``jump_dps``: a larger change from the median of ``jump_stills`` still moments to that of the next is a
     jump.
@@ -220,7 +220,7 @@ def find_jumps(stills: QuietTable) -> list[float]:
     change_dps = np.linalg.norm(medians[count:] - medians[:-count], axis=1)
     jumps: list[float] = []
     while len(change_dps) and change_dps.max() > BIAS.jump_dps:
-        # the middle of the highest plateau: medians show a jump from some moments before it to some after
+        # medians show a jump some moments too early and too late, so take the middle of the highest plateau
         highest = int(np.argmax(change_dps))
         lower = np.flatnonzero(change_dps < 0.5 * change_dps[highest])
         first = int(lower[lower < highest].max(initial=-1)) + 1
@@ -278,8 +278,8 @@ class GyroScaleSettings:
     rotation.
     ``believed_error``: the gain is applied only if the root mean square of the nine standard errors is
     smaller.
-    ``most``: and only if no rate changes by more than this.
-    ``most_pairs``: of more pairs in a run, this many are used at even steps.
+    ``most``: the gain is applied only if no rate changes by more than this. ``most_pairs``: if a run has more
+    pairs, this many are used at even steps.
     """
 
     longest_s: float = 40.0

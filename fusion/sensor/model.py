@@ -22,7 +22,7 @@ RADIANS = pi / 180.0
 Scalars = tuple[float, float, float]
 S1, S2, S3, S4 = 1.0 / 6.0, 1.0 / 20.0, 1.0 / 42.0, 1.0 / 72.0
 C1, C2, C3, C4 = 1.0 / 24.0, 1.0 / 30.0, 1.0 / 56.0, 1.0 / 90.0
-"""Ratios of successive terms of both series, as factors: a division takes five times as long."""
+"""Ratios of successive terms of both series, as factors because a division takes five times as long."""
 
 
 @fused
@@ -69,7 +69,7 @@ BAND = 6
 
 
 JUMP_S = 0.02
-"""Two knots this close represent a jump, and are not tied together."""
+"""Two knots this close represent a jump: the random walk does not connect them."""
 
 
 def build_random_walk(knots_s: Float64Array, sd_per_root_min: float) -> Float64Array:
@@ -341,9 +341,10 @@ def correct_nodes(
 ) -> Nodes:
     """Return the nodes with another bias, gyroscope gain and accelerometer correction.
 
-    A constant rate adds exactly to a rotation vector if the axis is fixed. Within a node, a twentieth of a
-    second, it nearly is: the error is 1e-4 deg for a bias wrong by 1 deg/s. ``in_place``: overwrite the
-    arrays of the given nodes (allocating memory takes ten times as long as the sums).
+    A constant rate adds exactly to a rotation vector if the axis of the rotation is fixed. Within a node (a
+    twentieth of a second) the axis hardly moves: if the bias changes by 1 deg/s, the error is 1e-4 deg.
+    ``in_place``: overwrite the arrays of the given nodes (allocating memory takes ten times as long as the
+    sums).
     """
     gyro_gain = np.eye(3) if gyro_gain is None else gyro_gain
     felt = accelerometer or build_identity_accelerometer()
@@ -521,7 +522,7 @@ def _walk(
 
 UNIT_WITHIN = 0.01
 OTHER_UNIT = 3.0
-"""A median length this factor from 1 g means another unit: nobody moves that hard throughout."""
+"""If the median length differs from 1 g by this factor, the unit is not g: nobody moves so hard all day."""
 
 
 def check_arrays(acc_g: object, gyr_dps: object, rate_hz: float) -> tuple[FloatArray, FloatArray]:

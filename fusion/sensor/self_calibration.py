@@ -50,8 +50,8 @@ from fusion.sensor.stillness import QuarterSeconds, QuietTable, reduce_run
 # change through the day: a sensor that was cold when strapped on warms up, so its offset differs from that in
 # the calibration pose.
 #
-# Priors determine what the directions do not show: the correction is pulled towards none and the offset
-# towards a constant, so that a file with few poses is not distorted. The correction is also bounded. Priors,
+# Priors determine what the directions do not show. They pull the correction towards none and the offset
+# towards a constant, so a file with few poses is not distorted. The correction is also bounded. Priors,
 # weights and directions are independent of the axes: a sensor strapped on in another orientation gets the
 # same correction, rotated.
 
@@ -65,21 +65,22 @@ PAIRS = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
 class AccelerometerSettings:
     """Settings of the accelerometer calibration.
 
-    ``offset_g``, ``scale``: expected standard deviations of parts as delivered (``scale`` in every direction
-    alike). The bounds are three times that.
+    ``offset_g``, ``scale``: expected standard deviations of parts as delivered (``scale``: the same in every
+    direction). A correction may be at most three times as large.
     ``wander_g_per_root_min``: the random walk of the offset, between knots ``knot_s`` apart.
-    ``cell_deg``: still moments within this angle and between the same two knots are one observation. Its
-    variance is ``cell_g`` squared (their common error) plus ``still_g`` squared over their number.
+    ``cell_deg``: still moments within this angle and between the same two knots are one observation. The
+    variance of that observation is ``cell_g`` squared (the common error) plus ``still_g`` squared over the
+    number of moments.
     ``rest_directions``: with fewer directions at rest, a correction is applied only if it removes a departure
-    from 1 g of more than ``scale``. A good accelerometer has a smaller departure, and few directions do not
+    from 1 g of more than ``scale``. A good accelerometer departs less from 1 g, and a few directions cannot
     separate scale from offset. (BROAD trials at rest in one direction, 1 to 10 mg off, lost up to 0.05 deg.
     On shifts of recorded motion, three directions found 31 and 57 mg to within 5 mg with a departure of 4 and
     7.)
     ``least_directions``: with fewer directions at rest, the moving arm is also used
     (:mod:`fusion.sensor.self_calibration`), if it shows this many directions.
     ``moving_cell_g``, ``moving_g``: errors of the readings of the moving arm.
-    ``moving_doubt``: factor for the uncertainty that they leave, because their errors are common. Without it
-    the band contained the truth 88 % of the time on four sessions of simulated tasks.
+    ``moving_doubt``: factor for the remaining uncertainty, because the errors of these readings are not
+    independent. Without it the band contained the truth 88 % of the time on four sessions of simulated tasks.
 
     Chosen on simulated shifts with even seeds (1 and 8 h, both devices). Half or twice any value changes the
     angle by less than 0.01 deg RMSE.
@@ -132,8 +133,8 @@ def calibrate_accelerometer(
 
     ``moving``: readings of the moving arm, for a recording that was still in few directions. If they give no
     correction, only the still moments are used. Returns no correction if there is no still moment, if a bound
-    is exceeded, if the departure from 1 g does not decrease, or if still moments in few directions would only
-    remove a little.
+    is exceeded, if the departure from 1 g does not decrease, or if it decreases only a little with still
+    moments in few directions.
     """
     if len(stills) == 0:
         return build_identity_accelerometer()
@@ -150,8 +151,8 @@ def calibrate_accelerometer(
 def _find_correction(cells: "_Cells", *, is_few: bool) -> AccelerometerCorrection | None:
     """Return None if a bound is exceeded, or if less is removed than the usual error of a good accelerometer.
 
-    The criterion is the departure that is removed, not the departure itself: that of a few noisy readings may
-    be their own error, and a fitted correction explains little of it.
+    The criterion is the part of the departure that the correction removes. The departure of a few noisy
+    readings may be their own error, and then a fitted correction removes little of it.
     """
     offset_g, gain = _fit(cells)
     corrected = (cells.reading_g - cells.interpolator.read(offset_g)) @ gain
@@ -162,7 +163,7 @@ def _find_correction(cells: "_Cells", *, is_few: bool) -> AccelerometerCorrectio
     least = SETTINGS.scale**2 if is_few else 0.0
     if farthest_g > 3.0 * SETTINGS.offset_g or most > 3.0 * SETTINGS.scale or before - after <= least:
         return None
-    # the uncertainty that the directions leave in a constant offset, estimated together with the gain
+    # the remaining uncertainty of a constant offset that is estimated together with the gain
     slope = np.hstack([-corrected, _slope_by_gain(corrected, corrected)])
     weight = weigh_cauchy(np.linalg.norm(corrected, axis=1) - 1.0, cells.variance)
     prior = np.concatenate([np.full(3, SETTINGS.offset_g**-2.0), PAIRS / SETTINGS.scale**2])
@@ -207,7 +208,7 @@ def _average_cells(stills: QuietTable, moving: MovingReadings | None) -> _Cells:
     first = np.flatnonzero(np.diff(cell[order], prepend=-1))
     count = np.diff(first, append=len(order))
     mean_g = np.add.reduceat(gravity_g[order], first) / count[:, None]
-    # The median length in the mean direction: the mean vector itself is too short because of the spread.
+    # The mean vector of spread directions is too short, so take the mean direction with the median length.
     median_g = (length_g[order][first + (count - 1) // 2] + length_g[order][first + count // 2]) / 2.0
     reading_g = mean_g * (median_g / np.maximum(np.linalg.norm(mean_g, axis=1), 1e-9))[:, None]
     middle_s = np.add.reduceat(time_s[order], first) / count
@@ -354,8 +355,8 @@ def _turn_back(turn_rad: Float64Array) -> Float64Array:
 #
 # A clipped run is replaced, axis by axis, by the cubic that matches value and slope of the good samples on
 # either side (Hermite), never below the limit and at most three times it. The repair does not hide anything:
-# ``fusion.quality`` excludes the rows and 100 ms around them. It only makes the direction correct again right
-# afterwards.
+# ``fusion.quality`` excludes the rows and 100 ms around them. It only keeps the direction correct after the
+# clipped run.
 #
 # On BROAD cut at 2 g and 500 deg/s: 4.75 deg without the repair, 2.2 deg with it (offlineVQF 4.74, VQF 6.9).
 # Leaving clipped accelerations out of the mean altogether was worse (6.6), because the cut-off values are not

@@ -14,8 +14,8 @@ from fusion.simulation.body import Channel, Motion
 # Differences between people that affect the pose: how they stand, walk and repeat a posture.
 #
 # The figures are those of recorded motion (docs/validation.md, "Simulated people"): relaxed stance 8 to 15
-# deg from plumb; in walking, gravity's mean mostly 14 to 18 deg from the arm axis, 5 to 42 in total, 2.5 to 7
-# from the same person's stance, 15 to 23 in people who walk briskly.
+# deg from plumb; in walking, the mean direction of gravity is mostly 14 to 18 deg from the arm axis (5 to 42
+# over all people), and 2.5 to 7 deg from the same person's stance (15 to 23 in people who walk briskly).
 
 STANCE_DEG, STANCE_PLANE_DEG = (8.0, 15.0), (-110.0, -10.0)
 APART_DEG, BRISK_APART_DEG = (2.5, 7.0), (15.0, 23.0)
@@ -136,7 +136,7 @@ class Choreography:
         amplitude: float,
         phase_rad: float = 0.0,
     ) -> None:
-        """Start a wave that grows over a second (or a third of its length) and fades likewise."""
+        """Start a wave that grows over a second (or a third of its length) and fades in the same way."""
         ramp_s = min(1.0, duration_s / 3)
         start_s = self.time_s
         self._waves.append(

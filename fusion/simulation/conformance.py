@@ -13,7 +13,7 @@ import numpy as np
 from fusion.recording import Float64Array
 
 RATE_HZ = 20.0
-"""Rate of every series; the samples are offset by half a period, so that none is exactly at a threshold."""
+"""Rate of every series. Samples are shifted by half a period, so no sample is exactly at a threshold."""
 SWING_S = 4.0123
 """Not a multiple of the sample period, so that the samples are evenly distributed over the arc."""
 SHARE_POINTS = 0.3
@@ -93,7 +93,7 @@ SIGNALS = (
         ),
     ),
     TestSignal(
-        "ripple",  # 60 deg plus and minus 3 deg, every 2 s: it never crosses the hysteresis
+        "ripple",  # 60 deg plus and minus 3 deg, every 2 s: the changes stay within the hysteresis
         3600.0,
         lambda time_s: 60 + 3 * np.sin(2 * pi * time_s / 2),
         (*_shares(100.0, 50.0, 0.0), Expected("entries_above_60_per_h", "per h", 0.0, 0.0)),

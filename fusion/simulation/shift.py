@@ -171,7 +171,7 @@ def work(
         if body.time_s >= block_end_s:
             block_end_s += chance.uniform(*WORK_BLOCK_S) * min(1.0, duration_s / WHOLE_DAY_S)
             is_on_foot = chance.random() >= WITHOUT_WALKING_SHARE
-        # the next bout is drawn so that each activity gets its share of the time
+        # draw the next bout so that each activity gets its share of the time
         names = [name for name in WORK if is_on_foot or name not in ON_FOOT]
         odds = np.array([WORK[name][0] / WORK[name][1] for name in names])
         name = names[int(chance.choice(len(names), p=odds / odds.sum()))]

@@ -79,3 +79,27 @@ def read_bands(page: Page) -> list[dict[str, Any]]:
     program = "acromionDay.bands.list().map(({kind, name, startS, endS}) => ({kind, name, startS, endS}))"
     bands: list[dict[str, Any]] = page.evaluate(program)
     return bands
+
+
+FIELD_HINTS = re.compile(r"10:20, 10\.20, 1020 (et|and) 10h20")
+"""Fields take other spellings of a time, and a hint next to them lists four."""
+OTHER_TIMES = {
+    "en": r"\b\d{1,2}\s?h\s?\d{2}\b(?!\s?min)",
+    "fr": r"(?<![\d:;-])\d{1,2}:\d{2}(?![\d:])|\b\d{2}:\d{2}:\d{2}\b|\b0\d\s?h\b|\d h\b|\dh\d",
+}
+READ_TEXT = """() => {
+  const texts = [], walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  const isCode = ({ parentElement }) => parentElement.closest("script, style, template, code, pre");
+  while (walker.nextNode()) if (!isCode(walker.currentNode)) texts.push(walker.currentNode.data);
+  for (const name of ["aria-label", "title", "aria-valuetext"])
+    for (const element of document.querySelectorAll(`[${name}]`)) texts.push(element.getAttribute(name));
+  return texts.join("\\n");
+}"""
+
+
+def list_other_times(page: Page, language: str) -> list[str]:
+    """Return the times on the page that are not spelled in the one way of its language.
+
+    English: 07:05, 07:05:09. French: 7 h 05, 7 h 05 min 09 s, with narrow spaces that do not break.
+    """
+    return re.findall(OTHER_TIMES[language], FIELD_HINTS.sub("", page.evaluate(READ_TEXT)))

@@ -22,6 +22,7 @@ from app.request import ReportRequest
 from app.settings import Settings
 from app.store.folder import StoredRecording
 from tests.pages.conftest import keep_picture, open_page
+from tests.pages.steps import list_other_times
 from tests.pages.test_everyone import LOOKS, Look, list_barriers, show_as
 from tests.ways_in.servers import RunningServer
 
@@ -271,6 +272,7 @@ def test_the_pages_of_the_accounts_fit_and_have_no_barrier(
         found[name] = list_barriers(page, look, part)
         if page.evaluate("document.documentElement.scrollWidth") > look.width:
             found[name].append("wider than the screen")
+        found[name] += list_other_times(page, look.language)
 
     page.goto(f"{clinic.address}login?lang={look.language}")
     look_at("login")

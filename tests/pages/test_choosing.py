@@ -182,7 +182,9 @@ def test_rows_sent_by_a_script_are_named_by_subject_date_and_arm_in_french_on_a_
     expect(row.locator(".subject")).to_contain_text("S012")
     expect(row.locator(".date")).to_contain_text("2026-03-02")
     expect(row.locator(".side")).to_have_text("droit")
-    expect(row.get_by_role("checkbox", name="Sélectionner S012, 2026-03-02 07:00, droit")).to_be_visible()
+    expect(
+        row.get_by_role("checkbox", name="Sélectionner S012, 2026-03-02 7\u202fh\u202f00, droit")
+    ).to_be_visible()
     row.get_by_role("checkbox").click()
     expect(page.get_by_role("button", name="PDF (ZIP)")).to_be_in_viewport()
     assert page.evaluate("document.documentElement.scrollWidth") == 360

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal
 
@@ -9,8 +10,10 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Locator, Page, expect
 
+from app.report.words.numbers import format_clock, format_duration, format_elapsed, format_moment
+from app.report.words.wording import Language
 from tests.pages.conftest import keep_picture
-from tests.pages.steps import END_MS, open_home, wait_for_curve, wait_for_end
+from tests.pages.steps import END_MS, list_other_times, open_home, wait_for_curve, wait_for_end
 from tests.ways_in.servers import RunningServer
 
 pytestmark = pytest.mark.browser
@@ -120,8 +123,36 @@ def test_every_page_fits_and_has_no_barrier(
         found[name] = list_barriers(opened, look)
         if opened.evaluate("document.documentElement.scrollWidth") > look.width:
             found[name].append("wider than the screen")
+        if name not in SANDBOXED:
+            found[name] += list_other_times(page, look.language)
 
     assert {name: problems for name, problems in found.items() if problems} == {}
+
+
+@pytest.mark.parametrize("language", ["en", "fr-CA"])
+def test_the_script_spells_times_as_the_server_does(
+    page: Page, server: RunningServer, language: Language
+) -> None:
+    open_home(page, server, language)
+    lengths_s = (0, 4.24, 9.96, 31, 179, 599.6, 4000, 7200, 24480)
+    moment = datetime(2026, 11, 26, 7, 5, 9, tzinfo=UTC)
+
+    times = page.evaluate(
+        """async (lengths_s) => {
+          const style = document.querySelector("link[href$='page.css']").href;
+          const times = await import(style.replace("page.css", "times.js"));
+          return [...lengths_s.map(times.formatDuration), times.formatMoment("2026-11-26T07:05:09-05:00"),
+            times.formatClock(7 * 3600 + 5 * 60 + 9, 0), times.formatElapsed(3725)];
+        }""",
+        lengths_s,
+    )
+
+    assert times == [
+        *(format_duration(length_s, language) for length_s in lengths_s),
+        format_moment(moment, language),
+        format_clock(moment, language, with_seconds=True),
+        format_elapsed(3725),
+    ]
 
 
 @pytest.mark.parametrize("key", ["Enter", "Space"])

@@ -1,9 +1,7 @@
-"""Live sessions over a WebSocket; docs/it/live.md describes the messages.
-
-The numerical packages are loaded with the first session, so that a server without live sessions stays small.
-"""
+"""Live sessions over a WebSocket; docs/it/live.md describes the messages."""
 
 import asyncio
+import itertools
 import json
 import logging
 import re
@@ -12,23 +10,27 @@ from collections import Counter, deque
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager, suppress
 from dataclasses import replace
+from functools import partial
 from math import inf
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal, Self, get_args
 
 from anyio import CapacityLimiter, to_thread
 from anyio.lowlevel import RunVar
 from fastapi import APIRouter, WebSocket, WebSocketDisconnect
-from fastapi.concurrency import run_in_threadpool
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 
-from app.errors import AppError, BadParameter, LiveSourceFailed
+from app.analysis.attempt import choose_limits
+from app.errors import AppError, BadParameter, LiveSourceFailed, LiveStopped, RecordedProblem
 from app.http.middleware.problems import PROBLEM_RESPONSES, hide_tokens, show_input
 from app.intake import Intake
 from app.library.audit_log import record
 from app.library.rows import Job
+from app.live.hub import Ended, RunningSession, SessionOptions
 from app.live.ports import (
+    KEPT,
     PLAYED,
     RAW,
+    SHOWN,
     WAIT_S,
     EarlyFile,
     EarlyPort,
@@ -46,12 +48,6 @@ from app.request import LONGEST_SUBJECT, ReportRequest, check_subject
 from app.services import Services, UsedLanguage, UsedServices, find_services
 from app.store.folder import borrow_recording
 from fusion.conventions import ArmAxis, Side
-from fusion.errors import FusionError
-
-if TYPE_CHECKING:
-    from app.live.hub import Ended, LiveHub, RunningSession
-    from app.live.sources import Source
-    from fusion.live.cues import Cue
 
 # Storage of live sessions: the raw file of each kept session becomes a recording.
 
@@ -71,49 +67,49 @@ class LiveLibrary:
     def __init__(self, services: Services) -> None:
         self._services = services
 
-    def keep(self, ended: "Ended") -> str:
-        """Store the file, queue its analysis and return the id of the analysis."""
-        wearer = ended.request.wearer
-        analysis = _store_session(self._services, ended.files, wearer.subject, wearer.side)
-        if ended.request.rules:  # the recording's note lists the cues, up to its length limit
-            from app.live.cue_log import format_rule  # noqa: PLC0415  loads numpy
-
-            counts = Counter(format_rule(cue.rule) for cue in ended.cues)
-            rules = [f"{format_rule(rule)}: {counts[format_rule(rule)]}" for rule in ended.request.rules]
-            times = " ".join(f"{cue.time_s:.0f}" for cue in ended.cues)
+    def keep(self, ended: Ended) -> str:
+        """Store the file, queue its analysis and return the id of the analysis; "" if it has no row."""
+        options = ended.options
+        if not _write_raw(self._services, ended.files):
+            return ""
+        analysis = _store_session(self._services, ended.files, options.subject, options.side)
+        if options.cues:  # the recording's note lists the cues, up to its length limit
+            counts = Counter(_format_rule(cue) for cue in ended.cues)
+            rules = [f"{rule}: {counts[rule]}" for rule in map(_format_rule, options.cues)]
+            times = " ".join(f"{cue['time_s']:.0f}" for cue in ended.cues)
             row = self._services.recordings.get(analysis.recording_id)
             note = f"cues {', '.join(rules)}; s: {times}"[:MAX_NOTE_LENGTH]
             self._services.recordings.describe(row, replace(row.about, note=note))
             self._services.recordings.tag([row.id], [CUED])
         return analysis.id
 
-    def announce(self, session_id: str, cue: "Cue") -> None:
+    def announce(self, session_id: str, cue: Mapping[str, Any]) -> None:
         """Queue the webhook deliveries of a cue."""
-        rule = cue.rule
-        facts = {"session": session_id, "time_s": f"{cue.time_s:.3f}", "kind": rule.kind}
-        self._services.webhooks.announce_cue(facts | {"angle_deg": f"{rule.angle_deg:g}"})
+        facts = {"session": session_id, "time_s": f"{cue['time_s']:.3f}", "kind": cue["kind"]}
+        self._services.webhooks.announce_cue(facts | {"angle_deg": f"{cue['angle_deg']:g}"})
+
+
+def _format_rule(cue: Mapping[str, Any]) -> str:
+    return f"{cue['kind']}:{cue['angle_deg']:g}:{cue['limit']:g}"
 
 
 def import_interrupted_sessions(services: Services) -> int:
     """Store the sessions that the last server stop interrupted as recordings; return their number."""
     folder = services.settings.data_dir / LIVE_FOLDER
-    for path in folder.glob(f"{PLAYED}*{RAW}"):
+    for path in (*folder.glob(f"{PLAYED}*{RAW}"), *folder.glob(f"{KEPT}*{SHOWN}")):
         path.unlink()  # a played recording is already stored
     count = 0
     for files in find_interrupted_files(folder):
         try:
             count += _store_interrupted_session(services, files)
-        except (AppError, OSError):
+        except (AppError, RecordedProblem, OSError):
             logger.exception("an interrupted live session stays in its folder: %s", files.session_id)
     return count
 
 
 def _store_interrupted_session(services: Services, files: SessionFiles) -> bool:
     """Store the interrupted session as a recording; return False if it contains no row."""
-    from app.live.raw_file import write_early_rows  # noqa: PLC0415  loads numpy
-
-    is_early = files.early.exists()
-    has_rows = write_early_rows(files.early, files.raw) if is_early else files.raw.stat().st_size > 0
+    has_rows = _write_raw(services, files)
     if has_rows:
         with files.raw.open("rb") as file:
             head = file.read(HEAD_BYTES).decode("utf-8", "replace")
@@ -124,6 +120,13 @@ def _store_interrupted_session(services: Services, files: SessionFiles) -> bool:
             services.recordings.tag([analysis.recording_id], [CUED])
     files.remove()
     return has_rows
+
+
+def _write_raw(services: Services, files: SessionFiles) -> bool:
+    """Write the raw file from the early bytes if they are still there; return whether it has content."""
+    if files.early.exists():
+        services.inspector.write_raw(files.early, files.raw)
+    return files.raw.exists() and files.raw.stat().st_size > 0
 
 
 def _store_session(services: Services, files: SessionFiles, subject: str, side: Side | None) -> Job:
@@ -141,6 +144,8 @@ SILENCE_S = 600.0
 """A session of lines ends if its page sends none for this time."""
 MAX_WAITING = 250
 """Messages that wait for a slow page, about 10 s; beyond that the oldest are dropped."""
+MAX_MESSAGES, MAX_MESSAGES_S = 200, 0.1
+"""Most messages that are received from a page in this time; more delay only that page."""
 FIRST_LIMIT_S = 30.0
 """Time limit for the first message of a page."""
 MAX_STARTING = 50
@@ -162,6 +167,13 @@ class Rule(_Message):
     kind: Literal["hold", "share", "stays"]
     angle_deg: float = Field(default=60.0, gt=0.0, lt=180.0)
     limit: float = Field(gt=0.0, lt=3600.0)
+
+    @model_validator(mode="after")
+    def check_share(self) -> Self:
+        """Raise ValueError if a share is not below 100 percent."""
+        if self.kind == "share" and self.limit >= 100.0:
+            raise ValueError
+        return self
 
 
 class Start(_Message):
@@ -234,16 +246,18 @@ async def live(socket: WebSocket) -> None:
         async with _receiving(socket) as inbox:
             services, port = find_services(socket), PushedPort()
             if isinstance(first, Resume):
-                session = (await run_in_threadpool(get_hub, services)).get(first.session)
+                session = services.live.get(first.session)
             else:
                 inbox.push = port.push
-                session = await to_thread.run_sync(_start, services, first, port, limiter=_find_limiter())
+                services.inspector.get_ready()
+                start = partial(_start, services, first, port, lambda: not inbox.is_gone)
+                session = await to_thread.run_sync(start, limiter=_find_limiter())
             inbox.push = session.push
             await _handle_messages(socket, session, inbox)
     except WebSocketDisconnect:
         return
-    except (AppError, FusionError, ValidationError, OSError, KeyError) as error:
-        refusal = error if isinstance(error, AppError | FusionError) else BadParameter(name="message")
+    except (AppError, RecordedProblem, ValidationError, OSError, KeyError) as error:
+        refusal = error if isinstance(error, AppError | RecordedProblem) else BadParameter(name="message")
         if isinstance(error, ValidationError):  # name the field and its value
             wrong = error.errors(include_url=False, include_context=False)[0]
             name = clean_text(hide_tokens(".".join(map(str, wrong["loc"])) or "message"))[:60]
@@ -265,8 +279,10 @@ def _find_limiter() -> CapacityLimiter:
     return limiter
 
 
-def _start(services: Services, asked: Start, pushed: PushedPort) -> "RunningSession":
-    """Start a session. Bytes from a port are written to disk from now on, while numpy is loading."""
+def _start(
+    services: Services, asked: Start, pushed: PushedPort, is_wanted: Callable[[], bool]
+) -> RunningSession:
+    """Start a session. Bytes from a port are written to disk from now on, while its process starts."""
     try:
         subject = check_subject(asked.subject)
     except ValueError as error:
@@ -279,19 +295,15 @@ def _start(services: Services, asked: Start, pushed: PushedPort) -> "RunningSess
     files = create_session_files(services.settings.data_dir / LIVE_FOLDER, keeps=asked.keeps)
     try:
         if port is not None and files.is_kept:
-            options = {
-                "name": _name_source(asked),
-                "subject": subject,
-                "side": asked.side,
-                "axis": asked.axis,
-            }
-            about = options | {"cues": [rule.model_dump() for rule in asked.cues]}
+            about = asked.model_dump(include={"side", "axis", "cues"})
+            about |= {"name": _name_source(asked), "subject": subject}
             port = EarlyPort(port, EarlyFile(files.early, about))
-        session = _start_with(services, asked, subject, port, files)
-    except BaseException:
+        session = _start_with(services, asked, subject, port, files, is_wanted)
+    except BaseException as error:
         if port is not None:
             port.close()
-        files.remove()
+        if not isinstance(error, LiveStopped):  # its bytes become a recording when the server starts again
+            files.remove()
         raise
     played = asked.recording if asked.source == "recording" else ""
     with services.store.engine.begin() as connection:
@@ -304,29 +316,30 @@ def _name_source(asked: Start) -> str:
 
 
 def _start_with(
-    services: Services, asked: Start, subject: str, port: Port | None, files: SessionFiles
-) -> "RunningSession":
-    from app.live.hub import SessionRequest  # noqa: PLC0415
-    from app.live.raw_file import Wearer, build_rule  # noqa: PLC0415
-    from app.live.sources import LineSource, ReplaySource, build_demo, open_replay  # noqa: PLC0415
-
-    request = SessionRequest(
-        Wearer(subject, asked.side, asked.axis),
-        rules=tuple(build_rule(rule.model_dump()) for rule in asked.cues),
+    services: Services,
+    asked: Start,
+    subject: str,
+    port: Port | None,
+    files: SessionFiles,
+    is_wanted: Callable[[], bool],
+) -> RunningSession:
+    options = SessionOptions(
+        "replay" if port is None else "lines",
+        "demo" if asked.source == "demo" else _name_source(asked),
+        subject,
+        asked.side,
+        asked.axis,
+        cues=tuple(rule.model_dump() for rule in asked.cues),
         countdown_s=asked.countdown_s,
+        speed=asked.speed,
+        silence_s=SILENCE_S if asked.source == "lines" else inf,
     )
-    source: Source
-    if port is not None:
-        silence_s = SILENCE_S if asked.source == "lines" else inf
-        now_s = port.now_s if isinstance(port, EarlyPort) else time.monotonic
-        source = LineSource(port, _name_source(asked), silence_s=silence_s, now_s=now_s)
-    elif asked.source == "demo":
-        source = ReplaySource(build_demo(), "demo", asked.speed)
-    else:
-        row = services.recordings.get(asked.recording)
-        with borrow_recording(services.storage, row.id, row.sha256) as path:
-            source = open_replay(path, asked.speed, row.about.file_name)
-    return get_hub(services).start(source, request, files)
+    if asked.source != "recording":
+        return services.live.start(options, files, choose_limits(services.settings, 0), port, is_wanted)
+    row = services.recordings.get(asked.recording)
+    with borrow_recording(services.storage, row.id, row.sha256) as path:
+        played = replace(options, name=row.about.file_name, recording_path=path)
+        return services.live.start(played, files, choose_limits(services.settings, row.size_bytes))
 
 
 class DifferenceView(BaseModel):
@@ -347,26 +360,14 @@ class DifferenceView(BaseModel):
 @router.get("/live/{session_id}/difference", responses=PROBLEM_RESPONSES, tags=["live"])
 def get_difference(session_id: str, services: UsedServices, language: UsedLanguage) -> DifferenceView:
     """Compare a session with its report; available for an hour after the session ends."""
-    from app.live.recorder import describe_difference, measure_difference  # noqa: PLC0415  loads numpy
-
-    session = get_hub(services).get(session_id)
+    session = services.live.get(session_id)
     job = services.store.get(session.analysis_id)
     with services.results.borrow(job, "elevation.parquet") as parquet:
-        found = measure_difference(session.recorder.shown, parquet)
-    text = describe_difference(found, language)
-    if found is None:
-        return DifferenceView(text=text)
-    return DifferenceView(
-        text=text,
-        compared_s=found.compared_s,
-        rmse_deg=round(found.rmse_deg, 6),
-        bias_deg=round(found.bias_deg, 6),
-        live_percent=[round(percent, 6) for percent in found.live_percent],
-        report_percent=[round(percent, 6) for percent in found.report_percent],
-    )
+        found = services.inspector.compare_live(session.files.shown, parquet, language)
+    return DifferenceView.model_validate(found)
 
 
-async def _handle_messages(socket: WebSocket, session: "RunningSession", inbox: "Inbox") -> None:
+async def _handle_messages(socket: WebSocket, session: RunningSession, inbox: "Inbox") -> None:
     outbox = Outbox(asyncio.get_running_loop())
 
     async def send_on() -> None:
@@ -403,13 +404,19 @@ class Inbox:
 
     def __init__(self) -> None:
         self.push: Callable[[bytes], bool] | None = None
-        self._texts: asyncio.Queue[str | int] = asyncio.Queue()
+        self.is_gone = False
+        self._texts: asyncio.Queue[str | int] = asyncio.Queue(MAX_WAITING)
 
     async def fill(self, socket: WebSocket) -> None:
         """Receive until the page disconnects; stop receiving while the source accepts no more bytes."""
-        while True:
+        began_s = time.monotonic()
+        for number in itertools.count(1):
+            if number % MAX_MESSAGES == 0:
+                await asyncio.sleep(began_s + MAX_MESSAGES_S - time.monotonic())
+                began_s = time.monotonic()
             message = await socket.receive()
             if message["type"] == "websocket.disconnect":
+                self.is_gone = True
                 await self._texts.put(int(message.get("code") or GOODBYES[0]))
                 return
             piece = message.get("bytes")
@@ -460,13 +467,3 @@ class Outbox:
             if not self._waiting:
                 await self._has_any.wait()
         return self._waiting.popleft()
-
-
-def get_hub(services: Services) -> "LiveHub":
-    """Return the sessions of this server; the first call loads numpy."""
-    from app.live.hub import LiveHub  # noqa: PLC0415
-
-    with services.live_turn:
-        if services.live is None:
-            services.live = LiveHub(LiveLibrary(services))
-        return services.live

@@ -118,7 +118,10 @@ def end_hold(recording_id: str, services: UsedServices) -> HoldView:
 
 
 class TermView(BaseModel):
-    """How many days of server running time a kind is kept; null: permanently."""
+    """How many days of server running time a kind is kept.
+
+    null: permanently; for the trash, the period set on the server (``ACROMION_TRASH_TERM_S``).
+    """
 
     model_config = ConfigDict(extra="forbid")
 
@@ -128,7 +131,7 @@ class TermView(BaseModel):
 
 @router.get("/retention", tags=["recordings"])
 def get_terms(services: UsedServices) -> dict[str, int | None]:
-    """Return the retention period of each kind."""
+    """Return the retention period of each kind; null: none is set."""
     return {str(kind): days for kind, days in services.retention.find_all().items()}
 
 

@@ -157,7 +157,7 @@ def view_validation(job: Job, language: Language) -> ValidationView:
 
 @asynccontextmanager
 async def open_form(request: Request, services: Services) -> AsyncIterator[FormData]:
-    """Read the form with its files on disk; refuse it before reading if possible.
+    """Read the form and write its files to disk; if possible, refuse it before reading.
 
     Raises FileTooLarge, DiskFull or BadParameter.
     """

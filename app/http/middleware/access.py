@@ -51,7 +51,7 @@ MAX_COUNTED_CLIENTS = 10_000
 STRANGERS = ""
 
 Share = Literal["line", "more", "none"]
-"""How a refusal is logged: with its own entry, with the entry that says more were refused, or not at all."""
+"""How a refusal is logged: by its own entry, by one entry for all further refusals, or not at all."""
 REFUSALS = (401, 403, 404)
 NOT_MODIFIED, PART_OF_FILE = 304, 206
 EXPORTS = frozenset({"file.exported", "trail.exported"})

@@ -253,7 +253,7 @@ def is_secret(name: object) -> bool:
 
 
 def show_input(error: Mapping[str, Any]) -> str:
-    """Return the value of a refused field as a response may repeat it; ``error`` is pydantic's.
+    """Return the value of a refused field in the form that a response may repeat; ``error`` is pydantic's.
 
     A whole body or an object is hidden, because another of its fields may be a secret.
     """

@@ -26,6 +26,7 @@ from app.http.api.trust import UsedPerson, get_names
 from app.http.middleware.guard import SESSION_COOKIE, get_caller, get_host_url, get_settings, set_cookie
 from app.http.pages.login import render_enrolment, render_with_problem, sanitize_next
 from app.http.pages.rendering import Form, Page, UsedForm, UsedPage, first, get_secret
+from app.report.words.numbers import format_iso_moment, format_moment
 from app.report.words.wording import Language, load_wording
 
 router = APIRouter(include_in_schema=False)
@@ -131,7 +132,11 @@ def _render_account(
     set_by = None
     if use is not None:
         name = get_names(page.request, [use.made_by], page.language)[use.made_by]
-        facts = {"name": name, "when": f"{use.used_at[:16].replace('T', ' ')} UTC", "address": use.address}
+        facts = {
+            "name": name,
+            "when": f"{format_iso_moment(use.used_at, page.language)} UTC",
+            "address": use.address,
+        }
         set_by = LinkView(facts, use.is_told)
     return render_with_problem(
         page,
@@ -143,10 +148,20 @@ def _render_account(
         codes_left=credentials.count_recovery_codes(person.id),
         is_required=get_settings(page.request).second_factor == "required",
         sessions=[
-            (_format_moment(held.began_s), _format_moment(held.used_s), held.id, held.id == subject.session)
+            (
+                *(_format_utc(moment_s, page.language) for moment_s in (held.began_s, held.used_s)),
+                *(held.id, held.id == subject.session),
+            )
             for held in accounts.find_sessions(person.id)
         ],
-        tokens=[(token, _format_moment(token.expires_s)) for token in accounts.find_tokens(person.id)],
+        tokens=[
+            (
+                token,
+                _format_utc(token.expires_s, page.language),
+                format_iso_moment(token.used_at or "", page.language),
+            )
+            for token in accounts.find_tokens(person.id)
+        ],
         permissions=[name for name in sorted(collect_permissions(person.roles)) if name != "own"],
         done=done,
         bearer=bearer,
@@ -161,8 +176,8 @@ def _list_roles(roles: frozenset[Role], language: Language) -> str:
     return ", ".join(str(names[role]) for role in names if role in roles)
 
 
-def _format_moment(moment_s: float) -> str:
-    return datetime.fromtimestamp(moment_s, UTC).strftime("%Y-%m-%d %H:%M UTC")
+def _format_utc(moment_s: float, language: Language) -> str:
+    return f"{format_moment(datetime.fromtimestamp(moment_s, UTC), language)} UTC"
 
 
 @router.get("/people")

@@ -61,7 +61,7 @@ HAPPENED: Mapping[str, str] = {
     ),
     "two": "PAIR COMPARE DAYS COMPARISON OVERLAP ALIGN REFERENCE STUDY",
 }
-"""Events that a person notices, and the codes for it without "E-"; the remaining codes are for operators."""
+"""Events that a person may notice, with their codes without "E-"; all other codes are for operators."""
 
 router = APIRouter(include_in_schema=False)
 

@@ -28,8 +28,8 @@ from app.http.pages.validations import list_compared
 from app.http.pages.views import (
     build_library,
     format_compared,
-    format_moment,
     format_size,
+    format_stored_time,
     parse_filter,
     read_filter,
     write_filter,
@@ -411,7 +411,7 @@ def _render_delete_page(page: Page, recording_id: str, *, for_good: bool) -> Res
         **_describe_trash(page),
         recording=row,
         size=format_size(row.size_bytes, page.language),
-        added=format_moment(row.created_at),
+        added=format_stored_time(row.created_at, page.language),
         analyses=len(page.services.store.find_page(JobFilter(recording_id=row.id), SHOWN)),
         for_good=is_for_good,
         hold_reasons=HOLD_REASONS,
@@ -538,5 +538,5 @@ def _describe_batch(page: Page, batch: Batch) -> dict[str, str]:
     words = page.words()["batches"]
     counts = {state.value: str(number) for state, number in batch.counts.items() if number}
     text = fill(words["counts"], {"all": str(sum(batch.counts.values()))} | counts)
-    name, when = batch.name or words["unnamed"], format_moment(batch.created_at)
+    name, when = batch.name or words["unnamed"], format_stored_time(batch.created_at, page.language)
     return {"id": batch.id, "name": name, "when": when, "counts": text}

@@ -228,7 +228,7 @@ def respond_with_sign_in(request: Request) -> Response:
 
 
 def respond_with_confirmation(request: Request) -> Response:
-    """Ask for the password again, and redirect back afterwards; after a form, to its page."""
+    """Ask for the password again, then redirect back; after a form, to the page with the form."""
     wanted = _get_wanted_path(request)
     if request.method not in ("GET", "HEAD"):
         page = urlsplit(request.headers.get("referer", ""))

@@ -22,7 +22,7 @@ from app.library.report_cache import AnyReportJobs, PairReport, ReportJobs
 from app.library.rows import Job
 from app.report.pairs import format_rounding_note, format_rows, load_pair_words
 from app.report.words.messages import describe_problem
-from app.report.words.numbers import format_percent
+from app.report.words.numbers import format_iso_moment, format_percent
 from app.report.words.wording import fill, load_wording
 from app.request import LONGEST_OFFSET_S, PairKind, PairRequest, ProfileRequest, ReportRequest
 from app.services import Services, UsedServices
@@ -50,7 +50,7 @@ def build_offers(page: Page, job: Job, start: str) -> tuple[Offer, ...]:
     words, offers = page.words("pair_pages"), []
     for other in Library(page.services.store.reader).find_others(job):
         other_start = _read_start(other)
-        facts = {"name": other.job.file_name, "when": _format_start(other_start)}
+        facts = {"name": other.job.file_name, "when": format_iso_moment(other_start, page.language)}
         kind, first, second = "compare", *((job, other.job) if start <= other_start else (other.job, job))
         sides = {job.request.side, other.job.request.side}
         if sides == {"left", "right"} and start[:DAY] == other_start[:DAY]:
@@ -63,10 +63,6 @@ def build_offers(page: Page, job: Job, start: str) -> tuple[Offer, ...]:
 
 def _read_start(entry: Entry) -> str:
     return (entry.headline.start if entry.headline else None) or ""
-
-
-def _format_start(start: str) -> str:
-    return start[:16].replace("T", " ")
 
 
 class PairQuery(BaseModel):
@@ -123,7 +119,8 @@ def show_pair(asked: AskedPair, page: UsedPage) -> Response:
         return page.render("pairs/beside.html", **shown)
     figures = report.read_figures()
     before, after = (
-        _format_start(str(figures.get(side, {}).get("start") or "")) for side in ("before", "after")
+        format_iso_moment(str(figures.get(side, {}).get("start") or ""), page.language)
+        for side in ("before", "after")
     )
     changes = format_rows((FigureChange(**row) for row in figures.get("figures", ())), page.language)
     shown |= {
@@ -294,7 +291,7 @@ AskedDays = Annotated[ReportJobs[ProfileRequest], Depends(get_asked_days)]
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """A recording in the form: its analysis, its name, and whether it is a day, a day after, or neither."""
+    """A recording in the form; it may be chosen as a day, or as a day after the change."""
 
     id: str
     name: str
@@ -365,17 +362,19 @@ def _list_choices(page: Page, asked: ReportJobs[ProfileRequest]) -> tuple[Choice
     chosen, count = [job.id for job in asked.jobs], asked.request.before_count
     after = set(chosen[count:]) if count is not None else set()
     listed = []
-    for entry in found.values():
+    for entry in sorted(
+        found.values(), key=lambda entry: (_read_start(entry), sides[entry.job.request.side or "unknown"])
+    ):
         job, above_60 = entry.job, entry.headline.above_60_percent if entry.headline else None
         listed.append(
             Choice(
                 job.id,
                 job.file_name,
-                _format_start(_read_start(entry)),
+                format_iso_moment(_read_start(entry), page.language),
                 sides[job.request.side or "unknown"],
                 format_percent(above_60, page.language),
                 job.id in chosen and job.id not in after,
                 job.id in after,
             )
         )
-    return tuple(sorted(listed, key=lambda choice: (choice.when, choice.side)))
+    return tuple(listed)

@@ -27,7 +27,13 @@ from app.errors import BadParameter, NotHere
 from app.http.middleware.guard import REPORT_POLICY, get_logins
 from app.http.middleware.problems import drop_secrets
 from app.report.render.html import mark_drawing_safe
-from app.report.words.numbers import format_angle, format_duration, format_number, format_percent
+from app.report.words.numbers import (
+    format_angle,
+    format_duration,
+    format_iso_moment,
+    format_number,
+    format_percent,
+)
 from app.report.words.wording import Language, Part, Words, fill, is_french, load_wording
 from app.services import LANGUAGE_COOKIE, SUBJECT, Services, choose_language, find_services, prefer_language
 
@@ -123,6 +129,7 @@ pages.globals |= {
     "percent": format_percent,
     "angle": format_angle,
     "duration": format_duration,
+    "moment": format_iso_moment,
     "number": format_number,
 }
 

@@ -1,5 +1,6 @@
 """The audit log, retention and group figures; forms that release a report or hold a recording."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated
 from urllib.parse import urlencode
@@ -12,9 +13,9 @@ from app.errors import BadParameter
 from app.http.api.trust import MAX_LINES, AuditQuery, build_question, get_names
 from app.http.middleware.access import UsedSubject
 from app.http.pages.rendering import Page, UsedForm, UsedPage, first
-from app.http.pages.views import format_moment
+from app.http.pages.views import format_stored_time
 from app.library.audit_log import ACTS, find_lines
-from app.library.governance import GRACE_DAYS, KINDS
+from app.library.governance import DAY_S, GRACE_DAYS, KINDS, Kind
 from app.library.recordings import HOLD_REASONS
 
 STUDIES = 200
@@ -43,12 +44,12 @@ def show_audit_log(page: UsedPage, query: Annotated[AuditQuery, Query()]) -> Res
 @router.get("/retention")
 def show_terms(page: UsedPage) -> Response:
     """Show how long each kind is kept, with a form to change it."""
-    return page.render("trust/retention.html", terms=page.services.retention.find_all(), due={})
+    return _render_terms(page, page.services.retention.find_all(), {})
 
 
 @router.post("/retention")
 def change_terms(page: UsedPage, form: UsedForm) -> Response:
-    """Change the terms that the form names; an empty one keeps its kind permanently.
+    """Change the terms that the form names; an empty one removes the term.
 
     If a term would delete anything, ask first, with the numbers.
     """
@@ -62,10 +63,18 @@ def change_terms(page: UsedPage, form: UsedForm) -> Response:
     due = {kind: page.services.retention.count_due(kind, days) for kind, days in wanted.items()}
     if any(due.values()) and not first(form, "confirmed"):
         terms = {kind: wanted.get(kind, days) for kind, days in known.items()}
-        return page.render("trust/retention.html", terms=terms, due=due, grace_days=GRACE_DAYS)
+        return _render_terms(page, terms, due)
     for kind, days in wanted.items():
         page.services.retention.put(kind, days)
     return page.go("/retention")
+
+
+def _render_terms(page: Page, terms: Mapping[Kind, int | None], due: Mapping[Kind, int]) -> HTMLResponse:
+    """Render the retention page; ``due``: how many of each kind a new term would delete."""
+    trash_days = f"{page.services.settings.trash_term_s / DAY_S:g}"
+    return page.render(
+        "trust/retention.html", terms=terms, due=due, grace_days=GRACE_DAYS, server_trash_days=trash_days
+    )
 
 
 @router.post("/recordings/{recording_id}/hold")
@@ -95,7 +104,7 @@ def release(analysis_id: str, page: UsedPage, form: UsedForm, subject: UsedSubje
 def show_groups(page: UsedPage) -> Response:
     """Show the published group figures of every study, always of at least five people."""
     groups = [
-        (group, [(block, format_moment(block.published_at)) for block in group.blocks])
+        (group, [(block, format_stored_time(block.published_at, page.language)) for block in group.blocks])
         for group in page.services.aggregates.find_studies(STUDIES)
     ]
     return page.render("trust/aggregate.html", groups=groups)
@@ -103,7 +112,7 @@ def show_groups(page: UsedPage) -> Response:
 
 @dataclass(frozen=True, slots=True)
 class ReleaseCard:
-    """Who released the report and when ("" if it is not released), and whether the viewer may."""
+    """Who released the report and when ("" if nobody did), and whether the viewer may release it."""
 
     name: str
     when: str
@@ -114,5 +123,6 @@ def build_release(page: Page, subject: Subject, analysis_id: str) -> ReleaseCard
     """Return the release of a finished analysis."""
     found, who, when = page.services.releases.find(analysis_id), "", ""
     if found is not None:
-        who, when = get_names(page.request, [found.who], page.language)[found.who], format_moment(found.at)
+        who = get_names(page.request, [found.who], page.language)[found.who]
+        when = format_stored_time(found.at, page.language)
     return ReleaseCard(who, when, subject.may("release"))

@@ -11,7 +11,7 @@ from urllib.parse import urlencode
 
 from fastapi import Request
 
-from app.http.pages.recording.day import DayClock, format_axis, place_rows
+from app.http.pages.recording.day import DayClock, format_axis
 from app.http.pages.rendering import OldVersion, Page
 from app.library.listing import (
     DESCENDING,
@@ -27,12 +27,21 @@ from app.library.listing import (
 )
 from app.library.rows import Job, JobState
 from app.report.words.messages import Problem, describe_problem, format_columns
-from app.report.words.numbers import format_angle, format_duration, format_number, format_percent
+from app.report.words.numbers import (
+    format_angle,
+    format_duration,
+    format_iso_moment,
+    format_moment,
+    format_number,
+    format_percent,
+)
 from app.report.words.wording import Language, Words, fill, load_wording
 from app.services import Services
 from fusion import errors
 from fusion.caveats import FEW_H
 from fusion.conventions import METHOD_VERSION
+from fusion.exposure.periods import place_diary
+from fusion.recording import MICROSECONDS
 
 _CURED_BY_COLUMNS = (
     *(errors.MixedColumns, errors.ExchangedSensors, errors.UnknownColumns, errors.SeveralSensors),
@@ -132,7 +141,7 @@ def build_row(job: Job, language: Language, took: Sequence[AnalysisDuration] = (
     subject = fill(row_words["subject"], {"subject": request.subject}) if request.subject else ""
     has_arm = job.state is JobState.SUCCEEDED and request.reference is None
     side = str(row_words[request.side]) if request.side else str(row_words["no_side"]) if has_arm else ""
-    of_file = (format_size(job.size_bytes, language), format_time(job.created_at))
+    of_file = (format_size(job.size_bytes, language), format_time(job.created_at, language))
     place = f"analyses/{job.id}/report" if request.reference is None else f"validations/{job.id}/validation"
     # the named columns of a table can also be corrected
     is_table = request.profile != "" and "header" in job.problem_facts
@@ -251,7 +260,7 @@ def build_settings(job: Job, clock: DayClock | None, language: Language) -> tupl
         "no_slips": format_times(request.no_slip_times_s, clock, language),
         "columns": format_columns(request.profile, language) if request.profile else "",
         "periods": _format_periods(job, clock, language) or words["none"],
-        "added": format_time(job.created_at),
+        "added": format_time(job.created_at, language),
         "size": format_size(job.size_bytes, language),
         "sha256": job.sha256,
         "id": job.id,
@@ -270,20 +279,20 @@ def format_size(size_bytes: int, language: Language) -> str:
     return f"{format_number(size_bytes / 1000**power, decimals, language)}\u00a0{units[power]}"
 
 
-def format_time(moment: datetime) -> str:
-    """Format a time in ISO style, in the server's time zone."""
-    return moment.astimezone().strftime("%Y-%m-%d %H:%M")
+def format_time(moment: datetime, language: Language) -> str:
+    """Format a time in the server's time zone."""
+    return format_moment(moment.astimezone(), language)
 
 
-def format_moment(text: str) -> str:
-    """Format a stored time."""
-    return format_time(datetime.fromisoformat(text))
+def format_stored_time(text: str, language: Language) -> str:
+    """Format a stored time in the server's time zone."""
+    return format_time(datetime.fromisoformat(text), language)
 
 
 def format_windows(windows: Sequence[tuple[float, float]], clock: DayClock | None, language: Language) -> str:
     """Format time windows on the recording's clock, or in seconds if it has none; "" for none."""
     if clock is not None and clock.start is not None:
-        return "; ".join(f"{clock.format(start_s)} – {clock.format(end_s)}" for start_s, end_s in windows)
+        return "; ".join(clock.show_span(start_s, end_s, language) for start_s, end_s in windows)
     words = load_wording(language, "page")["analysis"]["window"]
     shown = ([format_number(moment_s, 1, language) for moment_s in window] for window in windows)
     return "; ".join(fill(words, {"start": start, "end": end}) for start, end in shown)
@@ -292,7 +301,7 @@ def format_windows(windows: Sequence[tuple[float, float]], clock: DayClock | Non
 def format_times(times_s: Sequence[float], clock: DayClock | None, language: Language) -> str:
     """Format times on the recording's clock, or in seconds if it has none; "" for none."""
     if clock is not None and clock.start is not None:
-        return "; ".join(map(clock.format, times_s))
+        return "; ".join(clock.show(time_s, language) for time_s in times_s)
     return "; ".join(f"{format_number(time_s, 1, language)}\u202fs" for time_s in times_s)
 
 
@@ -300,10 +309,15 @@ def _format_periods(job: Job, clock: DayClock | None, language: Language) -> str
     """List the periods with their times, or only their number if the clock is not known."""
     diary, kinds = job.request.select_diary(), load_wording(language, "day")["kind_name"]
     try:
-        rows = place_rows(diary, clock) if clock else []
+        periods = place_diary(diary, clock.start, clock.duration_us).periods if clock else ()
     except errors.UnusableDiary:
-        rows = []
-    shown = [f"{row.label or kinds[row.kind]} {row.start} – {row.end}" for row in rows[:MAX_PERIODS]]
+        periods = ()
+    shown = [
+        f"{period.label or kinds[period.kind]} "
+        f"{clock.show_span(period.start_us / MICROSECONDS, period.end_us / MICROSECONDS, language)}"
+        for period in periods[:MAX_PERIODS]
+        if clock
+    ]
     if len(diary) > len(shown):
         shown.append(f"+ {len(diary) - len(shown)}" if shown else str(len(diary)))
     return "; ".join(shown)
@@ -474,7 +488,7 @@ def build_entry(entry: Entry, language: Language, took: Sequence[AnalysisDuratio
         row=build_row(job, language, took),
         recording_id=job.recording_id,
         name=job.request.subject or job.file_name,
-        when=start[:16].replace("T", " ") or format_time(job.created_at),
+        when=format_iso_moment(start, language) or format_time(job.created_at, language),
         is_added=not start,
         arm=str(words["column"][f"side_{job.request.side}"]) if job.request.side else "",
         figures=figures,

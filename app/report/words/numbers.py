@@ -149,6 +149,16 @@ def format_clock(moment: datetime, language: Language, *, with_seconds: bool = F
     return f"{text}{NARROW}min{NARROW}{moment.second:02d}{NARROW}s" if with_seconds else text
 
 
+def format_moment(moment: datetime, language: Language, *, with_seconds: bool = False) -> str:
+    """Format a date with its clock time: "2026-11-26 22:11" or "2026-11-26 22 h 11"."""
+    return f"{moment:%Y-%m-%d} {format_clock(moment, language, with_seconds=with_seconds)}"
+
+
+def format_iso_moment(text: str, language: Language, *, with_seconds: bool = False) -> str:
+    """Format a time in ISO 8601 in the zone that it states; return "" for an empty text."""
+    return format_moment(datetime.fromisoformat(text), language, with_seconds=with_seconds) if text else ""
+
+
 def format_hour(moment: datetime, language: Language) -> str:
     """Format a clock time for an axis, short for a whole hour in French: "8 h"."""
     if is_french(language) and moment.minute == 0:

@@ -16,11 +16,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
-from fusion.errors import UnknownRate, UnusableTime
+from fusion.errors import UnknownRate, UnknownUnit, UnusableTime
 from fusion.readers.samples import SampleColumns
 from fusion.readers.time.clock import datetime_at_us, is_change_of_offset, is_clock_set
 from fusion.readers.time.grid import FASTEST_HZ, SLOWEST_HZ
-from fusion.recording import ACC_UNITS_G, GYR_UNITS_DPS, MICROSECONDS, QualityFlag
+from fusion.recording import (
+    ACC_UNITS_G,
+    GYR_UNITS_DPS,
+    MICROSECONDS,
+    QualityFlag,
+    acc_scale_g,
+    gyr_scale_dps,
+)
 
 # The meaning of a column's name: channel, axis, unit.
 #
@@ -198,6 +205,13 @@ def choose_vector(columns: Sequence[Column], channel: Channel) -> Vector | None:
     if any(len(found) != 1 for found in places):
         return None
     return places[0][0], places[1][0], places[2][0]
+
+
+def check_units(sensor: str, units: Sequence[str | None]) -> None:
+    """Raise UnknownUnit if the header states different units for the axes of a sensor."""
+    scales = {scale for unit in units if (scale := acc_scale_g(unit) or gyr_scale_dps(unit))}
+    if len(scales) > 1:
+        raise UnknownUnit(mixed=sensor, units=", ".join(unit or "-" for unit in units))
 
 
 def choose_acceleration(columns: Sequence[Column]) -> tuple[Vector | None, Vector | None]:

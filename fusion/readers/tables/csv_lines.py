@@ -533,6 +533,23 @@ def _skip_field(buffer: Bytes, at_byte: int, delimiter_byte: int) -> int:
 
 
 @inner_making_arrays
+def _skip_ignored(buffer: Bytes, at_byte: int, delimiter_byte: int, columns_after: int) -> int:
+    """Skip a field whose value does not matter: between quotes it may contain the delimiter."""
+    start = at_byte
+    while buffer[at_byte] == SPACE and delimiter_byte != SPACE:
+        at_byte += 1
+    if buffer[at_byte] == QUOTE and delimiter_byte != SPACE:
+        is_open = True
+        at_byte += 1
+        while buffer[at_byte] != NEWLINE and (is_open or buffer[at_byte] != delimiter_byte):
+            is_open ^= buffer[at_byte] == QUOTE
+            at_byte += 1
+        if not is_open and (columns_after == 0 or buffer[at_byte] == delimiter_byte):
+            return at_byte
+    return _skip_field(buffer, start, delimiter_byte)
+
+
+@inner_making_arrays
 def _skip_padding(buffer: Bytes, at_byte: int, delimiter_byte: int) -> int:
     while (buffer[at_byte] == SPACE and delimiter_byte != SPACE) or buffer[at_byte] == QUOTE:
         at_byte += 1
@@ -697,7 +714,7 @@ def _take_row(
             at_byte += 1
         target = rules.targets[column]
         if target == IGNORED:
-            at_byte = _skip_field(buffer, at_byte, delimiter)
+            at_byte = _skip_ignored(buffer, at_byte, delimiter, len(rules.targets) - 1 - column)
             continue
         if target == STAMP and rules.stamp_kind == CALENDAR_TIME:
             at_byte, stamps[0], kind = _take_calendar(buffer, at_byte, delimiter)

@@ -11,7 +11,7 @@ import numpy as np
 
 from fusion.caveats import Caveat
 from fusion.devices import KnownDevice, find_known_device
-from fusion.errors import AmbiguousDecimal, EpochFile, UnknownColumns, UnknownFormat, UnusableTime
+from fusion.errors import AmbiguousDecimal, EpochFile, UnknownFormat, UnusableTime
 from fusion.readers.source import Source, UnpackedFile, read_chunks
 from fusion.readers.tables.columns import (
     REMARKS,
@@ -47,10 +47,29 @@ MIN_COLUMNS = 6
 
 def split_fields(line: str, delimiter: str) -> list[str]:
     """Return the fields of a line; runs of spaces are one delimiter; empty last fields are dropped."""
-    fields = line.split() if delimiter == " " else line.split(delimiter)
+    fields = line.split() if delimiter == " " else _cut_fields(line, delimiter)
     while len(fields) > 1 and not fields[-1].strip():
         fields.pop()
     return [field.strip().strip('"').strip() for field in fields]
+
+
+def _cut_fields(line: str, delimiter: str) -> list[str]:
+    """Cut a line at its delimiters, except those between quotes, unless the whole line is quoted."""
+    parts = line.split(delimiter)
+    if '"' not in line:
+        return parts
+    fields: list[str] = []
+    opened: list[str] = []
+    for part in parts:
+        is_odd = part.count('"') % 2 == 1
+        if opened or (is_odd and part.lstrip().startswith('"')):
+            opened.append(part)
+        else:
+            fields.append(part)
+        if opened and is_odd and len(opened) > 1:
+            fields.append(delimiter.join(opened))
+            opened = []
+    return [*fields, *opened] if len(fields) > 1 else parts
 
 
 def _is_value(field: str) -> bool:
@@ -197,12 +216,18 @@ def find_sensors(columns: Sequence[Column]) -> dict[str, tuple[Column, ...]]:
     }
 
 
+MOST_WORDS = 12
+"""Longer names are not searched for a sensor: each part of the name is tried."""
+
+
 def _split_sensor(column: Column) -> Column:
     """Find the sensor in a name with more than axis and channel: `left_acc_x`, `IMU 2 Gyroscope X`."""
     if column.sensor or column.channel in ("acc", "gyr"):
         return column
     plain, bracket, rest = column.name.partition("(")
     words = [word for word in re.split(r"[ _.:\-|/]+", plain) if word]
+    if len(words) > MOST_WORDS:
+        return column
     for length in range(len(words) - 1, 0, -1):
         for first in range(len(words) - length + 1):
             inner = parse_column_name(" ".join(words[first : first + length]) + " " + bracket + rest)
@@ -375,6 +400,7 @@ class TextLayout:
     each space of a row is a separator, with nothing between two of them where a value is absent; such rows
     are read with their spaces as tabs. ``device``: the known device whose header this is.
     ``writer``: how rows that name every value, or begin with a serial monitor's time, are rewritten.
+    ``narrow_header``: a header with fewer names than the rows have fields; ``header`` is then None.
     """
 
     delimiter: str
@@ -388,6 +414,7 @@ class TextLayout:
     is_single_spaced: bool = False
     device: KnownDevice | None = None
     writer: LabelWriter | ArrivalWriter | None = None
+    narrow_header: str = ""
 
     @property
     def n_columns(self) -> int:
@@ -412,8 +439,6 @@ def find_layout(head: str, order: DateOrder | None = None) -> TextLayout | None:
     ------
     AmbiguousDecimal
         The comma is both separator and decimal mark.
-    UnknownColumns
-        The rows have more fields than the header has names.
     fusion.errors.UnusableTime
         The stamps cannot be understood, as in :func:`fusion.readers.tables.columns.find_dates` (``order``: of
         day, month and year, as a person gives it).
@@ -511,7 +536,7 @@ def _hide_words(lines: Sequence[str]) -> tuple[str, list[str]]:
 
 def _hide_fields(row: str, delimiter: str, columns: Sequence[Column]) -> str:
     """Hide labels, and dates in an unknown form."""
-    fields = row.split(delimiter)
+    fields = _cut_fields(row, delimiter)
     if len(fields) < len(columns):
         return row
     for k, column in enumerate(columns):
@@ -545,9 +570,13 @@ def _describe(lines: Sequence[str], delimiter: str) -> TextLayout:
         is_whole = all(WHOLE.fullmatch(field) for row in samples[:20] for field in row)
         if is_whole and 2 * names - 2 <= width <= 2 * names and width > names:
             raise AmbiguousDecimal(line=rows[0] + 1)
-    if Counter(map(len, samples)).most_common(1)[0][0] > len(columns):
-        header = {"list": found.names.strip()[:200]} if found else {}
-        raise UnknownColumns(**header, why="more fields", line=rows[0] + 1)
+    if delimiter == "," and _holds(WITH_COMMA, samples):  # between quotes
+        raise AmbiguousDecimal(line=rows[0] + 1)
+    width = Counter(map(len, samples)).most_common(1)[0][0]
+    narrow_header = ""
+    if width > len(columns):  # which name belongs to which column is unknown
+        narrow_header, found = (found.names.strip() if found else ""), None
+        columns = (Column("", "other"),) * width
     preamble = tuple(lines[: found.first_line if found else rows[0]])
     device = find_known_device(found.names, preamble) if found else None
     units = {"acc": device.acc_unit, "gyr": device.gyr_unit, "time": device.time_unit} if device else {}
@@ -562,6 +591,7 @@ def _describe(lines: Sequence[str], delimiter: str) -> TextLayout:
         preamble=preamble,
         sample_rows=samples,
         device=device,
+        narrow_header=narrow_header,
     )
 
 

@@ -31,7 +31,7 @@ from fusion.errors import (
 )
 from fusion.readers.samples import SampleColumns
 from fusion.readers.source import Source, open_archive, read_member, read_text
-from fusion.readers.tables.columns import find_time_unit, parse_column_name, read_axis
+from fusion.readers.tables.columns import check_units, find_time_unit, parse_column_name, read_axis
 from fusion.readers.tables.layout import CALENDAR, NUMBER, split_fields
 from fusion.readers.tables.rows import (
     JUDGED_ROWS,
@@ -39,6 +39,7 @@ from fusion.readers.tables.rows import (
     TimeColumn,
     build_clock,
     build_recording,
+    holds_gravity,
     read_epoch,
 )
 from fusion.readers.time.clock import datetime_at_us
@@ -112,7 +113,8 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
     if names.gravity:  # put back, on the times of the acceleration
         gravity = _read_table(archive, names.gravity)
         parts = [np.interp(acc.time_us, gravity.time_us, part) for part in gravity.values.T]
-        acc = replace(acc, values=acc.values + np.stack(parts, axis=1))
+        if names.kind == "linear" or not holds_gravity(acc.values, np.stack(parts, axis=1)):
+            acc = replace(acc, values=acc.values + np.stack(parts, axis=1))
     elif names.kind == "linear" or (  # Sensor Logger took gravity out of its "Accelerometer"
         device is not None and device.device == "sensorlogger" and names.kind != "total"
     ):
@@ -159,7 +161,9 @@ def _read_table(archive: zipfile.ZipFile, name: str, channel: Literal["acc", "gy
     place = next((k for k in times if k < len(values) and NUMBER.fullmatch(values[k])), times[0])
     is_calendar = place == calendar
     table = _load(archive, name, delimiter, [place, *places], _read_moment_us if is_calendar else float)
-    unit = (axes[places[0]] or ("", None))[1]
+    units = [axis[1] for place in places if (axis := axes[place])]
+    check_units("gyroscope" if channel == "gyr" else "accelerometer", units)
+    unit = units[0]
     if unit is None and device is not None:
         unit = device.gyr_unit if channel == "gyr" else device.acc_unit
     stamp, time_unit = table[:, 0], "us" if is_calendar else parse_column_name(names[place]).unit

@@ -23,6 +23,7 @@ from fusion.readers.tables.columns import (
     IN_MICROSECONDS,
     TIME_UNITS_EXPONENT,
     Column,
+    check_units,
     choose_acceleration,
     choose_vector,
     find_time_unit,
@@ -97,7 +98,10 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:
     acc_unit, gyr_unit = choice.acc[0].unit, choice.gyr[0].unit
     if choice.gravity:
         scale_g = acc_scale_g(choice.gravity[0].unit) or 1.0
-        if put_back_gravity(columns, gravity, scale_g, choice.acc[0], choice.gyr[0]):
+        has_own_unit = acc_unit != choice.gravity[0].unit
+        if put_back_gravity(
+            columns, gravity, scale_g, choice.acc[0], choice.gyr[0], has_own_unit=has_own_unit
+        ):
             acc_unit = "g"
     time.unit.refuse_doubtful(columns)
     flags = drop_blank_rows(columns) if time.has_times else ()
@@ -155,12 +159,13 @@ def _choose_columns(schema: pa.Schema) -> _Choice:
         for column, kind in zip(columns, schema.types, strict=True)
         if column.channel == "time" and (column.unit in TIME_UNITS_EXPONENT or pa.types.is_timestamp(kind))
     )
-    unit = columns[acc[0]].unit
+    for sensor, places in (("accelerometer", acc), ("gyroscope", gyr)):
+        check_units(sensor, [columns[place].unit for place in places])
     return _Choice(
         next(stamps, None),
         tuple(columns[place] for place in acc),
         tuple(columns[place] for place in gyr),
-        tuple(replace(columns[place], unit=columns[place].unit or unit) for place in gravity or ()),
+        tuple(columns[place] for place in gravity or ()),
     )
 
 

@@ -41,7 +41,7 @@ from fusion.readers.tables.layout import (
     find_sensors,
     split_fields,
 )
-from fusion.readers.tables.rows import choose_sensor, plan_table, read_times
+from fusion.readers.tables.rows import choose_sensor, explain_wide_rows, plan_table, read_times
 from fusion.recording import ACC_UNITS_G, GYR_UNITS_DPS
 
 Place = str | int
@@ -190,6 +190,8 @@ def _find_names(layout: TextLayout, profile: ColumnProfile) -> list[str]:
     if layout.header is not None:
         return [column.name for column in layout.columns]
     wanted = {p for p in (*profile.acceleration, *profile.angular_rate) if isinstance(p, str)}
+    if layout.narrow_header and wanted:
+        raise explain_wide_rows(layout)
     lines = [split_fields(line, layout.delimiter) for line in layout.preamble[-HEADER_REACH:]]
     best = max(lines, key=lambda names: len(wanted & set(names)), default=[])
     named = best if wanted & set(best) else []

@@ -11,6 +11,7 @@ from statistics import median
 from typing import Any, Literal, NoReturn
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
 from fusion.errors import CutByExcel, NoGravity, NoGyroscope, SeveralSensors, UnknownColumns, UnreadableRows
@@ -25,6 +26,7 @@ from fusion.readers.tables.columns import (
     StampWriter,
     TimeUnit,
     Vector,
+    check_units,
     choose_acceleration,
     choose_vector,
     count_from_1970,
@@ -162,13 +164,15 @@ def plan_table(layout: TextLayout) -> TablePlan:
 
     If the header states no unit, the factor is 1 and :mod:`fusion.checks.physics` finds the unit.
 
-    Raises NoGyroscope, NoGravity, SeveralSensors or UnknownColumns.
+    Raises NoGyroscope, NoGravity, SeveralSensors, UnknownColumns or UnknownUnit.
     """
     layout = choose_sensor(layout)
     acc, gravity = choose_acceleration(layout.columns)
     gyr = choose_vector(layout.columns, "gyr")
     if acc is None or gyr is None:
         _refuse_columns(layout)
+    for sensor, places in (("accelerometer", acc), ("gyroscope", gyr)):
+        check_units(sensor, [layout.columns[place].unit for place in places])
     targets = [IGNORED] * layout.n_columns
     for axis in range(3):
         targets[acc[axis]], targets[gyr[axis]] = 1 + axis, 4 + axis
@@ -207,6 +211,8 @@ def choose_sensor(layout: TextLayout, sensor: str = "") -> TextLayout:
 
 
 def _refuse_columns(layout: TextLayout) -> NoReturn:
+    if layout.narrow_header:
+        raise explain_wide_rows(layout)
     channels = {column.channel for column in layout.columns}
     is_named = any(GYROSCOPE.search(column.name) for column in layout.columns)  # `gyroscope_alpha`
     if "acc" in channels and "gyr" not in channels and not is_named:
@@ -215,6 +221,12 @@ def _refuse_columns(layout: TextLayout) -> NoReturn:
         raise NoGravity
     names = (layout.header or "").strip()[:LONGEST_LIST]
     raise UnknownColumns(list=names, **name_missing(layout.columns))
+
+
+def explain_wide_rows(layout: TextLayout) -> UnknownColumns:
+    """Return the error for rows with more fields than the header has names."""
+    names = layout.narrow_header[:LONGEST_LIST]
+    return UnknownColumns(list=names, why="wide rows", line=layout.first_line + 1)
 
 
 def _choose_stamp(layout: TextLayout) -> tuple[int | None, TimeColumn]:
@@ -395,29 +407,35 @@ CORE_MOTION = "rotationrate"
 
 
 def add_gravity(source: Source, plan: TablePlan, columns: SampleColumns) -> bool:
-    """Read a table again for gravity that its acceleration may lack; return whether it was added.
-
-    Gravity without a unit is in the unit of the acceleration.
-    """
+    """Read a table again for gravity that its acceleration may lack; return whether it was added."""
     if plan.gravity is None:
         return False
     targets = [IGNORED if 1 <= target <= 3 else target for target in plan.targets]
     for axis, place in enumerate(plan.gravity):
         targets[place] = 1 + axis
-    scale_g = acc_scale_g(plan.layout.columns[plan.gravity[0]].unit) or plan.acc_scale
+    unit, device = plan.layout.columns[plan.gravity[0]].unit, plan.layout.device
+    scale_g = acc_scale_g(unit) or plan.acc_scale
     beside = replace(plan, targets=tuple(targets), acc_scale=scale_g, gravity=None)
     gravity = read_table(source, beside).columns
-    return put_back_gravity(columns, gravity, scale_g, plan.acceleration, plan.angular_rate)
+    acc, gyr = plan.acceleration, plan.angular_rate
+    has_own_unit = acc.unit != unit and not (device and acc.unit == device.acc_unit)
+    return put_back_gravity(columns, gravity, scale_g, acc, gyr, has_own_unit=has_own_unit)
 
 
 def put_back_gravity(
-    columns: SampleColumns, gravity: SampleColumns, scale_g: float, acc: Column, gyr: Column
+    columns: SampleColumns,
+    gravity: SampleColumns,
+    scale_g: float,
+    acc: Column,
+    gyr: Column,
+    *,
+    has_own_unit: bool,
 ) -> bool:
     """Add gravity to an acceleration that lacks it, in place; return whether it did.
 
-    Both were scaled by ``scale_g``. The stated unit does not matter: gravity is 1 g long, and the
-    acceleration beside it has the same unit. Rows without gravity are dropped. The sign of Core Motion's
-    readings, in g, is reversed, so that the sum is what an accelerometer measures.
+    ``gravity`` was scaled by ``scale_g``, which does not matter: it is 1 g long. The acceleration has the
+    same unit, unless header or profile state another. Rows without gravity are dropped. The sign of
+    Core Motion's readings, in g, is reversed, so that the sum is what an accelerometer measures.
 
     Raises NoGravity if the acceleration's name says that it lacks gravity and the columns contain none.
     """
@@ -433,15 +451,25 @@ def put_back_gravity(
         if acc.channel == "linear":
             raise NoGravity
         return False
-    # the gravity that a total acceleration holds may be written with the other sign beside it
-    without_g = min(np.median(np.linalg.norm(acc_g + sign * parts_g, axis=1)) for sign in (-1.0, 1.0))
-    if acc.channel != "linear" and without_g < np.median(np.linalg.norm(acc_g, axis=1)):
-        return False  # gravity is in it
+    if acc.channel != "linear" and holds_gravity(acc_g, parts_g):
+        return False
     is_core_motion = CORE_MOTION in gyr.name.lower() and abs(length_g / scale_g - 1.0) < NEAR_ONE
+    if has_own_unit and acc_scale_g(acc.unit):
+        gravity.acc[:] /= np.float32(length_g)
+        length_g = 1.0
     columns.acc[:] += gravity.acc[order[place]]
     columns.acc[:] *= np.float32((-1.0 if is_core_motion else 1.0) / length_g)
     columns.keep(has_gravity)
     return True
+
+
+def holds_gravity(acc: NDArray[np.floating[Any]], gravity: NDArray[np.floating[Any]]) -> bool:
+    """Return whether an acceleration, (n, 3), includes the gravity beside it: without it, it is shorter.
+
+    The gravity may be written with the other sign.
+    """
+    without = min(np.median(np.linalg.norm(acc + sign * gravity, axis=1)) for sign in (-1.0, 1.0))
+    return bool(without < np.median(np.linalg.norm(acc, axis=1)))
 
 
 # The clock at the first row, and the recording.

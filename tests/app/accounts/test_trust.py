@@ -269,6 +269,7 @@ def test_the_terms_are_changed_on_their_page_by_who_may_erase(house: House, call
     assert dict(house.services.retention.find_all()) == terms
     assert 'name="recordings"' in page
     assert 'value="90"' in page
+    assert 'days <span class="hint">(30 days, as set on the server)' in page
     assert 'type="submit" class="button"' in page
     assert 'type="submit" class="button"' not in caller.get("/retention", headers=assistant).text
     assert (refused.status_code, refused.json()["code"]) == (422, "E-PARAMETER")

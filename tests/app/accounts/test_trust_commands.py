@@ -39,6 +39,15 @@ def test_the_command_answers_who_touched_a_subject(
     assert {line["recording_id"] for line in lines} == {job.recording_id}
 
 
+def test_without_a_term_of_its_own_the_trash_shows_the_days_of_the_settings(
+    settings: Settings, store: JobStore
+) -> None:
+    for days in ((), ("trash", "never")):
+        told = run(settings, "retention", *days)[1]
+
+        assert "Recordings in the trash: 30 days, as set on the server" in told
+
+
 def test_terms_and_holds_are_changed_by_command(settings: Settings, store: JobStore, add_job: AddJob) -> None:
     recording_id = add_job().recording_id
 

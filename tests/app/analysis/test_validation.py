@@ -149,6 +149,13 @@ def test_a_motion_capture_is_told_for_what_it_is(shift_mvnx: Path) -> None:
     assert found["present_s"] == found["recorded_s"]
 
 
+def test_the_sheet_names_the_facts_of_the_reference_in_words(compared: Path) -> None:
+    sheet = (compared / "validation.en.html").read_text()
+
+    assert "Segment: RightUpperArm" in sheet
+    assert "t_pose_elevation_deg" not in sheet
+
+
 @pytest.mark.real_recordings
 def test_a_motion_capture_is_a_recording_of_its_own(
     shared_data: Callable[[str], Path], tmp_path: Path

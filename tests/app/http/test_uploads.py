@@ -408,7 +408,10 @@ DOCUMENTS = {
     "HEIC/MP4": b"\0\0\0\x18ftypheic a photo",
     "WebP": b"RIFF\x10\0\0\0WEBPVP8  a photo",
     "TIFF": b"II*\0 a photo",
+    "BMP": b"BM\x36\0\1\0" + bytes(4) + b"\x36\0\0\0\x28\0\0\0 a photo",
     "RTF": b"{\\rtf1 a letter}",
+    "Word (.doc)": b"\xd0\xcf\x11\xe0" + bytes(508) + b"\xec\xa5\xc1\0",
+    "OpenDocument (.odt)": b"PK\x03\x04" + bytes(26) + b"mimetypeapplication/vnd.oasis.opendocument.text",
     "Word (.docx)": b"PK\x03\x04" + bytes(26) + b"word/document.xml",
 }
 

@@ -131,6 +131,21 @@ def test_an_attempt_that_failed_is_withdrawn_by_a_click_and_its_report_stays(
     assert "Correct and try again" not in client.get("/").text
 
 
+def test_a_problem_that_a_retry_meets_again_is_shown_once(
+    client: TestClient, store: JobStore, add_job: AddJob
+) -> None:
+    first = add_job()
+    fail_next(store)
+    store.add_analysis((first.recording_id, first.sha256), first.request)
+    fail_next(store)
+
+    assert client.get(f"/analyses/{first.id}?lang=en").text.count("data-problem>") == 1
+
+
+def test_the_script_of_uploads_gets_the_colon_of_the_language(client: TestClient) -> None:
+    assert 'data-colon="\u00a0:"' in client.get("/?lang=fr").text
+
+
 @pytest.mark.parametrize("text", HOSTILE)
 def test_a_persons_text_is_only_ever_text(shared: TestClient, text: str) -> None:
     page = send(shared, text)

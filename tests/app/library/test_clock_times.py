@@ -42,6 +42,15 @@ def test_after_midnight_an_hour_is_of_the_next_day() -> None:
     assert TWO_DAYS.format(0.0) == "2026-03-02 22:00:00"  # where an hour may mean two days
 
 
+def test_a_moment_is_shown_as_its_language_spells_it_with_a_date_where_needed() -> None:
+    assert NIGHT.show(9 * 3600 + 305, "en") == "07:05:05"
+    assert plain(NIGHT.show(9 * 3600 + 305, "fr")) == "7 h 05 min 05 s"
+    assert plain(TWO_DAYS.show_span(0.0, 60.4, "fr-CA")) == (
+        "2026-03-02 22 h 00 min 00 s – 2026-03-02 22 h 01 min 00 s"
+    )
+    assert WITHOUT.show(12.5, "fr") == "12.5"
+
+
 @pytest.mark.parametrize("text", ["", "soon", "12:00:00", "21:30", "25:00", "<b>"])
 def test_what_is_no_moment_of_the_recording_is_refused_with_what_is(text: str) -> None:
     with pytest.raises(BadParameter) as refusal:

@@ -11,6 +11,7 @@ from fastapi.testclient import TestClient
 from app.http.api import live as live_api
 from app.http.api.live import LIVE_FOLDER
 from app.live.ports import (
+    SHOWN,
     EarlyFile,
     EarlyPort,
     PushedPort,
@@ -180,7 +181,7 @@ def test_before_the_science_is_loaded_samples_are_on_the_disk_and_afterwards_in_
         socket.send_json({"type": "stop"})
         read_until(socket, "ended")
 
-    assert list((settings.data_dir / LIVE_FOLDER).iterdir()) == []
+    assert [path.suffix for path in (settings.data_dir / LIVE_FOLDER).iterdir()] == [SHOWN]
 
 
 def test_what_a_kill_left_before_the_science_was_loaded_becomes_a_recording(settings: Settings) -> None:

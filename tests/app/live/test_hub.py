@@ -1,42 +1,29 @@
-"""Sessions that end otherwise than by Stop."""
+"""Sessions that end otherwise than by Stop, and the process in which each runs."""
 
+import os
+import re
+import signal
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import pytest
 from sqlalchemy.exc import OperationalError
+from websockets.sync.client import connect
 
+from app.analysis.attempt import Limits
 from app.errors import TooManySessions
-from app.live.hub import Ended, LiveHub, RunningSession, SessionRequest
-from app.live.ports import SessionFiles, create_session_files
-from app.live.raw_file import Wearer
-from app.live.recorder import Recorder
-from app.live.sources import SourceFacts
-from fusion.live import Frames, replay_frames
-from fusion.live.cues import Cue
+from app.live import hub as hubs
+from app.live.hub import Ended, LiveHub, RunningSession, SessionOptions
+from app.live.ports import PushedPort, SessionFiles, create_session_files
 from fusion.readers import read_recording
-from tests.app.live.made import FIRST_POSE, make_worn
+from tests.fusion.live.test_lines import HEADER, PREAMBLE, write_rows
+from tests.ways_in.servers import RunningServer, read_command, wait_for
 
-
-class BreakingSource:
-    """Frames of 22 s, then an error."""
-
-    facts, early = SourceFacts("other", "made", 100.0), None
-    is_closed = False
-
-    def __init__(self, error: Exception) -> None:
-        self._frames = replay_frames(make_worn(FIRST_POSE, (95.0, 10.0)), 1.0)
-        self._error = error
-
-    def read(self) -> Frames | None:
-        frames = next(self._frames, None)
-        if frames is None:
-            raise self._error
-        return frames
-
-    def close(self) -> None:
-        self.is_closed = True
+LIMITS = Limits(6 << 30, 60.0)
+OPTIONS = SessionOptions("lines", "board", axis="+z")
+WORST = [b"a" * 300_000, b"ax: 0 " * 50_000, b"(" * 4000 + b"\n", b'"' * 4000 + b"\n", b"1,2,3\n" * 9000]
 
 
 @dataclass
@@ -45,7 +32,7 @@ class Shelf:
 
     folder: Path
     error: Exception | None = None
-    kept: list[Path] = field(default_factory=list)
+    kept: list[int] = field(default_factory=list)
 
     def begin(self) -> SessionFiles:
         return create_session_files(self.folder / "live", keeps=True)
@@ -53,11 +40,10 @@ class Shelf:
     def keep(self, ended: Ended) -> str:
         if self.error:
             raise self.error
-        self.kept.append(ended.files.raw)
-        assert count_rows(ended.files) == 2200
+        self.kept.append(count_rows(ended.files))
         return "an_1"
 
-    def announce(self, session_id: str, cue: Cue) -> None:
+    def announce(self, session_id: str, cue: Mapping[str, Any]) -> None:
         raise AssertionError
 
 
@@ -66,49 +52,98 @@ def count_rows(files: SessionFiles) -> int:
         return sum(map(len, read_recording(file, file_name="live.csv").segments))
 
 
-def run(source: BreakingSource, shelf: Shelf, files: SessionFiles | None = None) -> list[dict[str, Any]]:
-    hub = LiveHub(shelf)
-    session = hub.start(source, SessionRequest(Wearer(arm_axis="+z")), files or shelf.begin())
-    messages: list[dict[str, Any]] = []
-    for thread in hub._threads.values():
-        thread.join()
-    session.watch(lambda message: messages.append(dict(message)))
-    return messages
+class Started:
+    """A session of a board that has sent 300 rows, and its messages."""
+
+    def __init__(self, shelf: Shelf, files: SessionFiles) -> None:
+        port = PushedPort()
+        port.push((PREAMBLE + HEADER + write_rows(0, 300)).encode())
+        self.hub, self.messages = LiveHub(shelf), list[dict[str, Any]]()
+        self.session = self.hub.start(OPTIONS, files, LIMITS, port)
+        self.session.watch(lambda message: self.messages.append(dict(message)))
+        wait_for(lambda: self.messages[-1].get("status", {}).get("frames") == 300)
+
+    def wait_for_end(self) -> dict[str, Any]:
+        for thread in self.hub._threads.values():
+            thread.join()
+        return self.messages[-1]
 
 
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
-@pytest.mark.parametrize("error", [OSError("gone"), ZeroDivisionError()], ids=["source", "bug"])
-def test_a_source_that_breaks_leaves_all_that_came_in_the_library_and_no_file(
-    tmp_path: Path, error: Exception
+@pytest.mark.parametrize("died_by", [signal.SIGKILL, signal.SIGSTOP], ids=["dies", "does not respond"])
+def test_a_process_that_ends_ends_its_session_with_a_code_and_every_shown_row_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, died_by: signal.Signals
 ) -> None:
     shelf = Shelf(tmp_path)
+    started = Started(shelf, shelf.begin())
 
-    messages = run(BreakingSource(error), shelf)
+    monkeypatch.setattr(hubs, "STALL_S", 2.0)
+    os.kill(started.session.pid, died_by)
+    end = started.wait_for_end()
 
-    assert (messages[-1]["state"], messages[-1]["analysis"]) == ("failed", "an_1")
-    assert len(shelf.kept) == 1
+    assert (end["state"], end["code"], end["analysis"]) == ("failed", "E-LIVE-STOPPED", "an_1")
+    assert shelf.kept == [300]
     assert list((tmp_path / "live").iterdir()) == []
 
 
+def test_a_board_that_changes_its_rate_ends_the_session_with_the_code_and_what_came_is_kept(
+    tmp_path: Path,
+) -> None:
+    shelf = Shelf(tmp_path)
+    started = Started(shelf, shelf.begin())
+
+    started.session.push(re.sub("(?m)^(\\d+)", lambda stamp: f"{stamp[0]}0", write_rows(300, 700)).encode())
+    end = started.wait_for_end()
+
+    assert (end["state"], end["code"], end["analysis"]) == ("failed", "E-TIME", "an_1")
+    assert shelf.kept == [300]
+
+
+@pytest.mark.parametrize("error", [OSError("full"), OperationalError("", None, OSError("database away"))])
+def test_a_raw_file_that_cannot_be_taken_in_stays_for_the_next_start(
+    tmp_path: Path, error: Exception
+) -> None:
+    shelf = Shelf(tmp_path, error)
+    files = shelf.begin()
+    started = Started(shelf, files)
+
+    started.session.stop()
+    end = started.wait_for_end()
+
+    assert (end["state"], end["analysis"]) == ("failed", "")
+    assert count_rows(files) == 300
+
+
+def test_more_sessions_than_the_server_runs_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(hubs, "MAX_SESSIONS", 0)
+
+    with pytest.raises(TooManySessions):
+        LiveHub(Shelf(tmp_path)).start(OPTIONS, Shelf(tmp_path).begin(), LIMITS, PushedPort())
+
+
+class NoProcess:
+    """The process of a session that no test starts."""
+
+
 def make_session(folder: Path) -> RunningSession:
-    files, source = Shelf(folder).begin(), BreakingSource(OSError())
-    recorder = Recorder(files.raw, source.facts)
-    return RunningSession(files, source, recorder, SessionRequest())
+    session = RunningSession(Shelf(folder).begin(), OPTIONS, None, NoProcess())  # type: ignore[arg-type]
+    session._facts = {"name": "made", "device": "other", "rate_hz": 100.0}
+    return session
 
 
 @pytest.mark.parametrize("comes_back", [True, False], ids=["back", "link lost"])
 def test_a_session_to_which_somebody_comes_back_or_whose_link_was_lost_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, comes_back: bool
 ) -> None:
-    monkeypatch.setattr("app.live.hub.CLOSED_TERM_S", -1.0)
+    monkeypatch.setattr(hubs, "CLOSED_TERM_S", -1.0)
     session = make_session(tmp_path)
 
     session.leave(session.watch(lambda _: None), was_closed=comes_back)
     if comes_back:
         session.watch(lambda _: None)
 
-    assert not session._is_over()
-    session.recorder.stop()
+    assert not session.is_left()
 
 
 def test_a_watch_that_ends_ends_no_other(tmp_path: Path) -> None:
@@ -121,30 +156,63 @@ def test_a_watch_that_ends_ends_no_other(tmp_path: Path) -> None:
 
     session.pause_cues(paused=True)
 
-    session.recorder.stop()
     assert seen[-2:] == ["second cues", "third cues"]
 
 
-@pytest.mark.parametrize("error", [OSError("full"), OperationalError("", None, OSError("database away"))])
-def test_a_raw_file_that_cannot_be_taken_in_stays_for_the_next_start(
-    tmp_path: Path, error: Exception
+# --- a real server and real sockets -----------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
+    folder = tmp_path_factory.mktemp("server")
+    running = RunningServer(folder / "data", folder / "log", 0, ACROMION_NO_SECRET="1")
+    yield running
+    running.stop()
+
+
+def find_readers(server: RunningServer) -> set[int]:
+    """Return the processes that have the raw file of a session open."""
+    found = set()
+    for link in Path("/proc").glob("[0-9]*/fd/*"):
+        try:
+            name = str(link.readlink())
+        except OSError:
+            continue
+        if name.startswith(str(server.data / "live")) and name.endswith(".raw"):
+            found.add(int(link.parts[2]))
+    return found
+
+
+@pytest.mark.parametrize("lines", WORST, ids=lambda lines: repr(lines[:6]))
+def test_hostile_lines_are_read_in_a_separate_process_while_the_server_answers(
+    server: RunningServer, lines: bytes
 ) -> None:
-    shelf = Shelf(tmp_path, error)
-    files = shelf.begin()
+    address = server.address.replace("http", "ws") + "api/v1/live"
+    with connect(address, max_size=None) as socket:
+        socket.send('{"type": "start", "source": "lines", "name": "board", "axis": "+z"}')
+        socket.send((PREAMBLE + HEADER + write_rows(0, 300)).encode())
+        socket.recv()
+        for start in range(0, len(lines), 65_536):
+            socket.send(lines[start : start + 65_536])
+        readers = find_readers(server)
+        health = server.client.get("/healthz").status_code
+        socket.send('{"type": "stop"}')
+        while '"ended"' not in (end := str(socket.recv())):
+            pass
 
-    messages = run(BreakingSource(OSError("gone")), shelf, files)
+    assert health == 200
+    assert len(readers) == 1
+    assert server.process.pid not in readers
+    assert '"state":"stopped"' in end
+    loaded = Path(f"/proc/{server.process.pid}/maps").read_text()
+    assert "llvmlite" not in loaded  # without it fusion.live cannot be imported
 
-    assert messages[-1]["analysis"] == ""
-    assert count_rows(files) == 2200
 
+def test_a_killed_server_leaves_no_process_of_a_session(server: RunningServer) -> None:
+    with connect(server.address.replace("http", "ws") + "api/v1/live") as socket:
+        socket.send('{"type": "start", "source": "demo"}')
+        socket.recv()
+        (reader,) = find_readers(server)
+        server.kill()
 
-def test_more_sessions_than_the_server_runs_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("app.live.hub.MAX_SESSIONS", 0)
-    source = BreakingSource(OSError("gone"))
-
-    with pytest.raises(TooManySessions):
-        LiveHub(Shelf(tmp_path)).start(source, SessionRequest(), Shelf(tmp_path).begin())
-
-    assert source.is_closed
+    wait_for(lambda: not read_command(reader))

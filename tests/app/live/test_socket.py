@@ -15,7 +15,7 @@ from sqlalchemy import Row, select
 from starlette.testclient import WebSocketTestSession
 from starlette.websockets import WebSocketDisconnect
 
-from app.http.api.live import LIVE_FOLDER, _find_limiter, get_hub
+from app.http.api.live import LIVE_FOLDER, _find_limiter
 from app.library.database.tables import audit_log, deliveries, recordings
 from app.library.jobs import JobStore
 from app.live.ports import SerialPort, create_session_files
@@ -382,7 +382,7 @@ def test_a_server_that_stops_makes_recordings_of_its_sessions(fresh: Settings, t
     with TestClient(application, base_url="http://localhost:8080") as caller:
         with connect(caller, **ask_for(upload_worn(caller, tmp_path), keeps=True)) as socket:
             read_until(socket, "update")
-        hub = get_hub(application.state.services)
+        hub = application.state.services.live
 
     with TestClient(create_app(fresh), base_url="http://localhost:8080") as caller:
         assert len(list_recordings(caller)) == 2
@@ -429,7 +429,7 @@ def test_a_page_that_is_closed_while_the_server_reads_a_port_ends_the_session_wi
         session = socket.receive_json()["session"]
         read_frames(socket, 1500)
 
-    hub = get_hub(client.app.state.services)  # type: ignore[attr-defined]
+    hub = client.app.state.services.live  # type: ignore[attr-defined]
     analysis = wait_for(lambda: hub.get(session).analysis_id)
 
     assert client.get(f"/api/v1/analyses/{analysis}").json()["state"] == "queued"
@@ -453,7 +453,7 @@ def test_lines_go_on_after_a_lost_link_and_what_is_missing_is_a_hole(client: Tes
 def test_lines_without_a_header_are_refused_in_words_and_leave_no_file(
     client: TestClient, settings: Settings, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.live.sources.LEARN_LIMIT_S", 0.2)
+    monkeypatch.setattr("app.live.ports.LEARN_LIMIT_S", 0.2)
     with connect(client, type="start", source="lines", name="phone", keeps=True) as socket:
         socket.send_bytes(b"1,2,3,4,5,6,7\n")
 
@@ -465,7 +465,7 @@ def test_lines_without_a_header_are_refused_in_words_and_leave_no_file(
 def test_boards_that_are_silent_hold_up_no_other_request(
     client: TestClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.live.sources.LEARN_LIMIT_S", 600.0)
+    monkeypatch.setattr("app.live.ports.LEARN_LIMIT_S", 600.0)
     silent = 45  # more than the threads that answer requests
     with ExitStack() as sockets:
         for _ in range(silent):
@@ -475,7 +475,7 @@ def test_boards_that_are_silent_hold_up_no_other_request(
         client.get("/healthz")
 
         assert count_starting(client) == silent
-        monkeypatch.setattr("app.live.sources.LEARN_LIMIT_S", 0.0)
+        monkeypatch.setattr("app.live.ports.LEARN_LIMIT_S", 0.0)
 
 
 def count_starting(client: TestClient) -> int:

@@ -206,3 +206,52 @@ def test_a_lock_that_ends_while_it_is_asked_for_is_no_refusal(data: Path) -> Non
         held.close()
 
     database_module.check_writable(Settings(data_dir=data).database_url, 0)
+
+
+# --- settings of the environment --------------------------------------------------------------------------
+
+FROM_ENVIRONMENT = {
+    "ACROMION_HOST": "::1",
+    "ACROMION_PORT": "8181",
+    "ACROMION_DATA_DIR": "clinic",
+    "ACROMION_WORKERS": "0",
+    "ACROMION_WATCH_DIR": "inbox",
+}
+
+
+def serve_with(monkeypatch: pytest.MonkeyPatch, *options: str) -> tuple[object, ...]:
+    """Return address, folders and number of workers with which the command starts the server."""
+    served: list[Settings] = []
+    monkeypatch.setattr("app.main.serve", lambda settings, **_: served.append(settings))
+    assert CliRunner().invoke(app, ["serve", *options]).exit_code == 0
+    (used,) = served
+    return used.host, used.port, str(used.data_dir), used.workers, str(used.watch_dir)
+
+
+def test_serve_takes_its_settings_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in FROM_ENVIRONMENT.items():
+        monkeypatch.setenv(name, value)
+
+    assert serve_with(monkeypatch) == ("::1", 8181, "clinic", 0, "inbox")
+
+
+def test_an_option_of_serve_overrides_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in FROM_ENVIRONMENT.items():
+        monkeypatch.setenv(name, value)
+
+    options = ("--host", "127.0.0.1", "--port", "0", "--data", "d", "-j", "1", "--watch", "w")
+
+    assert serve_with(monkeypatch, *options) == ("127.0.0.1", 0, "d", 1, "w")
+
+
+@pytest.mark.parametrize("command", ["serve", "worker", "doctor"])
+@pytest.mark.parametrize("name", ["ACROMION_DATABASE_URL", "ACROMION_DATA_DIR", "ACROMION_PORT"])
+def test_an_empty_setting_is_refused_by_its_name(
+    monkeypatch: pytest.MonkeyPatch, command: str, name: str
+) -> None:
+    monkeypatch.setenv(name, "")
+
+    refused = CliRunner().invoke(app, [command])
+
+    assert refused.exit_code == 2
+    assert f"E-PARAMETER This value is not allowed\n  The value of {name} is not" in refused.output

@@ -1,12 +1,22 @@
 """Archives: which of their files is the recording, and which files are left aside."""
 
 import io
+import struct
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from fusion.errors import SeveralSensors, UnsafeArchive
+from fusion.errors import (
+    CorruptArchive,
+    FusionError,
+    NoGyroscope,
+    SeveralSensors,
+    UnknownColumns,
+    UnsafeArchive,
+    UnusableJoin,
+)
 from fusion.readers import ColumnProfile, read_recording
 from fusion.readers.tables.profile import propose_file_profile
 from fusion.recording import Recording
@@ -122,20 +132,82 @@ def test_tables_of_one_name_are_offered_with_their_folders() -> None:
     np.testing.assert_allclose(read_archive(members, "right/imu").segments[0].acc_g, -ACC_G, atol=2e-6)
 
 
-@pytest.mark.parametrize(
-    ("acceleration", "angular_rate"),
-    [("left_ACC.txt", "right_GYRO.txt"), ("phone/Accelerometer.csv", "watch/Gyroscope.csv")],
-)
-def test_two_tables_of_different_devices_are_no_pair(acceleration: str, angular_rate: str) -> None:
-    members: dict[str, str | bytes] = {
-        acceleration: sensor_table(ACC_G, " (g)"),
-        angular_rate: sensor_table(GYR_DPS, " (deg/s)"),
-    }
+ACC, OTHER_ACC = sensor_table(ACC_G, " (g)"), sensor_table(ACC_G[::-1], " (g)")
+GYR = sensor_table(GYR_DPS, " (deg/s)")
 
-    with pytest.raises(UnsafeArchive) as refusal:
+
+@pytest.mark.parametrize(
+    ("phone", "watch"),
+    [
+        (("Phones_accelerometer.csv", "Phones_gyroscope.csv"), ("Watch_accelerometer.csv",)),
+        (("ear_acc_left.csv", "ear_gyro_left.csv"), ("wrist_acc.csv",)),
+        (("Accelerometer.csv", "Gyroscope.csv"), ("WatchAccelerometer.csv",)),
+        (("ACC.csv", "GYR.csv"), ("ACC2.csv",)),
+    ],
+)
+def test_an_accelerometer_of_another_device_beside_a_pair_is_named(
+    phone: tuple[str, str], watch: tuple[str]
+) -> None:
+    recording = read_archive({phone[0]: ACC, watch[0]: OTHER_ACC, phone[1]: GYR})
+
+    np.testing.assert_allclose(recording.segments[0].acc_g, ACC_G, atol=2e-6)
+    assert recording.understood["left_aside"] == f"1: {watch[0]}"
+
+
+def test_a_person_chooses_the_acceleration_that_goes_with_the_only_angular_rate() -> None:
+    members: dict[str, str | bytes] = {"first.csv": OTHER_ACC, "second.csv": GYR, "third.csv": ACC}
+
+    with pytest.raises(SeveralSensors) as refusal:
         read_archive(members)
 
-    assert refusal.value.facts["reason"] == "several"
+    assert refusal.value.facts["list"] == "first, third"
+    np.testing.assert_allclose(read_archive(members, "third").segments[0].acc_g, ACC_G, atol=2e-6)
+
+
+@pytest.mark.parametrize(
+    ("form", "devices", "listed"),
+    [
+        (
+            "raw/{0}/{1}/data_1600_{1}_{0}.txt",
+            ("phone", "watch"),
+            "raw phone data_1600_phone, raw watch data_1600_watch",
+        ),
+        ("{1}_walking_{0}.csv", ("upperarm", "chest"), "walking_upperarm, walking_chest"),
+        ("Polar_Sense_{0}_20260302_07000{2}_{1}.txt", ("AB12", "CD34"), "Polar_Sense_AB12, Polar_Sense_CD34"),
+        ("{1}{0}.csv", ("1", "2"), "acc1, acc2"),
+    ],
+)
+def test_devices_are_told_apart_by_what_is_left_of_the_names(
+    form: str, devices: tuple[str, str], listed: str
+) -> None:
+    members: dict[str, str | bytes] = {
+        form.format(device, word, second): table
+        for device in devices
+        for second, (word, table) in enumerate((("acc", ACC), ("gyro", GYR)))
+    }
+
+    with pytest.raises(SeveralSensors) as refusal:
+        read_archive(members)
+
+    assert refusal.value.facts["list"] == listed
+
+
+@pytest.mark.parametrize(
+    ("names", "error", "facts"),
+    [
+        (("left_ACC.csv", "right_GYRO.csv"), UnusableJoin, {"why": "tables apart"}),
+        (("phone/Accelerometer.csv", "watch/Gyroscope.csv"), UnusableJoin, {"why": "tables apart"}),
+        (("wrist_acc.csv", "chest_acc.csv"), NoGyroscope, {"cure": "both in the zip"}),
+        (("Gyroscope.csv", "Magnetometer.csv"), UnknownColumns, {"why": "one sensor in the zip"}),
+    ],
+)
+def test_tables_that_are_no_pair_are_refused_by_what_is_missing(
+    names: tuple[str, str], error: type[FusionError], facts: dict[str, str]
+) -> None:
+    with pytest.raises(error) as refusal:
+        read_archive({names[0]: ACC, names[1]: GYR})
+
+    assert refusal.value.facts == facts
 
 
 def test_linear_acceleration_and_gravity_are_added() -> None:
@@ -143,6 +215,17 @@ def test_linear_acceleration_and_gravity_are_added() -> None:
         "Linear Acceleration.csv": sensor_table((ACC_G - UP_G) * 9.80665, " (m/s^2)"),
         "Gravity.csv": sensor_table(UP_G * 9.80665, " (m/s^2)"),
         "Gyroscope.csv": sensor_table(GYR_RAD, " (rad/s)"),
+    }
+
+    np.testing.assert_allclose(read_archive(members).segments[0].acc_g, ACC_G, atol=2e-6)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_gravity_beside_an_acceleration_that_includes_it_is_not_added(sign: float) -> None:
+    members: dict[str, str | bytes] = {
+        "WatchAccelerometer.csv": ACC,
+        "WatchGravity.csv": sensor_table(sign * UP_G, " (g)"),
+        "WatchGyroscope.csv": GYR,
     }
 
     np.testing.assert_allclose(read_archive(members).segments[0].acc_g, ACC_G, atol=2e-6)
@@ -223,3 +306,20 @@ def test_a_first_time_that_no_clock_shows_is_left_aside() -> None:
     }
 
     assert read_archive(members).start is None
+
+
+@pytest.mark.parametrize("members", [1, 2])
+def test_an_index_that_points_before_the_start_of_a_file_on_disk_is_refused(
+    tmp_path: Path, members: int
+) -> None:
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w") as archive:
+        for number in range(members):
+            archive.writestr(f"{number}.csv", "time (s),X,Y,Z\n1,2,3,4\n")
+    content = bytearray(packed.getvalue())
+    place = len(content) - 6  # where the end record states the start of the index
+    struct.pack_into("<I", content, place, struct.unpack_from("<I", content, place)[0] + 100)
+    (tmp_path / "a.zip").write_bytes(content)
+
+    with pytest.raises(CorruptArchive):
+        read_recording(tmp_path / "a.zip")

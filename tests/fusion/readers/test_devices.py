@@ -262,6 +262,18 @@ def test_gravity_beside_an_acceleration_without_it_is_put_back(
     np.testing.assert_allclose(segment.acc_g, UP + STEP_G, atol=2e-6)
 
 
+@pytest.mark.parametrize("stated", ["header", "profile"])
+def test_an_acceleration_may_have_another_unit_than_gravity(stated: str) -> None:
+    unit = " (m/s^2)" if stated == "header" else ""
+    heads = ["time_s", *axes("gyr{}_dps"), *axes("gravity{}"), *axes("userAcc{}" + unit)]
+    text = ",".join(heads) + "\n" + rows(TIME_S, GYR_DPS, UP, STEP_G * STANDARD_GRAVITY)
+    named = ColumnProfile((8, 9, 10), (2, 3, 4), "m/s2", "dps", time=1) if stated == "profile" else None
+
+    (segment,) = read_recording(io.BytesIO(text.encode()), profile=named).segments
+
+    np.testing.assert_allclose(segment.acc_g, UP + STEP_G, atol=2e-6)
+
+
 def test_rows_without_gravity_are_left_out() -> None:
     lines = core_motion(("gravity{}", "acceleration{}")).splitlines()
     fields = [line.split(",") for line in lines[1001:1201]]

@@ -113,3 +113,20 @@ def test_an_axis_that_stuck_among_coarse_ones_is_found() -> None:
     recording = exclude_faults(record(acc_g, gyr_dps, 100.0))
 
     assert recording.excluded == (Span(20_000_000, 3_000_000, "stuck"),)
+
+
+@pytest.mark.real_recordings
+@pytest.mark.parametrize("axes", [(0,), (1,), (2,), (0, 1, 2)])
+def test_a_coarse_gyroscope_that_stuck_for_a_minute_is_found(
+    shared_data: Callable[[str], Path], axes: tuple[int, ...]
+) -> None:
+    """Two decimals of rad/s; the rows beside the minute may hold the same value."""
+    (segment,) = read_recording(shared_data("cases/sim_2dec.csv")).segments
+    gyr_dps = segment.gyr_dps.astype(float)
+    gyr_dps[5000:8000, axes] = gyr_dps[5000, axes]
+
+    (stuck,) = exclude_faults(record(segment.acc_g.astype(float), gyr_dps, segment.rate_hz)).excluded
+
+    assert stuck.reason == "stuck"
+    assert 99_000_000 < stuck.start_us <= 100_000_000
+    assert 160_000_000 <= stuck.start_us + stuck.duration_us < 161_000_000

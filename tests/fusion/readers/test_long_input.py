@@ -55,6 +55,14 @@ def test_a_file_with_a_megabyte_of_one_text_is_refused(piece: bytes, place: str)
         read_recording(io.BytesIO(content))
 
 
+@pytest.mark.parametrize("piece", ["acc_x gyr_x ", "a x ", "accx:", "shimmer_", "device: ", "ax(g) ay(g) "])
+def test_a_name_as_long_as_a_line_may_be_is_read(piece: str) -> None:
+    name = piece * (60_000 // len(piece))
+    content = f"{HEADER.decode()},{name}\n".encode() + ROWS.replace(b"\n", b",1\n")
+
+    assert read_recording(io.BytesIO(content)).rate_hz == pytest.approx(100.0)
+
+
 @pytest.mark.parametrize("piece", [b"a", b"ax: 0 ", b"(", b'"'], ids=repr)
 def test_a_line_of_a_board_that_is_too_long_is_torn(piece: bytes) -> None:
     reader = LineReader()

@@ -1,12 +1,14 @@
 """Layouts that people meet, made from one simulated recording of a right arm."""
 
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from fusion.errors import SeveralSensors, UnusableTime
+from fusion.errors import SeveralSensors, UnknownColumns, UnusableTime
+from fusion.pipeline import analyse
 from fusion.readers import ColumnProfile, parse_profile, read_recording
 from fusion.readers.tables.columns import DateOrder
 from fusion.recording import Recording
@@ -20,7 +22,12 @@ FIRST_ROW_DPS = (-0.427, 0.977, -0.854)
 
 @pytest.fixture
 def read_case(shared_data: Callable[[str], Path]) -> Callable[..., Recording]:
-    return lambda name, **asked: read_recording(shared_data(f"cases/{name}"), **asked)
+    return lambda name, **asked: read_once(shared_data(f"cases/{name}"), **asked)
+
+
+@cache
+def read_once(path: Path, profile: ColumnProfile | None = None) -> Recording:
+    return read_recording(path, profile=profile)
 
 
 def check_first_row(recording: Recording, gravity: float = 1.0) -> None:
@@ -34,6 +41,59 @@ def test_gravity_is_added_to_the_acceleration_of_a_watch(read_case: Callable[...
 
     check_first_row(recording)
     assert recording.duration_us == 360_000_000
+
+
+MONITOR = ColumnProfile((2, 3, 4), (5, 6, 7), "g", "dps", time=1)
+NAMED = ColumnProfile(("p", "q", "r"), ("u", "v", "w"), "g", "dps", time="k", time_unit="s")
+WHOLE_S = (124.2, 28.4, 14.4)
+
+
+@pytest.mark.parametrize(
+    ("name", "profile", "true_s", "within_s"),
+    [
+        ("core_motion_watch.csv", None, WHOLE_S, 0.1),
+        ("phone_and_watch.zip", ColumnProfile(sensor="WristMotion"), WHOLE_S, 0.1),
+        ("sim_2dec.csv", None, WHOLE_S, 0.4),
+        ("sim_2dec_nounit.csv", None, WHOLE_S, 0.4),
+        ("words_profile.csv", NAMED, WHOLE_S, 0.1),
+        ("openlog_03_02.TXT", ColumnProfile(date_order="dmy"), WHOLE_S, 0.1),
+        ("openlog_day25_dropouts.TXT", None, (115.9, 26.1, 14.4), 0.4),
+        ("monitor_csv.txt", MONITOR, WHOLE_S, 0.1),
+        ("monitor_csv_millis.txt", None, WHOLE_S, 0.1),
+        ("polar_sense.zip", None, WHOLE_S, 0.2),
+        ("shimmer_local_flux.csv", None, (0.0, 0.0, 0.0), 0.1),
+        ("metawear.zip", None, WHOLE_S, 0.1),
+        ("metawear_triplets.zip", None, WHOLE_S, 0.1),
+        ("lsm_one_sensor_a_line.txt", None, (66.5, 18.3, 12.4), 0.5),
+        ("apdm_format7.csv", ColumnProfile(sensor="Right Upper Arm"), (36.3, 17.7, 12.1), 0.4),
+        ("mac_zip.zip", None, WHOLE_S, 0.1),
+        ("dot_start_time.csv", None, (75.5, 20.5, 14.4), 0.1),
+    ],
+)
+def test_the_time_above_30_60_and_90_degrees_is_that_of_the_arm(
+    read_case: Callable[..., Recording],
+    name: str,
+    profile: ColumnProfile | None,
+    true_s: tuple[float, float, float],
+    within_s: float,
+) -> None:
+    """Known of the whole six minutes; of a part, they are the whole recording's without the rest.
+
+    Two decimals, and fewer samples a second, move angles near 30 degrees.
+    """
+    exposure = analyse(read_case(name, profile=profile)).exposure
+
+    percents = {one.threshold_deg: one.percent for one in exposure.time_above}
+    above_s = tuple(percents[deg] / 100.0 * exposure.analysed_s for deg in (30, 60, 90))
+    assert above_s == pytest.approx(true_s, abs=within_s)
+
+
+@pytest.mark.parametrize("name", ["words_profile.csv", "monitor_csv.txt"])
+def test_without_names_that_are_known_a_person_is_asked(
+    read_case: Callable[..., Recording], name: str
+) -> None:
+    with pytest.raises(UnknownColumns):
+        read_case(name)
 
 
 @pytest.mark.parametrize("name", ["sim_2dec.csv", "sim_2dec_nounit.csv"])
@@ -104,12 +164,7 @@ def test_an_open_order_of_day_and_month_is_asked_for(
 
 
 def test_the_time_of_a_serial_monitor_is_stripped(read_case: Callable[..., Recording]) -> None:
-    named = ColumnProfile((2, 3, 4), (5, 6, 7), "g", "dps", time=1)
-
-    for recording in (
-        read_case("monitor_csv_millis.txt"),
-        read_case("monitor_csv.txt", profile=named),
-    ):
+    for recording in (read_case("monitor_csv_millis.txt"), read_case("monitor_csv.txt", profile=MONITOR)):
         check_first_row(recording)
         assert recording.duration_us == 360_000_000
 

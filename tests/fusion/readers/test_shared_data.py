@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from fusion.errors import FusionError
-from fusion.pipeline import analyse
 from fusion.readers import read_recording
 
 SharedData = Callable[[str], Path]
@@ -82,22 +81,3 @@ def test_numpy_archives_and_licences_are_called_what_they_are(
     refusals = [refuse(path) for path in sorted(folder.glob(files))]
 
     assert {(refusal.code, refusal.facts["kind"]) for refusal in refusals} == {("E-TYPE", kind)}
-
-
-TRUE_S = {30: 124.2, 60: 28.4, 90: 14.4}
-"""Time above each angle of the simulated arm of the cases, 360 s."""
-
-
-@pytest.mark.parametrize(
-    ("name", "within_s"),
-    [("core_motion_watch.csv", 0.1), ("sim_2dec.csv", 0.4), ("sim_2dec_nounit.csv", 0.4)],
-)
-def test_a_case_gives_the_true_time_above_each_angle(
-    shared_data: SharedData, name: str, within_s: float
-) -> None:
-    exposure = analyse(shared_data(f"cases/{name}")).exposure
-
-    above_s = {one.threshold_deg: one.percent / 100.0 * exposure.analysed_s for one in exposure.time_above}
-
-    assert exposure.analysed_s == pytest.approx(360.0, abs=0.01)
-    assert {deg: above_s[deg] for deg in TRUE_S} == pytest.approx(TRUE_S, abs=within_s)

@@ -89,10 +89,15 @@ class History:
         return tuple(job for job in self.jobs if job.state is JobState.SUCCEEDED and job.replaced_by is None)
 
     def find_failed(self, shown: Job) -> Job | None:
-        """Return the newest analysis if it failed after the shown one; replaced analyses are ignored."""
-        newest = next((job for job in self.jobs if job.replaced_by is None), None)
-        is_later = newest is not None and newest.created_at > shown.created_at
-        return newest if newest is not None and is_later and newest.state is JobState.FAILED else None
+        """Return the newest analysis if it failed after the shown one, with another problem than that.
+
+        Replaced analyses are ignored.
+        """
+        newest = next((job for job in self.jobs if job.replaced_by is None), shown)
+        if newest.state is not JobState.FAILED or newest.created_at <= shown.created_at:
+            return None
+        problems = [(job.problem_code, job.problem_facts) for job in (newest, shown)]
+        return newest if problems[0] != problems[1] else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +140,7 @@ def build_versions(
             VersionRow(
                 job.id,
                 fill(number, {"n": str(version)}),
-                format_time(job.created_at),
+                format_time(job.created_at, language),
                 ", ".join(f"{name} ({time})" if time else name for name, time in changes),
                 request.reason,
                 job.id == shown.id,

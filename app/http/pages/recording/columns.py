@@ -11,7 +11,7 @@ from fastapi import APIRouter, Response
 from app.errors import BadParameter
 from app.http.api.library.analyses import check_queue
 from app.http.pages.rendering import Form, Page, UsedForm, UsedPage, first
-from app.http.pages.views import build_problem, format_moment
+from app.http.pages.views import build_problem, format_stored_time
 from app.library.mappings import UNNAMED
 from app.library.rows import Job, JobState
 from app.report.words.messages import format_columns
@@ -130,7 +130,7 @@ def find_offer(page: Page, job: Job, header: str) -> Offer | None:
     return Offer(
         header,
         format_columns(mapping.profile, page.language),
-        format_moment(mapping.created_at),
+        format_stored_time(mapping.created_at, page.language),
         _count_others(page.services, job, header),
         header.startswith(UNNAMED),
     )
@@ -195,7 +195,11 @@ def _find_column(place: int | str | None, columns: Sequence[str]) -> int:
 def list_mappings(page: UsedPage) -> Response:
     """List the column mappings."""
     rows = [
-        (mapping, format_moment(mapping.created_at), format_columns(mapping.profile, page.language))
+        (
+            mapping,
+            format_stored_time(mapping.created_at, page.language),
+            format_columns(mapping.profile, page.language),
+        )
         for mapping in page.services.mappings.find_all()
     ]
     return page.render("library/mappings.html", rows=rows, unnamed=UNNAMED)

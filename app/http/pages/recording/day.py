@@ -20,7 +20,17 @@ from app.errors import BadParameter, NoSuchFile
 from app.http.api.library.files import MEDIA_TYPES, respond_with_file
 from app.http.pages.rendering import Form, Page, UsedForm, UsedPage, first, read_body
 from app.library.rows import Job, JobState
-from app.report.words.numbers import Clock, format_angle, format_duration, format_number, format_percent
+from app.report.words.numbers import (
+    Clock,
+    format_angle,
+    format_clock,
+    format_duration,
+    format_elapsed,
+    format_iso_moment,
+    format_moment,
+    format_number,
+    format_percent,
+)
 from app.report.words.wording import MAX_TEXT, Language, Words, fill, load_wording
 from app.request import SUBJECT_HINT, ReportRequest, check_subject, find_window_hint
 from app.services import Services
@@ -73,12 +83,24 @@ class DayClock:
         return self.duration_s >= DAY_S
 
     def format(self, elapsed_s: float) -> str:
-        """Format a time so that :meth:`read` returns it, to a hundredth of a second."""
+        """Format a time for a field, so that :meth:`read` returns it, to a hundredth of a second."""
         if self.start is None:
             return f"{elapsed_s:.2f}".rstrip("0").rstrip(".")
         moment = self.start + timedelta(seconds=round(elapsed_s, 2))
         hundredths = f".{moment.microsecond // 10_000:02d}".rstrip("0").rstrip(".")
         return moment.strftime("%Y-%m-%d %H:%M:%S" if self.needs_date else "%H:%M:%S") + hundredths
+
+    def show(self, elapsed_s: float, language: Language) -> str:
+        """Format a time for reading: "07:05:09"; in French "7 h 05 min 09 s"."""
+        if self.start is None:
+            return self.format(elapsed_s)
+        moment = self.start + timedelta(seconds=round(elapsed_s))
+        write = format_moment if self.needs_date else format_clock
+        return write(moment, language, with_seconds=True)
+
+    def show_span(self, start_s: float, end_s: float, language: Language) -> str:
+        """Format both ends of a time range for reading."""
+        return f"{self.show(start_s, language)} – {self.show(end_s, language)}"
 
     def format_bounds(self) -> str:
         """Format the allowed range of times."""
@@ -436,11 +458,12 @@ class WindowRow:
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """A proposed time range."""
+    """A proposed time range; ``span`` is its text."""
 
     kind: str
     start: str
     end: str
+    span: str
     sentence: str
 
 
@@ -448,7 +471,7 @@ class Proposal:
 class Choice:
     """An answer: ``value`` is sent, ``label`` is shown.
 
-    For a time range also ``start`` and ``end``, and its ``name`` on the curve.
+    For a time range also ``start`` and ``end``, their text ``span``, and its ``name`` on the curve.
     """
 
     value: str
@@ -456,13 +479,15 @@ class Choice:
     name: str = ""
     start: str = ""
     end: str = ""
+    span: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Question:
     """A question that only a person can answer.
 
-    ``action`` and ``field`` send the answer; ``start`` to ``end`` is the time range in question.
+    ``action`` and ``field`` send the answer; ``start`` to ``end`` is the time range in question, ``span``
+    its text.
     """
 
     key: str
@@ -473,6 +498,7 @@ class Question:
     choices: tuple[Choice, ...]
     start: str = ""
     end: str = ""
+    span: str = ""
 
 
 def build_day(day: DayFile, request: ReportRequest, language: Language) -> dict[str, Any]:
@@ -554,7 +580,7 @@ def _list_questions(
         time = report_clock.format(start_s, with_seconds=True)
         length = format_duration(end_s - start_s, report_clock.language)
         label = fill(words[key], {"time": time, "length": length})
-        shown = (clock.format(round(at_s)) for at_s in (start_s, end_s))
+        shown = _format_range(clock, round(start_s), round(end_s), report_clock.language)
         return Choice(name_choice(start_s, end_s), label, fill(words["perhaps"], {"time": time}), *shown)
 
     if asked:
@@ -576,13 +602,18 @@ def _list_questions(
         heading, lead = (fill(words[key], span) for key in (kind, f"{kind}_lead"))
         yes, no = ("slipped", "no_slip") if kind == "slip" else ("moved", "same_place")
         answers = (Choice(f"{number}-{YES}", words[yes]), Choice(f"{number}-{NO}", words[no]))
-        shown = (clock.format(round(at_s)) for at_s in (start_s, end_s))
+        shown = _format_range(clock, round(start_s), round(end_s), report_clock.language)
         yield Question(f"move-{number}", "moved", "answer", heading, lead, answers, *shown)
     for number, (start_s, _, stills) in enumerate(() if asked else unread):
         time = {"time": report_clock.format(start_s)}
         heading, lead = (fill(words[key], time) for key in ("which_after", "which_after_lead"))
         offers = tuple(offer("choice", *still) for still in stills)
         yield Question(f"pose-after-{number}", "pose", "choice", heading, lead, offers)
+
+
+def _format_range(clock: DayClock, start_s: float, end_s: float, language: Language) -> tuple[str, str, str]:
+    """Return both ends of a time range for the form, and its text."""
+    return clock.format(start_s), clock.format(end_s), clock.show_span(start_s, end_s, language)
 
 
 def _build_window(place: int, day: DayFile, request: ReportRequest, clock: DayClock) -> WindowRow:
@@ -602,8 +633,23 @@ def _list_proposals(
     still = [*still[:MAX_PROPOSED], *(row for row in still[MAX_PROPOSED:] if row[2] == "repeat")]
     not_worn = [(start_s, end_s, "not_worn", "") for start_s, end_s in facts["not_worn"]]
     for start_s, end_s, kind, score in (*still, *not_worn):
-        shown = {"start": clock.format(round(start_s)), "end": clock.format(round(end_s)), "score": score}
-        yield Proposal(kind, clock.format(start_s), clock.format(end_s), fill(words[kind], shown))
+        span = clock.show_span(round(start_s), round(end_s), language)
+        sentence = fill(words[kind], {"span": span, "score": score})
+        yield Proposal(kind, clock.format(start_s), clock.format(end_s), span, sentence)
+
+
+def _format_hour(hour: Mapping[str, Any], language: Language) -> str:
+    """Format the start of an hour; without a clock, the time since the first sample.
+
+    Any other label was stored by an earlier version and stays unchanged.
+    """
+    label = str(hour["label"])
+    if label.startswith("+"):
+        return format_elapsed(hour["start_s"])
+    try:
+        return format_iso_moment(label, language)
+    except ValueError:
+        return label
 
 
 def build_hours(results: Mapping[str, Any], language: Language) -> list[tuple[str, ...]]:
@@ -613,7 +659,7 @@ def build_hours(results: Mapping[str, Any], language: Language) -> list[tuple[st
     """
     return [
         (
-            str(hour["label"]).replace("T", " "),
+            _format_hour(hour, language),
             format_duration(hour["analysed_s"], language),
             format_angle(hour.get("elevation_p50_deg"), language),
             format_angle(hour.get("elevation_p90_deg"), language),

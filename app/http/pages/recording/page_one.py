@@ -22,7 +22,7 @@ from fusion.conventions import MAIN_THRESHOLD_DEG
 
 MAX_EPISODES = 10
 MIN_EPISODE_S = 0.5
-"""As for every episode (fusion.exposure.stays): shorter stays do not count, shorter gaps do not end one."""
+"""As in fusion.exposure.stays: shorter stays do not count, and a shorter gap does not end an episode."""
 AROUND_S = 5.0
 """Time shown before and after an episode."""
 
@@ -46,7 +46,7 @@ class Highlight:
 class PageOne:
     """Page 1 of the report, and highlights: two time ranges, then the highest episodes.
 
-    ``minutes`` are those of the report's day, for the curve.
+    ``minutes`` are the minutes of the day as in the report; the curve shows them.
     """
 
     report: Report
@@ -72,7 +72,7 @@ def read_page_one(services: Services, job: Job, day: DayFile | None, language: L
 
 
 def list_minutes(findings: Findings, language: Language) -> Minutes:
-    """List the minutes of the report's day."""
+    """List the minutes of the day as the report shows them."""
     clock = Clock(findings.recording.start, language)
     runs = build_timeline(findings, clock, load_wording(language)).runs
     return tuple(
@@ -87,7 +87,7 @@ def list_minutes(findings: Findings, language: Language) -> Minutes:
 def _list_highlights(
     findings: Findings, day: DayFile, language: Language
 ) -> tuple[list[Highlight], list[Highlight]]:
-    """Return the 15 minutes with most time above 60 deg and the longest stay; and the highest episodes."""
+    """Return the 15 minutes with most time above 60 deg and the longest stay, then the highest episodes."""
     clock, report_clock = DayClock.of(day.facts), Clock(findings.recording.start, language)
     words = load_wording(language, "page")["page_one"]
 
@@ -142,7 +142,7 @@ class CurveView:
 
 
 PlacedCurve = tuple[Job, str, float | None]
-"""An analysis, its name, and its start, s; None: by the time of day of its clock."""
+"""An analysis, its name, and its start, s; if the start is None, the time of day on its clock is used."""
 
 
 def build_curves(page: Page, laid: Sequence[PlacedCurve]) -> tuple[CurveView, ...]:

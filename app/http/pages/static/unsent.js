@@ -3,6 +3,7 @@
 // all (Clear-Site-Data).
 
 import { fill } from "./say.js";
+import { formatMoment } from "./times.js";
 
 const KEY = "acromion.unsent";
 const LONGEST_MS = 14 * 24 * 3600 * 1000;
@@ -31,7 +32,7 @@ export class Unsent {
       this.restore(this.asServed); // written by an earlier release
       return this.forget();
     }
-    const when = new Date(entry.at).toLocaleString(document.documentElement.lang, { dateStyle: "medium", timeStyle: "short" });
+    const when = formatMoment(toLocalIso(entry.at));
     this.note.querySelector("span").textContent = fill(this.note.dataset.text, { when });
     this.note.hidden = false;
     const folded = this.form.closest("details");
@@ -59,6 +60,12 @@ export class Unsent {
     this.forget();
     this.form.dispatchEvent(new Event("change"));
   }
+}
+
+// Return a time on the clock of this computer, without its zone.
+function toLocalIso(atMs) {
+  const offsetMs = new Date(atMs).getTimezoneOffset() * 60 * 1000;
+  return new Date(atMs - offsetMs).toISOString();
 }
 
 function readEntries() {

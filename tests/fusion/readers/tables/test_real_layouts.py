@@ -7,10 +7,12 @@ from collections.abc import Iterable
 import pytest
 
 from fusion.errors import (
+    AmbiguousDecimal,
     FusionError,
     NoGyroscope,
     SeveralSensors,
     UnknownColumns,
+    UnknownUnit,
     UnsupportedFormat,
     UnusableTime,
 )
@@ -217,6 +219,31 @@ def test_a_label_that_is_no_word_further_on_hides_no_rows(later: str) -> None:
     check_whole(read_text(f"label,time_ms,{CHANNELS}\n" + rows))
 
 
+@pytest.mark.parametrize("label", ['"lift, carry"', '"say ""go"", then lift"', '"lift; carry"'])
+@pytest.mark.parametrize("form", ["{label},{ms},{row}", "{ms},{label},{row}", "{ms},{row},{label}"])
+def test_a_label_between_quotes_may_contain_the_separator(form: str, label: str) -> None:
+    """A program quotes only the labels that need it; the first such label stands in row 600."""
+    names = form.format(label="label", ms="time_ms", row=CHANNELS)
+    for first in (0, 600):
+        before = make_rows(form.replace("{label}", "lift"), range(first))
+        after = make_rows(form.replace("{label}", label), range(first, ROWS))
+
+        check_whole(read_text(f"{names}\n{before}{after}"))
+
+
+def test_a_quote_that_is_never_closed_swallows_no_other_field() -> None:
+    rows = make_rows('"5,{ms},{row}')
+
+    check_whole(read_text(f"label,time_ms,{CHANNELS}\n" + rows))
+
+
+def test_decimal_commas_between_quotes_and_commas_are_refused() -> None:
+    rows = [",".join(f'"{field.replace(".", ",")}"' for field in line(k).split(",")) for k in range(100)]
+
+    with pytest.raises(AmbiguousDecimal):
+        read_text(f"{CHANNELS}\n" + "\n".join(rows) + "\n", rate_hz=100.0)
+
+
 @pytest.mark.parametrize("word", ["no_units", "local_flux", "anything"])
 def test_a_word_in_a_row_of_units_voids_no_other_cell(word: str) -> None:
     names = "t,ax,ay,az,gx,gy,gz,mx\n"
@@ -265,6 +292,39 @@ def test_columns_that_are_there_twice_are_not_called_missing() -> None:
         read_text(header + make_rows("{ms},{row}"))
 
     assert (refusal.value.facts["missing"], refusal.value.facts["doubled"]) == ("ay", "ax")
+
+
+WIDE = f"time_ms,{CHANNELS}\n" + make_rows("{ms},{row},7")
+
+
+def test_rows_with_a_field_more_than_the_header_has_names_are_a_matter_for_a_person() -> None:
+    with pytest.raises(UnknownColumns) as refusal:
+        read_text(WIDE)
+
+    assert refusal.value.facts == {"list": f"time_ms,{CHANNELS}", "why": "wide rows", "line": 2}
+    assert propose_profile(WIDE.encode()).columns == ("",) * 8
+    check_whole(read_with(WIDE, ColumnProfile((2, 3, 4), (5, 6, 7), "g", "dps", time=1, time_unit="ms")))
+
+
+def test_the_names_above_wider_rows_say_nothing_in_a_profile() -> None:
+    with pytest.raises(UnknownColumns) as refusal:
+        read_with(WIDE, ColumnProfile(("ax_g", "ay_g", "az_g"), ("gx_dps", "gy_dps", "gz_dps")))
+
+    assert refusal.value.facts["why"] == "wide rows"
+
+
+@pytest.mark.parametrize(
+    ("names", "facts"),
+    [
+        ("ax_g,ay_mg,az_g,gx_dps,gy_dps,gz_dps", {"mixed": "accelerometer", "units": "g, mg, g"}),
+        ("ax_g,ay_g,az_g,gx_dps,gy_dps,gz_rad/s", {"mixed": "gyroscope", "units": "dps, dps, rad/s"}),
+    ],
+)
+def test_axes_of_different_units_are_refused_with_them(names: str, facts: dict[str, str]) -> None:
+    with pytest.raises(UnknownUnit) as refusal:
+        read_text(f"time_ms,{names}\n" + make_rows("{ms},{row}"))
+
+    assert refusal.value.facts == facts
 
 
 @pytest.mark.parametrize(
@@ -369,3 +429,7 @@ def test_a_log_of_several_kinds_of_lines_is_not_called_empty() -> None:
         read_text(header + make_rows("$IMU,{ms},{row}\n$BARO,{ms},101325.0"))
 
     assert refusal.value.facts["why"] == "kinds of lines"
+
+
+def test_a_table_that_begins_like_a_picture_is_read() -> None:
+    check_whole(read_text(f"BMI,time_ms,{CHANNELS}\n" + make_rows("24,{ms},{row}")))

@@ -1,6 +1,10 @@
 // Convert between seconds and the times that people read and type. The server parses the times again.
 
+import { formatClock, isFrench, pad } from "../times.js";
+
 const DAY_S = 86400;
+const MARK_PX = 85;
+const SECONDS_PX = isFrench ? 130 : MARK_PX;
 const SECOND = "(?<second>[0-9]{2}(?:[.,][0-9]{1,6})?)";
 // 10:20, 10h20, 10.20 and 1020, as in parse_clock in fusion/diary.py.
 const SPELLINGS = [
@@ -30,16 +34,28 @@ export class Clock {
     this.startS = parts ? Number(parts[2]) * 3600 + Number(parts[3]) * 60 + Number(parts[4]) : 0;
   }
 
+  // Return a time for a field, "07:05:09".
   format(second, digits = 2) {
-    const rounded = Math.round(second * 10 ** digits) / 10 ** digits;
-    if (!this.hasClock) return String(rounded);
-    const whole = this.startS + rounded;
-    const days = Math.floor(whole / DAY_S);
-    const inDay = whole - days * DAY_S;
+    if (!this.hasClock) return String(round(second, digits));
+    const { date, inDay } = this.place(second, digits);
     const seconds = (inDay % 60).toFixed(digits).replace(/(\.\d*?)0+$/, "$1").replace(/\.$/, "");
     const hour = [Math.floor(inDay / 3600), Math.floor((inDay % 3600) / 60)].map(pad).join(":");
     const time = hour + ":" + (seconds.split(".")[0].length < 2 ? "0" + seconds : seconds);
-    return this.dated ? new Date(this.day + days * DAY_S * 1000).toISOString().slice(0, 10) + " " + time : time;
+    return this.dated ? `${date} ${time}` : time;
+  }
+
+  // Return a time for reading, "7 h 05 min 09 s" in French.
+  show(second, digits = 0) {
+    if (!this.hasClock) return String(round(second, digits));
+    const { date, inDay } = this.place(second, digits);
+    return this.dated ? `${date} ${formatClock(inDay, digits)}` : formatClock(inDay, digits);
+  }
+
+  // Return the date and the second of the day.
+  place(second, digits) {
+    const whole = round(this.startS + second, digits);
+    const days = Math.floor(whole / DAY_S);
+    return { date: new Date(this.day + days * DAY_S * 1000).toISOString().slice(0, 10), inDay: whole - days * DAY_S };
   }
 
   // Return seconds from the first sample, or NaN if the time is outside the recording or ambiguous.
@@ -63,23 +79,26 @@ export class Clock {
     return second >= -0.01 && second <= this.durationS + 0.01 ? Math.min(Math.max(second, 0), this.durationS) : NaN;
   }
 
-  // Return at most `most` round times of a view for the axis: [second, text].
-  marks(fromS, toS, most) {
+  // Return round times of a view for an axis of this width: [second, text].
+  marks(fromS, toS, widthPx) {
     const steps = [0.01, 0.05, 0.1, 0.5, 1, 2, 5, 10, 30, 60, 120, 300, 600, 1800, 3600, 7200, 14400, 43200, 86400];
-    const step = steps.find((candidate) => (toS - fromS) / candidate <= most) || 86400;
+    const fits = (candidate) => (toS - fromS) / candidate <= Math.max(2, Math.floor(widthPx / (candidate < 60 ? SECONDS_PX : MARK_PX)));
+    const step = steps.find(fits) || 86400;
     const first = Math.ceil((fromS + this.startS) / step) * step - this.startS;
     const marks = [];
     for (let at = first; at <= toS; at += step) marks.push([at, this.mark(at, step)]);
     return marks;
   }
 
+  // A mark at midnight shows the date if the recording has several.
   mark(second, step) {
-    const shown = this.format(second);
-    if (!this.hasClock || step < 60) return shown;
-    return shown.replace(/:\d\d(\.\d+)?$/, "").slice(step >= DAY_S ? 0 : this.dated ? 5 : 0);
+    if (!this.hasClock) return this.format(second);
+    const { date, inDay } = this.place(second, 2);
+    if (this.dated && inDay === 0) return date;
+    return formatClock(inDay, step >= 60 ? null : step >= 1 ? 0 : step < 0.1 ? 2 : 1);
   }
 }
 
-function pad(number) {
-  return String(number).padStart(2, "0");
+function round(second, digits) {
+  return Math.round(second * 10 ** digits) / 10 ** digits;
 }

@@ -7,7 +7,6 @@
 const MARGIN = { l: 46, r: 12, t: 10, b: 30 };
 const GUIDES_DEG = [30, 60, 90];
 const POINTS = 1000;
-const MARK_PX = 85;
 const TOP_DEG = 180;
 const MARKS_DEG = 42; // room above for the episode numbers, so that they cover no name
 const MINUTES_FROM_S = 1800;
@@ -35,7 +34,7 @@ export class Curve {
 
   // Update only the layout, which is fast enough for every step of a drag.
   draw(bands, chosen, points = []) {
-    const marks = this.clock.marks(this.view.fromS, this.view.toS, Math.max(2, Math.floor(this.widthPx() / MARK_PX)));
+    const marks = this.clock.marks(this.view.fromS, this.view.toS, this.widthPx());
     const axis = { zeroline: false, color: ink("--soft"), gridcolor: ink("--line"), fixedrange: true };
     const layout = {
       margin: MARGIN, showlegend: false, dragmode: false, hovermode: false,

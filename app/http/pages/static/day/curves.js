@@ -86,7 +86,7 @@ class Curves {
     for (const curve of this.curves) curve.draw([], null);
     const [{ clock, view }] = this.curves;
     const digits = view.spanS < 10 ? 2 : 0;
-    $("view").textContent = fill($("view").dataset.text, { start: clock.format(view.fromS, digits), end: clock.format(view.toS, digits) });
+    $("view").textContent = fill($("view").dataset.text, { start: clock.show(view.fromS, digits), end: clock.show(view.toS, digits) });
   }
 }
 

@@ -65,7 +65,7 @@ export class Day {
     this.handles.draw();
     const { fromS, toS } = this.view;
     const digits = this.view.spanS < 10 ? 2 : 0;
-    $("view").textContent = fill($("view").dataset.text, { start: this.clock.format(fromS, digits), end: this.clock.format(toS, digits) });
+    $("view").textContent = fill($("view").dataset.text, { start: this.clock.show(fromS, digits), end: this.clock.show(toS, digits) });
   }
 
   // Handle a changed band: by mouse, key or typing.

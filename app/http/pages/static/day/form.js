@@ -99,7 +99,7 @@ function remove(day, row) {
   (next?.querySelector("[data-do=remove]") || other).focus();
 }
 
-function accept(day, { accept: kind, from, to }) {
+function accept(day, { accept: kind, from, to, span }) {
   const { pose } = day.bands.form.elements;
   if (kind === "still" && pose.value === "axis") pose.value = "n-pose";
   if (kind === "not_worn") {
@@ -112,7 +112,7 @@ function accept(day, { accept: kind, from, to }) {
     day.choose(row);
   }
   day.changed(true);
-  say(`${from} – ${to}`);
+  say(span);
 }
 
 function undo(day) {

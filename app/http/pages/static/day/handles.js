@@ -57,7 +57,7 @@ export class Handles {
       handle.style.left = `${pixel}px`;
       handle.setAttribute("aria-label", fill(handle.dataset.name, { name: band.name }));
       for (const [name, value] of [["min", 0], ["max", Math.round(this.view.durationS)], ["now", Math.round(second)]]) handle.setAttribute("aria-value" + name, value);
-      handle.setAttribute("aria-valuetext", this.bands.clock.format(second));
+      handle.setAttribute("aria-valuetext", this.bands.clock.show(second));
     }
   }
 }

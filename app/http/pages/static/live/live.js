@@ -1,6 +1,7 @@
 // The live page: start, show and stop a session. The session runs on the server.
 
 import { $, fill, pause, say } from "../say.js";
+import { formatDuration, formatElapsed } from "../times.js";
 import { Cues } from "./cues.js";
 import { Strip, turnArm } from "./draw.js";
 import { Link } from "./link.js";
@@ -57,11 +58,11 @@ function draw() {
   $("angle").parentElement.classList.remove("is-old");
   turnArm($("limb"), deg);
   strip.draw();
-  $("above").textContent = duration(status.above_s[1]);
+  $("above").textContent = formatDuration(status.above_s[1]);
   $("rises").textContent = whole.format(status.rises);
-  $("elapsed").textContent = clock(status.elapsed_s);
+  $("elapsed").textContent = formatElapsed(status.elapsed_s);
   $("lost").textContent = whole.format(status.lost);
-  $("missing").textContent = duration(status.missing_s);
+  $("missing").textContent = formatDuration(status.missing_s);
   $("doubt").hidden = status.has_rested || deg === null;
   $("frame").hidden = !status.is_frame_doubtful;
   showPose(status);
@@ -156,18 +157,6 @@ function lose() {
   $("preparing").hidden = true;
   $("problem").hidden = false;
   $("problem").textContent = texts.no_link;
-}
-
-function duration(seconds) {
-  if (seconds < 60) return `${tenth.format(seconds)} s`;
-  const minutes = Math.floor(seconds / 60);
-  const rest = Math.floor(seconds % 60);
-  return minutes < 60 ? `${minutes} min ${rest} s` : `${Math.floor(minutes / 60)} h ${minutes % 60} min`;
-}
-
-function clock(seconds) {
-  const two = (value) => String(Math.floor(value)).padStart(2, "0");
-  return `${Math.floor(seconds / 3600)}:${two((seconds / 60) % 60)}:${two(seconds % 60)}`;
 }
 
 async function listRecordings() {

@@ -2,6 +2,7 @@
 // upload starts, and begins with the last byte even if this page is closed.
 
 import { $, fill, pause, say } from "../say.js";
+import { formatMoment } from "../times.js";
 import { forget, recall, fingerprint } from "./memory.js";
 import { Row } from "./row.js";
 import { deleteUpload, Refusal, TUS, TusUpload } from "./tus.js";
@@ -119,7 +120,7 @@ export class Queue {
 
   describe(found, words) {
     const rate = found.rate_hz ? `${Math.round(found.rate_hz).toLocaleString(document.documentElement.lang)} Hz` : "";
-    const start = (found.start || "").slice(0, 16).replace("T", " ");
+    const start = formatMoment(found.start || "");
     const zone = found.start && found.time_zone ? `(${found.time_zone})` : "";
     const device = JSON.parse(words.devices)[found.device] || found.device;
     return [device, rate, [start, zone].filter(Boolean).join(" ")].filter(Boolean).join(" · ");

@@ -17,7 +17,7 @@ export class Row {
     this.part("[name=subject]").value = description.subject;
     this.part("[name=side]").value = description.side;
     for (const [name, act] of Object.entries(acts)) this.part(`[data-do=${name}]`).addEventListener("click", act);
-    for (const button of this.item.querySelectorAll("[data-do]")) button.setAttribute("aria-label", `${button.textContent}: ${file.name}`);
+    for (const button of this.item.querySelectorAll("[data-do]")) button.setAttribute("aria-label", this.name(button.textContent, file.name));
     this.part(".asked").addEventListener("change", () => this.state === "waiting" || remember(file, this.description()));
     $("uploads").append(this.item);
     this.show("waiting");
@@ -25,6 +25,11 @@ export class Row {
 
   part(selector) {
     return this.item.querySelector(selector);
+  }
+
+  // Join a name and a text with the colon of the page's language.
+  name(subject, text) {
+    return `${subject}${this.words.colon} ${text}`;
   }
 
   // Return the current description of this file; it can change until the upload is complete.
@@ -78,7 +83,7 @@ export class Row {
     help.href = help.dataset.root + problem.code;
     this.part("[data-do=retry]").hidden = !problem.retryable;
     this.isRetryable = Boolean(problem.retryable);
-    say(`${this.file.name}: ${problem.title}`);
+    say(this.name(this.file.name, problem.title));
   }
 
   loseNetwork() {
@@ -92,7 +97,7 @@ export class Row {
     box.querySelector("a").href = analysis.page;
     box.querySelector("a").textContent = fill(this.words.duplicateOpen, { when: analysis.when });
     box.querySelector("button").onclick = again;
-    say(`${this.file.name}: ${this.words.duplicate}`);
+    say(this.name(this.file.name, this.words.duplicate));
   }
 
   remove() {
