@@ -1,4 +1,4 @@
-"""Run the crash tests for long: ``python -m benchmarks.crash --kills 200 --power-cuts 50``.
+"""Run the crash tests for long: ``python -m benchmarks.crash --kills 200 --power-cuts 50 --restores 30``.
 
 Every second kill ends everything at once (server, workers, helpers, children) while analyses run. The
 table in ``docs/reference/reliability.md`` shows the rounds that were run. Power cuts need root (a
@@ -15,11 +15,11 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from tests.crash.rounds import Result, can_cut_power, kill_rounds, power_cut
+from tests.crash.rounds import Result, can_cut_power, kill_rounds, power_cut, restore_kills
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "reference" / "reliability.md"
 CONTROLS = 5
-KILLS_AT_ONCE = 20  # then the store is checked and a new one created
+KILLS_AT_ONCE = 10  # then the store is checked and a new one created
 
 
 @dataclass
@@ -46,7 +46,7 @@ class Tally:
         self.broken += len(result.broken)
         self.rounds_broken += bool(result.broken)
         self.seconds += time.monotonic() - started_s
-        counts = f"{self.acknowledged} acknowledged, {self.cut} analyses cut, {self.blamed} E-CRASHED"
+        counts = f"{self.acknowledged} acknowledged, {self.cut} cut, {self.blamed} E-CRASHED"
         print(f"{self.what}: {self.rounds} rounds, {counts}, {self.broken} broken", flush=True)
         for line in result.broken[:5]:
             print("   ", line)
@@ -77,6 +77,15 @@ def run_power_cuts(number: int, seed: int, sync: str, what: str) -> Tally:
     return tally
 
 
+def run_restore_kills(number: int, seed: int) -> Tally:
+    tally = Tally("kill -9 of a restore, which is then repeated (cut: restores killed before their end)")
+    if number:
+        started_s = time.monotonic()
+        with tempfile.TemporaryDirectory() as folder:
+            tally.add(number, restore_kills(Path(folder), number, seed), started_s)
+    return tally
+
+
 def write_page(tallies: list[Tally], seed: int) -> None:
     """Write the table between its marks in the page."""
     stamp = datetime.now(UTC).strftime("%Y-%m-%d")
@@ -100,6 +109,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Kill processes, cut the power, check the invariants.")
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--power-cuts", type=int, default=50)
+    parser.add_argument("--restores", type=int, default=30)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument(
         "--print-only", action="store_true", help="leave docs/reference/reliability.md as it is"
@@ -109,10 +119,11 @@ def main() -> None:
     control = run_power_cuts(
         min(CONTROLS, wished.power_cuts), wished.seed, "unsynced", "power cut, fsync off (must break)"
     )
-    tallies = [run_kills(wished.kills, wished.seed), cuts, control]
+    restores = run_restore_kills(wished.restores, wished.seed)
+    tallies = [run_kills(wished.kills, wished.seed), restores, cuts, control]
     if not wished.print_only:
         write_page(tallies, wished.seed)
-    sys.exit(any(tally.broken for tally in (tallies[0], cuts)))
+    sys.exit(any(tally.broken for tally in (tallies[0], restores, cuts)))
 
 
 if __name__ == "__main__":

@@ -23,13 +23,10 @@ if [ ! -e /etc/acromion/acromion.env ]; then # kept if it exists: it may hold yo
   install -m 640 -g acromion "$src/docker/clinic.env.example" /etc/acromion/acromion.env
   sed -i "s/acromion\.clinic\.example/$name/" /etc/acromion/acromion.env
 fi
+chgrp acromion /etc/acromion/acromion.env && chmod 640 /etc/acromion/acromion.env
 sed "s/acromion\.clinic\.example/$name/" "$src/docker/nginx.conf" >/etc/nginx/conf.d/acromion.conf
 rm -f /etc/nginx/sites-enabled/default
 install -m 755 "$src/docker/acromion-admin" /usr/local/sbin/
-for unit in acromion.service acromion-backup.service acromion-backup.timer; do
-  install -m 644 "$src/docker/$unit" /etc/systemd/system/
-done
-systemctl daemon-reload
 [ -x /opt/acromion/bin/acromion ] || acromion-admin install "$src"
 if ! acromion-admin account list 2>/dev/null | grep -q .; then
   acromion-admin account add "$login" --role manager
@@ -37,4 +34,5 @@ fi
 nginx -t
 systemctl enable --now acromion acromion-backup.timer
 systemctl restart nginx
+systemctl start acromion-backup || echo "no backup: see journalctl -u acromion-backup" >&2
 acromion-admin doctor || echo "see the lines above; the server runs" >&2

@@ -508,8 +508,8 @@ class SessionAges:
 
 
 def _is_active(now_s: float) -> tuple[Any, ...]:
-    """Select active sessions; a session that begins in the future has an unknown age and has ended."""
-    is_known = sessions.c.began_s <= now_s + CLOCK_SKEW_S
+    """Select active sessions; a session that was used in the future has an unknown age and has ended."""
+    is_known = sessions.c.used_s <= now_s + CLOCK_SKEW_S
     return (sessions.c.used_s > now_s - IDLE_S, sessions.c.began_s > now_s - LONGEST_S, is_known)
 
 

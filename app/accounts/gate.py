@@ -76,9 +76,11 @@ class StartSecret:
 def read_or_create_secret(data_dir: Path) -> StartSecret:
     """Return the secret of a data folder; create it if the file does not exist.
 
-    Raises StartSecretUnusable if the file is unreadable, empty or not a secret of this server.
+    Raises StartSecretUnusable if the file is a link, unreadable, empty or not a secret of this server.
     """
     path = data_dir / FILE_NAME
+    if path.is_symlink():  # the mode of its target is not ours to change
+        raise StartSecretUnusable(file=str(path))
     with suppress(FileExistsError), create_file(path) as file:
         file.write(secrets.token_urlsafe(SECRET_BYTES).encode())
         file.flush()

@@ -127,6 +127,8 @@ class BatchStore(RowStore):
         """Queue every failed analysis of the batch again, in one commit; return their number."""
         failed = _select_jobs_of(batch_id).where(analyses.c.state == JobState.FAILED)
         with self._engine.begin() as connection:
+            # of two requests at once, the second waits here and then finds what the first has replaced
+            connection.execute(select(batches.c.id).where(batches.c.id == batch_id).with_for_update())
             jobs = [read_job(row) for row in connection.execute(failed.with_for_update(of=analyses))]
             wanted = [build_item(connection, job, job.request) for job in jobs]
             repeated = enqueue_all(connection, wanted, "api", batch_id)

@@ -73,8 +73,10 @@ class RetentionStore(RowStore):
         check_term(kind, days)
         with self._engine.begin() as connection:
             before = connection.execute(select(retention.c.days).where(retention.c.kind == kind)).scalar()
-            connection.execute(delete(facts).where(facts.c.name == _GRACE + kind))
-            if not now and days is not None and (before is None or days < before):
+            is_shorter = days is not None and (before is None or days < before)
+            if now or days is None or is_shorter:  # any other change leaves a grace period that has begun
+                connection.execute(delete(facts).where(facts.c.name == _GRACE + kind))
+            if is_shorter and not now:
                 ends_s = connection.execute(select(select_running_s())).scalar_one() + GRACE_DAYS * DAY_S
                 connection.execute(insert(facts).values(name=_GRACE + kind, value=str(ends_s)))
             connection.execute(delete(retention).where(retention.c.kind == kind))

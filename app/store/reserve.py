@@ -1,6 +1,6 @@
 """A reserve of disk space: on a full disk, reading, deleting and purging still write a little.
 
-    root/reserve     is removed while the disk is full, and created again once there is room
+    root/reserve     is removed when a request finds the disk full, and created again once there is room
 
 Readings and deletions add lines to the audit log and the ledger of erasures. Uploads and analyses may not use
 this space: both are refused or delayed earlier.
@@ -31,8 +31,7 @@ def free_reserve(root: Path) -> None:
 
 
 def keep_reserve(root: Path) -> None:
-    """Remove the reserve if the disk is full; create it if there is ample room."""
-    free_reserve(root)
+    """Create the reserve if there is ample room."""
     path = root / RESERVE_FILE
     if path.exists() or shutil.disk_usage(root).free < 4 * RESERVE_BYTES:
         return

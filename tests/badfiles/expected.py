@@ -289,7 +289,7 @@ TABLES = (
         "W-NO-DATE",
     ),
     read("79 AM", partial(t.zoned, " AM", "%I:%M:%S.%f"), "W-NO-DATE"),
-    refused("79 month's name", partial(t.calendar_table, "%d %b %Y %H:%M:%S.%f"), "E-TIME, why=form, line=2"),
+    read("79 month's name", partial(t.calendar_table, "%d %b %Y %H:%M:%S.%f")),
     read("79 two columns", t.date_and_time),
     read("79 ActiLife", partial(t.actilife, "dd/MM/yyyy", "14/03/2026")),
     read("79 ActiLife lying", partial(t.actilife, "dd/MM/yyyy", "03/14/2026")),

@@ -12,6 +12,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -154,10 +155,13 @@ class Site:
 
 
 class Clients:
-    """Threads that upload without a pause, and write down what was acknowledged."""
+    """Threads that upload without a pause, and write down what was acknowledged.
 
-    def __init__(self, site: Site, journal: Journal, seed: int, pause_s: float = 0.1) -> None:
-        self._site, self._journal, self._pause_s = site, journal, pause_s
+    ``waits``: each waits for the end of its analysis, so that no queue grows on a slow machine.
+    """
+
+    def __init__(self, site: Site, journal: Journal, seed: int, *, waits: bool = False) -> None:
+        self._site, self._journal, self._waits = site, journal, waits
         self._stopping = threading.Event()
         self._threads = [
             threading.Thread(target=self._upload, args=(random.Random(f"{seed} {k}"),), daemon=True)
@@ -193,7 +197,17 @@ class Clients:
                     view = answer.json()
                     sha256 = hashlib.sha256(content).hexdigest()
                     self._journal.recordings[view["id"]] = (view["recording_id"], sha256)
-                self._stopping.wait(dice.uniform(0, self._pause_s))
+                    if self._waits:
+                        self._wait_for_end(client, view["id"])
+                self._stopping.wait(dice.uniform(0, 0.1))
+
+    def _wait_for_end(self, client: httpx2.Client, analysis_id: str) -> None:
+        while not self._stopping.is_set():
+            with suppress(httpx2.HTTPError):  # the server was killed
+                address = f"{self._site.address}/api/v1/analyses/{analysis_id}?wait=2"
+                if client.get(address).json().get("state") in ("succeeded", "failed"):
+                    return
+            self._stopping.wait(0.05)
 
 
 def check_acknowledged(settings: Settings, journal: Journal) -> list[str]:
@@ -228,9 +242,7 @@ def check_settled(settings: Settings, journal: Journal) -> list[str]:
         return [f"I6 {job.id} is stuck: {job.state}, attempt {job.attempts}" for job in _list_open(store)]
     finally:
         store.close()
-    broken = (
-        check_acknowledged(settings, journal) + _check_results(settings, journal) + _find_litter(settings)
-    )
+    broken = check_acknowledged(settings, journal) + _check_results(settings, journal) + find_litter(settings)
     return broken + _find_lags(settings) + check_audit_log(settings, journal)
 
 
@@ -309,7 +321,7 @@ def _check_results(settings: Settings, journal: Journal) -> list[str]:
     return broken
 
 
-def _find_litter(settings: Settings) -> list[str]:
+def find_litter(settings: Settings) -> list[str]:
     """Files on the disk that no row promises; each recording has its side file."""
     promised = {file.name for file in find_expected(settings)}
     promised |= {f"{name}.json" for name in promised if name.startswith("recordings/")}

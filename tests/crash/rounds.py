@@ -15,11 +15,13 @@ from pathlib import Path
 
 from sqlalchemy import select
 
+from app.errors import NotEmpty
 from app.library.claims import DatabaseClock
 from app.library.database.tables import analyses
 from app.library.jobs import JobStore
 from app.library.rows import JobState
 from app.settings import Settings
+from tests import ROOT
 from tests.crash.harness import (
     PARTS,
     Clients,
@@ -28,18 +30,22 @@ from tests.crash.harness import (
     check_acknowledged,
     check_settled,
     count_blamed,
+    find_litter,
 )
+from tests.crash.stores import run_command
 from tests.ways_in.servers import wait_for
 
 DISK_BYTES = 96 << 20
+RESTORED_UPLOADS_S = 4.0
 
 
 @dataclass
 class Result:
     """What some rounds came to.
 
-    ``cut``: analyses that lost their worker by a kill; ``set_aside``: those of them that ended as
-    E-INTERRUPTED and succeeded when asked for again; ``blamed``: those that ended as E-CRASHED.
+    ``cut``: analyses that lost their worker by a kill, or restores killed before their end; ``set_aside``:
+    analyses that ended as E-INTERRUPTED and succeeded when asked for again; ``blamed``: analyses that ended
+    as E-CRASHED.
     """
 
     acknowledged: int = 0
@@ -59,7 +65,7 @@ def kill_rounds(folder: Path, rounds: int, seed: int) -> Result:
     """Kill in every round: in every second one everything, while analyses run; in the others one part."""
     dice, journal, broken = random.Random(seed), Journal(), list[str]()
     site = Site(folder / "data", folder / "log", workers=2)
-    clients = Clients(site, journal, seed, pause_s=4.0)  # no faster than the workers
+    clients = Clients(site, journal, seed, waits=True)
     try:
         clients.wait_for_first()
         for round_ in range(rounds):
@@ -122,6 +128,54 @@ def _count_cut(settings: Settings, journal: Journal) -> int:
     store.close()
     journal.cuts.update(cut)
     return len(cut)
+
+
+def restore_kills(folder: Path, rounds: int, seed: int) -> Result:
+    """Kill a restore in every round at a random instant, run it again, and check the restored files."""
+    dice, journal, broken, cut = random.Random(seed), Journal(), list[str](), 0
+    site, backup = Site(folder / "data", folder / "log", workers=2), folder / "backup.zip"
+    clients = Clients(site, journal, seed, waits=True)
+    try:
+        clients.wait_for_first()
+        time.sleep(RESTORED_UPLOADS_S)
+        clients.stop()
+        broken += check_settled(site.settings, journal)
+        made = run_command("backup", backup, "--data", site.settings.data_dir)
+        assert made.exit_code == 0, made.output
+    finally:
+        site.end()
+        clients.stop()
+    length_s = _time_restore(folder / "whole", backup)
+    for _ in range(rounds):
+        data = folder / "restored"
+        with _restoring(data, backup) as restore:
+            time.sleep(dice.uniform(0, length_s))
+            restore.kill()
+            cut += restore.wait() < 0
+        again = run_command("restore", backup, "--data", data)
+        finished = again.exit_code == 0 or again.code == NotEmpty.code  # the kill came after the last row
+        broken += [] if finished else [f"R {again.output.strip()[-200:]}"]
+        settings = Settings(data_dir=data, min_free_bytes=0)
+        broken += check_acknowledged(settings, journal) + find_litter(settings)
+        shutil.rmtree(data)
+    return Result(len(journal.recordings), broken, cut)
+
+
+def _time_restore(data: Path, backup: Path) -> float:
+    """Return how long a restore works, without its imports."""
+    with _restoring(data, backup) as restore:
+        begun_s = time.monotonic()
+        assert restore.wait() == 0
+    return time.monotonic() - begun_s
+
+
+@contextmanager
+def _restoring(data: Path, backup: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """Start a restore and wait until it writes."""
+    command = [sys.executable, "-m", "app", "restore", str(backup), "--data", str(data)]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL) as restore:
+        wait_for(data.exists, math.inf)
+        yield restore
 
 
 def power_cut(folder: Path, seed: int, sync: str = "synced") -> Result:

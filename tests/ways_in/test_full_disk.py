@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from app.store.reserve import RESERVE_BYTES, RESERVE_FILE, keep_reserve
+from app.store.reserve import RESERVE_BYTES, RESERVE_FILE, free_reserve, keep_reserve
 from tests.crash.rounds import can_cut_power
 from tests.ways_in.servers import RunningServer, wait_for
 
@@ -68,12 +68,14 @@ def test_a_full_disk_still_reads_deletes_and_purges(
     assert done
 
 
-def test_the_reserve_is_freed_on_a_full_disk_and_renewed_afterwards(small_disk: Path) -> None:
+def test_the_reserve_is_freed_by_a_request_on_a_full_disk_and_renewed_afterwards(small_disk: Path) -> None:
     reserve = small_disk / RESERVE_FILE
     keep_reserve(small_disk)
     assert reserve.stat().st_size == RESERVE_BYTES
     _fill(small_disk)
     keep_reserve(small_disk)
+    assert reserve.exists()  # until a request needs it
+    free_reserve(small_disk)
     assert not reserve.exists()
     keep_reserve(small_disk)  # the room is not taken back at once
     assert not reserve.exists()

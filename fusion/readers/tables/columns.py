@@ -359,6 +359,9 @@ def guess_exponent(times: Sequence[float]) -> int | None:
     return next((one for one in UNIT_NAMES if slowest_hz <= _rate_hz(times, one) <= fastest_hz), None)
 
 
+NEAR_STEP, NEAR_ROWS = 0.1, 32
+
+
 def _rate_hz(times: Sequence[float], exponent: int) -> float:
     """Return the rate from the usual step, 0 if the times do not advance; the newest row may be first."""
     steps = [after - before for before, after in pairwise(times)]
@@ -366,8 +369,12 @@ def _rate_hz(times: Sequence[float], exponent: int) -> float:
         return 0.0
     if 2 * sum(step < 0 for step in steps) > sum(step != 0 for step in steps):
         steps = [-step for step in steps]
-    # mean of the advancing steps: coarse stamps repeat
-    step = median(steps) or sum(max(0.0, s) for s in steps) / len(steps)
+    # mean of the advancing steps: coarse stamps repeat, and rows that arrived together follow at once
+    step, mean = median(steps), sum(max(0.0, s) for s in steps) / len(steps)
+    if 0 < step < NEAR_STEP * mean:
+        blocks = [after - before for before, after in zip(times, times[NEAR_ROWS:], strict=False)]
+        step = abs(median(blocks)) / NEAR_ROWS if blocks else step
+    step = step or mean
     return MICROSECONDS / (step * 10.0**exponent) if step > 0 else 0.0
 
 
@@ -402,6 +409,8 @@ NEAR_DAYS = 14
 """How far the rows may begin from the start that the header tells, in a file that was cut. The two readings
 of a date lie four weeks apart or more."""
 YEAR_DIGITS = 4
+MONTH_NAMES = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
+MONTHS = {name: number for number, name in enumerate(MONTH_NAMES, start=1)}
 CENTURY = 2000
 """Of a year of two digits: no recorder of this kind is older."""
 
@@ -415,9 +424,12 @@ def order_dates(
     date, if only one order comes near it; the header's date format. The format is last because a program that
     saves a file again may rewrite the dates without changing the header.
 
-    Raises UnusableTime if day and month, or a two-digit year, cannot be told apart.
+    Raises UnusableTime if day and month, or a two-digit year, cannot be told apart, or if no order fits all
+    dates.
     """
     open_to = find_orders(parts)
+    if not open_to:
+        raise UnusableTime(why="dates")
     if len(open_to) == 1:
         return open_to[0], False
     if order in open_to:
@@ -434,13 +446,19 @@ def order_dates(
 
 
 def find_orders(parts: Sequence[tuple[str, ...]]) -> list[DateOrder]:
-    """Return the orders of day, month and year in which all of these are valid dates."""
-    if len(parts[0][0]) == YEAR_DIGITS:
+    """Return the orders of day, month and year in which all of these are valid dates.
+
+    Impossible dates, as of damaged rows, do not count.
+    """
+    first, second, third = parts[0]
+    if len(first) == YEAR_DIGITS:
         return ["ymd"]
-    orders: tuple[DateOrder, ...] = (
-        ("dmy", "mdy") if len(parts[0][2]) == YEAR_DIGITS else ("dmy", "mdy", "ymd")
-    )
-    return [one for one in orders if all(_read_date(part, one) for part in parts)]
+    orders: tuple[DateOrder, ...] = ("dmy", "mdy") if len(third) == YEAR_DIGITS else ("dmy", "mdy", "ymd")
+    if second[:1].isalpha():
+        orders = ("dmy",)
+    valid = [{one for one in orders if _read_date(part, one)} for part in dict.fromkeys(parts)]
+    possible = [one for one in valid if one]
+    return [one for one in orders if possible and all(one in orders_of for orders_of in possible)]
 
 
 def find_order_by_span(first: tuple[str, ...], last: tuple[str, ...]) -> DateOrder | None:
@@ -465,11 +483,16 @@ def _read_start(head: str, word: DateOrder | None) -> date | None:
 
 
 def _read_date(parts: Sequence[str], order: str) -> date | None:
-    numbers = dict(zip(order, map(int, parts), strict=True))
+    numbers = dict(zip(order, map(_read_part, parts), strict=True))
     try:
         return date(_complete_year(numbers["y"]), numbers["m"], numbers["d"])
     except ValueError:
         return None
+
+
+def _read_part(part: str) -> int:
+    """Return day, month or year as a number; 0 for no month's name."""
+    return int(part) if part.isdigit() else MONTHS.get(part[:3].lower(), 0)
 
 
 def _complete_year(year: int) -> int:
@@ -486,15 +509,43 @@ ZONE = (
     + r"| [+\-]\d{2}:?\d{2}" + FIELD_END + r"| ?[A-Za-z]{1,5}" + FIELD_END + r")?(?:\[[\w/+\-]+\])?"
 )  # fmt: skip
 HALF = r"(?P<half> ?[AaPp]\.?[Mm]\.?(?![A-Za-z]))?"
-DATED = (
+CLOCK = r"(?P<hour>\d{1,2}):(?P<minute>\d{2}):(?P<seconds>\d{2}(?:[%s]\d+|:\d{3})?)" + HALF + ZONE
+NUMERIC_DATE = (
     r"(?<![\d:/.\-])(?P<first>\d{1,4})(?P<mark>[/.\-])(?P<second>\d{1,2})(?P=mark)(?P<third>\d{1,4})"
-    r"(?P<between>T| +| *\"?[,;\t|]\"? *)(?P<hour>\d{1,2}):(?P<minute>\d{2})"
-    r":(?P<seconds>\d{2}(?:[%s]\d+|:\d{3})?)" + HALF + ZONE + r"(?![\d:])"
-)  # fmt: skip
+)
+NAMED_DATE = (
+    r"(?<![\w:/.\-])(?P<first>\d{1,4})(?P<mark>[/.\- ])"
+    r"(?P<second>(?i:" + "|".join(MONTH_NAMES) + r")[a-z]{0,6})(?P=mark)(?P<third>\d{2,4})"
+)
+WITH_YEAR = r"(?=\d{4}[/.\-]|\d{1,2}[/.\-]\d{1,2}[/.\-]\d{4}|\d{1,2}/\d{1,2}/\d{2})"
+"""Apart from a time of day, `4.0.2` must not read as a date."""
+NEXT_COLUMN = r" *\"?[,;\t|]\"? *"
+FURTHER_ON = NEXT_COLUMN + r"(?:[^,;\t|\n:]{0,60}" + NEXT_COLUMN + r"){0,12}?"
+"""Between a date and a time of day stand other columns."""
+DATED = NUMERIC_DATE + r"(?P<between>T| +|" + NEXT_COLUMN + r")" + CLOCK + r"(?![\d:])"
+APART = (NUMERIC_DATE.replace("(?P<first>", WITH_YEAR + "(?P<first>"), NAMED_DATE)
+DATED_FORMS = (
+    DATED,
+    NAMED_DATE + r"(?P<between>[ :]|" + NEXT_COLUMN + r")" + CLOCK + r"(?![\d:])",
+    *(date + r"(?P<between>" + FURTHER_ON + r")" + CLOCK + r"(?![\d:])" for date in APART),
+    *(
+        r"(?<![\d:/.\-])" + CLOCK + r"(?P<between> +|" + FURTHER_ON + r")" + date + r"(?![\d:/.\-])"
+        for date in APART
+    ),
+)
+"""A date and a time of day: in one column or in two, whichever comes first."""
 COMPACT = (
     r"(?<![\w.])(?P<first>\d{4})(?P<second>\d{2})(?P<third>\d{2})(?P<between>T)"
     r"(?P<hour>\d{2})(?P<minute>\d{2})(?P<seconds>\d{2}(?:[%s]\d+)?)(?P<half>(?!))?" + ZONE + r"(?![\d:])"
 )
+BARE = (
+    r"(?<![\w.\-])(?P<first>20\d{2})(?P<second>\d{2})(?P<third>\d{2})(?P<between>[ _\-]?|"
+    + NEXT_COLUMN
+    + r")"
+    r"(?P<hour>\d{2}|(?<=[ ,;\t|\"])\d)(?P<minute>\d{2})(?P<seconds>\d{2}(?:[%s]\d+)?)"
+    r"(?P<half>(?!))?(?P<zone>(?!))?" + FIELD_END
+)
+"""Date and time as two whole numbers: `20260302,070000.00`."""
 UNDATED = (
     r"^(?P<before>(?:[^:\n]*[,;\t|])?[\" ]*)(?P<hour>\d{1,2}):(?P<minute>\d{2})"
     r":(?P<seconds>\d{2}(?:[%s]\d+|:\d{3})?)" + HALF + ZONE + r"(?=[\" ]*[,;\t| ])"
@@ -505,8 +556,9 @@ NO_SECONDS = re.compile(
 )
 MINUTES_ONLY = re.compile(r"(?<![\d:])\d{1,2}:\d{2}[.,]\d(?![\d:])")
 """A time of day with a fraction as Excel shows it: `58:00.1`, without the hour."""
+HOUR_AND_MINUTE = re.compile(r"(?<![\w:.\-])\d{1,2}:\d{2}(?: ?[AaPp][Mm])?" + FIELD_END)
 PLAIN = re.compile(r"\d{4}-\d{1,2}-\d{1,2}[T ]\d{1,2}:\d{2}:\d{2}(?:[.,]\d++)?+(Z?)(?![\w:+\- \[])")
-STAMP_LIKE = re.compile(r"\d:\d\d|\dT\d|\d{1,4}([/.\-])\d{1,2}\1\d{1,4}")
+STAMP_LIKE = re.compile(r"\d:\d\d|\dT\d|\d{1,4}([/.\-])\d{1,2}\1\d{1,4}|(?<![\w.\-])20\d{6}(?!\.)")
 NAMED_ZONES_H = {
     **dict.fromkeys(("Z", "UT", "UTC", "GMT"), 0),
     **dict.fromkeys(("PST",), -8),
@@ -552,10 +604,11 @@ def find_dates(head: str, order: DateOrder | None = None) -> DateDialect | None:
     if not any(STAMP_LIKE.search(line) for line in lines.values()):
         return None
     mark = ".," if any(";" in line or "\t" in line for line in lines.values()) else "."
-    for form in (DATED, COMPACT):
+    for form in (*DATED_FORMS, COMPACT, BARE):
         pattern = re.compile(form % mark)
         found = {k: match for k, line in lines.items() if (match := pattern.search(line))}
-        if found:
+        is_rare = form not in (DATED, COMPACT) and 2 * len(found) <= len(lines)
+        if found and not is_rare and (form is not BARE or all(map(_is_clock, found.values()))):
             plain = [PLAIN.search(lines[k]) for k in found]
             if all(plain):
                 is_utc = all(match is not None and match.group(1) for match in plain)
@@ -563,7 +616,8 @@ def find_dates(head: str, order: DateOrder | None = None) -> DateDialect | None:
             parts = [(match["first"], match["second"], match["third"]) for match in found.values()]
             order, is_doubtful = order_dates(parts, head, order)
             return DateDialect(pattern, order, _find_offset_s(found), is_doubtful=is_doubtful)
-    cut = sum(bool(NO_SECONDS.search(line) or MINUTES_ONLY.search(line)) for line in lines.values())
+    forms = (NO_SECONDS, MINUTES_ONLY, HOUR_AND_MINUTE)
+    cut = sum(any(form.search(line) for form in forms) for line in lines.values())
     if 2 * cut > len(lines):
         raise UnusableTime(why="seconds")
     pattern = re.compile(UNDATED % mark, re.MULTILINE)
@@ -590,9 +644,19 @@ def find_last_date(tail: str) -> tuple[str, ...]:
 
 
 def _find_parts(lines: Sequence[str]) -> list[tuple[str, ...]]:
-    pattern = re.compile(DATED % ".,")
-    found = (pattern.search(line) for line in lines if _is_wide(line))
-    return [match.group("first", "second", "third") for match in found if match]
+    wide = [line for line in lines if _is_wide(line) and STAMP_LIKE.search(line)]
+    for form in DATED_FORMS:
+        pattern = re.compile(form % ".,")
+        if found := [match for line in wide if (match := pattern.search(line))]:
+            return [match.group("first", "second", "third") for match in found]
+    return []
+
+
+def _is_clock(found: re.Match[str]) -> bool:
+    """Return whether numbers are a date and a time of day."""
+    day = _read_date(found.group("first", "second", "third"), "ymd")
+    seconds = float(_read_seconds(found).replace(",", "."))
+    return day is not None and int(found["hour"]) < 24 and int(found["minute"]) < 60 and seconds < 61
 
 
 def _find_offset_s(found: dict[int, re.Match[str]]) -> int | None:
@@ -673,9 +737,13 @@ class StampWriter:
         parts, order = found.group("first", "second", "third"), self._dialect.order
         year, month, day = (parts[order.index(letter)] for letter in "ymd")
         clock = f"{_count_hour(found):02d}:{found['minute']}:{_read_seconds(found)}"
-        stamp = f"{_complete_year(int(year))}-{month:0>2}-{day:0>2}T{clock}"
-        moved = self._move(stamp, found["zone"])
-        return found.group() if moved is None else moved + re.sub(r"[T \"]", "", found["between"])
+        stamp = f"{_complete_year(int(year))}-{_read_part(month):02d}-{day:0>2}T{clock}"
+        moved, between = self._move(stamp, found["zone"]), found["between"]
+        return (
+            found.group()
+            if moved is None
+            else moved + (re.sub(r"[T \"]", "", between) if re.search(r"[,;\t|]", between) else "")
+        )
 
     def _move(self, stamp: str, zone: str | None) -> str | None:
         """Convert a stamp to the first row's clock; None for an impossible date.

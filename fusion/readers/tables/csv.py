@@ -87,7 +87,10 @@ def read_profiled(source: Source, profile: ColumnProfile, rate_hz: float | None 
 
     Raises FusionError: as :func:`read`.
     """
-    plan = plan_table(apply_profile(_read_layout(source, profile.date_order), profile))
+    layout = _read_layout(source, profile.date_order, names_time=profile.names_columns)
+    plan = plan_table(apply_profile(layout, profile))
+    if layout.doubt is not None and profile.time is not None and not plan.time.has_times:
+        raise layout.doubt
     plan = replace(
         plan,
         acc_scale=profile.acceleration_factor or plan.acc_scale,
@@ -96,8 +99,8 @@ def read_profiled(source: Source, profile: ColumnProfile, rate_hz: float | None 
     return _read_planned(source, plan, rate_hz or profile.rate_hz)
 
 
-def _read_layout(source: Source, order: DateOrder | None = None) -> TextLayout:
-    layout = read_layout(source, order)
+def _read_layout(source: Source, order: DateOrder | None = None, *, names_time: bool = False) -> TextLayout:
+    layout = read_layout(source, order, names_time=names_time)
     if layout is None:
         raise UnknownColumns(why="no header")
     return layout

@@ -14,6 +14,7 @@ from fusion.devices import KnownDevice, find_known_device
 from fusion.errors import AmbiguousDecimal, EpochFile, UnknownFormat, UnusableTime
 from fusion.readers.source import Source, UnpackedFile, read_chunks
 from fusion.readers.tables.columns import (
+    MONTHS,
     REMARKS,
     Column,
     DateDialect,
@@ -248,12 +249,16 @@ PAIR = re.compile(
     r"([-+]?(?:\d++(?:\.\d*+)?+|\.\d++)(?:[eE][-+]?\d++)?+)(?![\w:.])"
 )
 """A name has at most 61 characters and its unit 40: the search takes time in proportion to the line."""
+OF_A_DAY = r"\d{1,2}:\d{2}:\d{2}(?:[.,:]\d{1,6})?"
 ARRIVED = re.compile(
-    r"^(?:(\[)(?=[^\]\n]{7,30}\]))?(\d{4}-\d{2}-\d{2}[ T])?(\d{1,2}:\d{2}:\d{2}(?:[.,:]\d{1,6})?)"
-    r"(?(1)\]| ?(?:->|>))[ \t]*"
+    r"^(?:\[(?=[^\]\n]{7,30}\]) *(?:(?P<date>\d{4}-\d{2}-\d{2}[ T])|(?P<days>\d{1,5}) "
+    r"|[A-Z][a-z]{2} (?P<month>[A-Z][a-z]{2}) {1,2}(?P<day>\d{1,2}) )?"
+    rf"(?P<clock>{OF_A_DAY})(?: (?P<year>\d{{4}}))?\]"
+    rf"|(?P<bare_date>\d{{4}}-\d{{2}}-\d{{2}}[ T])?(?P<bare_clock>{OF_A_DAY}) ?(?:->|>))[ \t]*"
 )
 """The time at which a serial monitor received a line: `12:30:01.123 -> `, `12:30:01 -> `,
-`[2026-03-02 12:30:01.123] `."""
+`[2026-03-02 12:30:01.123] `; Tera Term's `[Mon Mar 02 12:30:01.123 2026] `, and its time since the start,
+`[0 00:00:01.123] `, with the days."""
 ARRIVAL = "arrived"
 TRIPLE = re.compile(
     r"([A-Za-z]\w{0,30}) ?[:=] *([-+]?\d++(?:\.\d*+)?+)[, \t]++([-+]?\d++(?:\.\d*+)?+)"
@@ -351,10 +356,18 @@ def _find_groups(lines: Sequence[str]) -> tuple[tuple[str, ...], ...]:
 
 
 def _read_arrival(found: re.Match[str]) -> str:
-    """Write the time of a serial monitor in the form of the other stamps."""
-    day, clock = found.group(2) or "", found.group(3).replace(",", ".")
+    """Write the time of a serial monitor in the form of the other stamps, or as seconds since the start."""
+    clock = (found["clock"] or found["bare_clock"]).replace(",", ".")
     hour, minute, second, *fraction = clock.replace(".", ":").split(":")
-    return f"{day.replace(' ', 'T')}{hour}:{minute}:{second}.{(fraction or ['0'])[0]}"
+    fraction = fraction or ["0"]
+    if found["days"]:
+        return (
+            f"{86_400 * int(found['days']) + 3600 * int(hour) + 60 * int(minute) + int(second)}.{fraction[0]}"
+        )
+    day = (found["date"] or found["bare_date"] or "").replace(" ", "T")
+    if found["month"] and found["year"]:
+        day = f"{found['year']}-{MONTHS.get(found['month'].lower(), 0):02d}-{int(found['day']):02d}T"
+    return f"{day}{hour}:{minute}:{second}.{fraction[0]}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -389,6 +402,9 @@ class ArrivalWriter:
 
 # The layout of a head.
 
+ASKED = ("date-order", "dates")
+"""Problems of dates whose form is known."""
+
 
 @dataclass(frozen=True, slots=True)
 class TextLayout:
@@ -400,6 +416,7 @@ class TextLayout:
     each space of a row is a separator, with nothing between two of them where a value is absent; such rows
     are read with their spaces as tabs. ``device``: the known device whose header this is.
     ``writer``: how rows that name every value, or begin with a serial monitor's time, are rewritten.
+    ``doubt``: why a time in a column cannot be read, if a person says which column is the time.
     ``narrow_header``: a header with fewer names than the rows have fields; ``header`` is then None.
     """
 
@@ -414,6 +431,7 @@ class TextLayout:
     is_single_spaced: bool = False
     device: KnownDevice | None = None
     writer: LabelWriter | ArrivalWriter | None = None
+    doubt: UnusableTime | None = None
     narrow_header: str = ""
 
     @property
@@ -430,10 +448,12 @@ class TextLayout:
 
 
 @lru_cache(maxsize=2)
-def find_layout(head: str, order: DateOrder | None = None) -> TextLayout | None:
+def find_layout(head: str, order: DateOrder | None = None, *, names_time: bool = False) -> TextLayout | None:
     """Understand the head of a table; None if no rows of six numbers are found.
 
     Every reader calls this for the same head, so the last results are cached.
+
+    ``names_time``: a person says which column is the time, or that there is none.
 
     Raises
     ------
@@ -447,23 +467,23 @@ def find_layout(head: str, order: DateOrder | None = None) -> TextLayout | None:
     named = [labels for labels, _ in map(_read_labels, lines) if len(labels) >= MIN_COLUMNS]
     is_labelled = len(named) >= FEWEST_LINES and 2 * named.count(named[-1]) > len(lines)
     if groups := (named[-1],) if is_labelled else _find_groups(lines):  # most rows begin their values so
-        layout = _find_table(LabelWriter(groups).tabulate_head(head), order)
+        layout = _find_table(LabelWriter(groups).tabulate_head(head), order, names_time=names_time)
         return (
             replace(layout, writer=LabelWriter(groups), first_line=layout.first_line - 1) if layout else None
         )
     rests = [line[found.end() :] for line in lines if (found := ARRIVED.match(line))]
     if len(rests) < FEWEST_LINES or 2 * len(rests) <= len(lines):
-        return _find_table(head, order)
+        return _find_table(head, order, names_time=names_time)
     counts = {mark: sum(rest.count(mark) for rest in rests) for mark in DELIMITERS[:-1]}
     delimiter = max(counts, key=lambda mark: counts[mark])
     delimiter = delimiter if counts[delimiter] >= len(rests) else " "
     widths = Counter(len(split_fields(rest, delimiter)) for rest in rests)
     arrivals = ArrivalWriter(delimiter, widths.most_common(1)[0][0])
-    layout = _find_table(arrivals.rewrite(head), order)
+    layout = _find_table(arrivals.rewrite(head), order, names_time=names_time)
     return replace(layout, writer=arrivals) if layout else None
 
 
-def _find_table(head: str, order: DateOrder | None) -> TextLayout | None:
+def _find_table(head: str, order: DateOrder | None, *, names_time: bool) -> TextLayout | None:
     """Parse a head whose rows do not name their values."""
     try:
         dates, doubt = find_dates(head, order), None
@@ -494,9 +514,11 @@ def _find_table(head: str, order: DateOrder | None) -> TextLayout | None:
     if delimiter == " " and (tabbed := _tab_single_spaces(lines)):
         return replace(_describe(tabbed, "\t"), is_single_spaced=True)
     layout = replace(_describe(lines, delimiter), dates=dates)
-    if doubt is not None and not any(c.channel == "time" and c.unit for c in layout.columns):
+    if doubt is None or any(c.channel == "time" and c.unit for c in layout.columns):
+        return layout
+    if not names_time or doubt.facts["why"] in ASKED:
         raise doubt
-    return layout
+    return replace(layout, doubt=doubt)
 
 
 def _begins_with_words(lines: Sequence[str], delimiter: str) -> bool:
@@ -608,7 +630,9 @@ COARSEST_STEP_G = 0.009
 """Half a degree of tilt: an accelerometer's own step is a tenth of it."""
 
 
-def read_layout(source: Source, order: DateOrder | None = None) -> TextLayout | None:
+def read_layout(
+    source: Source, order: DateOrder | None = None, *, names_time: bool = False
+) -> TextLayout | None:
     """Parse a table from its head, and from its middle and tail if the head has whole numbers only.
 
     Raises
@@ -618,7 +642,7 @@ def read_layout(source: Source, order: DateOrder | None = None) -> TextLayout | 
     fusion.errors.FusionError
         As :func:`find_layout`.
     """
-    layout = sniff_layout(source, order)
+    layout = sniff_layout(source, order, names_time=names_time)
     if layout is None or find_form(source.head).encoding or isinstance(source.file, UnpackedFile):
         return layout
     has_point = any(re.search(r"\d\.\d", field) for row in layout.sample_rows for field in row)
@@ -637,7 +661,9 @@ def read_layout(source: Source, order: DateOrder | None = None) -> TextLayout | 
     return replace(layout, decimal=",") if _holds(WITH_COMMA, rows) else layout
 
 
-def sniff_layout(source: Source, order: DateOrder | None = None) -> TextLayout | None:
+def sniff_layout(
+    source: Source, order: DateOrder | None = None, *, names_time: bool = False
+) -> TextLayout | None:
     """Parse a table from its head and, if day and month remain ambiguous, from its last row.
 
     Raises FusionError: as :func:`find_layout`.
@@ -647,7 +673,7 @@ def sniff_layout(source: Source, order: DateOrder | None = None) -> TextLayout |
     if first and order is None:
         last = find_last_date(_read_tail(source))
         order = find_order_by_span(first, last) if last else None
-    return find_layout(head, order)
+    return find_layout(head, order, names_time=names_time)
 
 
 def _read_tail(source: Source) -> str:

@@ -42,6 +42,7 @@ from fusion.readers.tables.rows import (
     holds_gravity,
     read_epoch,
 )
+from fusion.readers.time.bursts import find_bursts, spread_bursts
 from fusion.readers.time.clock import datetime_at_us
 from fusion.readers.time.grid import cut_stamped
 from fusion.recording import (
@@ -59,8 +60,6 @@ from fusion.recording import (
 MOST_BYTES = 1 << 29
 """Of one table: eight hours at 100 Hz take 250 MB."""
 FEWEST_ROWS = 2
-SHARED_PART = 0.1
-"""From so many rows that share a stamp on, the rows of a table came in bursts."""
 SLOWER = 1.2
 """Times the period of the gyroscope: from here on the accelerometer's slower rate is worth a caveat."""
 LATEST_US, LARGEST = 9e18, 1e30
@@ -73,7 +72,7 @@ class ThreeAxes:
     """One of the tables: times in microseconds, (n,), values as written, (n, 3), and their unit.
 
     ``dropped``: rows that could not be read, or whose time does not advance. ``started``: the first row's
-    time of a calendar, if another column holds the time.
+    time of a calendar, if another column holds the time. ``is_spread``: its rows came in bursts.
     """
 
     time_us: NDArray[np.int64]
@@ -82,6 +81,7 @@ class ThreeAxes:
     device: KnownDevice | None
     dropped: int = 0
     started: datetime | None = None
+    is_spread: bool = False
 
     @property
     def period_us(self) -> float:
@@ -120,7 +120,10 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
     ):
         raise NoGravity
     columns = _merge(acc, gyr)
-    flags = flag_counts({Caveat.ROWS_DROPPED: acc.dropped + gyr.dropped}) + MICROSECOND_STAMPS.repair(columns)
+    flags = flag_counts(
+        {Caveat.ROWS_DROPPED: acc.dropped + gyr.dropped, Caveat.JITTER: int(acc.is_spread or gyr.is_spread)}
+    )
+    flags += MICROSECOND_STAMPS.repair(columns)
     if acc.period_us > SLOWER * gyr.period_us > 0.0:
         rates = {"acc_hz": MICROSECONDS / acc.period_us, "gyr_hz": MICROSECONDS / gyr.period_us}
         facts = {name: round(rate_hz, 2) for name, rate_hz in rates.items()}
@@ -171,7 +174,9 @@ def _read_table(archive: zipfile.ZipFile, name: str, channel: Literal["acc", "gy
     if found is None:
         raise UnknownRate
     micros = np.clip(np.nan_to_num(stamp) * 10.0**found.exponent, -LATEST_US, LATEST_US)
-    time_us, values_read = _spread_bursts(np.rint(micros).astype(np.int64), table[:, 1:])
+    stamps = np.rint(micros).astype(np.int64)
+    is_spread = find_bursts(stamps) is not None
+    time_us, values_read = _spread_bursts(stamps, table[:, 1:]) if is_spread else (stamps, table[:, 1:])
     is_later = np.concatenate([[True], time_us[1:] > np.maximum.accumulate(time_us)[:-1]])
     kept = is_later & np.isfinite(values_read).all(axis=1)
     started = None
@@ -179,7 +184,7 @@ def _read_table(archive: zipfile.ZipFile, name: str, channel: Literal["acc", "gy
         with suppress(ValueError):  # a damaged row may have no such hour
             started = datetime_at_us(round(_read_moment_us(values[calendar])))
     dropped = len(table) - int(np.count_nonzero(kept))
-    return ThreeAxes(time_us[kept], values_read[kept], unit or "", device, dropped, started)
+    return ThreeAxes(time_us[kept], values_read[kept], unit or "", device, dropped, started, is_spread)
 
 
 def _read_moment_us(text: str) -> float:
@@ -193,25 +198,15 @@ def _spread_bursts(
 ) -> tuple[NDArray[np.int64], Float64Array]:
     """Spread rows that arrived together, with one stamp, over time, as in a single table."""
     kept = np.isfinite(values).all(axis=1)
-    shared = np.count_nonzero(time_us[1:] == time_us[:-1])
-    if shared < SHARED_PART * len(time_us) or np.count_nonzero(kept) < FEWEST_ROWS:
+    if np.count_nonzero(kept) < FEWEST_ROWS:
         return time_us, values
     columns = SampleColumns()
     columns.extend(int(np.count_nonzero(kept)))
     columns.trim()
     columns.stamps[:], columns.acc[:], columns.gyr[:] = time_us[kept], values[kept], 0.0
     MICROSECOND_STAMPS.repair(columns)
-    first_us = int(columns.stamps[0])
-    spread, rows = [], []
-    for segment in cut_stamped(columns).segments:
-        even_us = first_us + segment.start_us + np.arange(len(segment)) * (MICROSECONDS / segment.rate_hz)
-        is_row = np.ones(len(segment), np.bool_)
-        for first, stop in segment.bridged:
-            is_row[first:stop] = False
-        spread.append(even_us[is_row])
-        rows.append(segment.acc_g[is_row])
-    late_us = np.mean(columns.stamps[: len(spread[0])] - spread[0])  # the first burst may have been cut
-    return np.rint(np.concatenate(spread) + late_us).astype(np.int64), np.concatenate(rows).astype(np.float64)
+    spread_bursts(columns.stamps)
+    return columns.stamps, columns.acc.astype(np.float64)
 
 
 def _read_lines(archive: zipfile.ZipFile, name: str) -> Iterator[str]:

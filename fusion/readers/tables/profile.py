@@ -3,6 +3,7 @@
 import hashlib
 import io
 import json
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
@@ -208,6 +209,8 @@ def _find_place(names: Sequence[str], place: Place) -> int:
 # A proposal for a profile from a table's head, for a person to complete in a form.
 
 PREVIEW_ROWS, LINES_ABOVE = 5, 5
+WITHOUT_DATE = re.compile(r"^1970-01-0[1-3]T")
+"""The date that a time of day is given while its rows are read."""
 Vector = tuple[Place, Place, Place]
 
 
@@ -300,11 +303,11 @@ def propose_profile(head: bytes) -> ProfileProposal:
 def _find_proposed_layout(text: str) -> TextLayout | None:
     """Understand the head of a table; the order of its dates, if open, does not matter here."""
     try:
-        return find_layout(text)
+        return find_layout(text, names_time=True)
     except UnusableTime as refusal:
         if refusal.facts["why"] != "date-order":
             raise
-        return find_layout(text, "dmy")
+        return find_layout(text, "dmy", names_time=True)
 
 
 def _find_first_rows(text: str, layout: TextLayout) -> tuple[tuple[str, ...], ...]:
@@ -312,7 +315,11 @@ def _find_first_rows(text: str, layout: TextLayout) -> tuple[tuple[str, ...], ..
     lines = text.split("\n")[layout.first_line : layout.first_line + PREVIEW_ROWS]
     rows = tuple(tuple(split_fields(line.rstrip("\r"), layout.delimiter)) for line in lines)
     is_plain = layout.writer is None and all(len(row) <= layout.n_columns for row in rows)
-    return rows if is_plain else layout.sample_rows[:PREVIEW_ROWS]
+    if is_plain:
+        return rows
+    return tuple(
+        tuple(WITHOUT_DATE.sub("", field) for field in row) for row in layout.sample_rows[:PREVIEW_ROWS]
+    )
 
 
 def _propose_without_layout(text: str) -> ProfileProposal:
@@ -360,7 +367,8 @@ def check_profile(head: bytes, profile: ColumnProfile) -> None:
 
 def _find_head_layout(head: bytes, profile: ColumnProfile | None = None) -> TextLayout:
     text = decode_head(open_source(io.BytesIO(head), is_hashed=False))
-    layout = find_layout(text, profile.date_order if profile else None)
+    names_time = profile is not None and profile.names_columns
+    layout = find_layout(text, profile.date_order if profile else None, names_time=names_time)
     if layout is None:
         raise UnknownFormat(kind="text")
     return layout

@@ -15,6 +15,7 @@ from fusion.caveats import Caveat
 from fusion.errors import UnknownRate, UnusableTime
 from fusion.numba_kernels import njit
 from fusion.readers.samples import PAUSE, SampleColumns
+from fusion.readers.time.bursts import spread_bursts
 from fusion.readers.time.clock import datetime_at_us, is_change_of_wall_clock
 from fusion.recording import (
     LONGEST_BRIDGE_US,
@@ -32,7 +33,6 @@ from fusion.recording import (
 LONGEST_DELAY_US = MICROSECONDS
 """A row that comes later than this is not a late row: its clock was set."""
 LONGEST_WINDOW_ROWS = 8192
-FULL_RUN = 0.1
 LATE_ROWS = 32
 """How far to look for stamps that make up for a late one."""
 PACE_ROWS = 32
@@ -125,29 +125,6 @@ def find_equal_runs(stamps: NDArray[np.int64], shortest_rows: int) -> NDArray[np
             found += 1
         reached = max(stop, row + 1)
     return runs[:found]
-
-
-@njit(cache=True, nogil=True)
-def spread_runs(
-    stamps: NDArray[np.int64], edges: NDArray[np.int64], step_us: float, usual: NDArray[np.float64]
-) -> None:
-    """Spread the rows of each run of equal stamps evenly over the time until the next stamp, in place.
-
-    ``usual``: for each run, the number of rows it has if none is lost.
-    """
-    for run in range(len(edges) - 1):
-        first, stop = edges[run], edges[run + 1]
-        rows = stop - first
-        length_us = step_us
-        if stop < len(stamps) and 0 < stamps[stop] - stamps[first] < 1.5 * step_us:
-            length_us = float(stamps[stop] - stamps[first])
-        is_full = abs(rows - usual[run]) <= FULL_RUN * usual[run]
-        share_us = length_us / (rows if is_full or rows > usual[run] else usual[run])
-        began_within = run == 0 and rows < usual[run]
-        late = usual[run] - rows if began_within else 0.0
-        base = stamps[first]
-        for k in range(rows):
-            stamps[first + k] = base + np.int64(np.round((k + late) * share_us))
 
 
 # Rows on an even grid: single wrong stamps, holes, the line through the stamps, bridged rows.
@@ -362,7 +339,7 @@ def cut_stamped(columns: SampleColumns) -> Grid:
     Raises UnusableTime or UnknownRate if the stamps are not an even sampling at a usable rate.
     """
     stamps = columns.stamps
-    mended = spread_coarse_stamps(stamps)
+    mended = spread_bursts(stamps)
     period_us = estimate_period_us(stamps)
     if count_backward(stamps):  # of all kernels this one takes longest to compile, and few files need it
         late = sort_windows(columns.acc, columns.gyr, stamps, EVEN_STEP_PERIODS * period_us)
@@ -391,30 +368,31 @@ def cut_stamped(columns: SampleColumns) -> Grid:
 def cut_counted(columns: SampleColumns, rate_hz: float) -> Grid:
     """Cut rows that have numbers instead of stamps, at a given rate.
 
-    A skipped number is a row that could not be read; a pause is a break of unknown length, so the next
-    segment follows at once.
+    A skipped number is a row that could not be read; a few of them are bridged, as in rows with stamps. A
+    pause is a break of unknown length, so the next segment follows at once.
 
     Raises UnknownRate if the rate is outside the range that shows arm movement.
     """
     if not SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
         raise UnknownRate(m=rate_hz)
     period_us = MICROSECONDS / rate_hz
-    numbers = columns.stamps
-    pauses = numbers // PAUSE
-    breaks = np.flatnonzero(np.diff(numbers) != 1) + 1
-    edges = [0, *breaks.tolist(), columns.rows]
-    segments: list[Segment] = []
-    for first, stop in pairwise(edges):
-        start_us = segments[-1].end_us if segments else 0
-        if segments and pauses[first] == pauses[first - 1]:
-            start_us += round((numbers[first] - numbers[first - 1] - 1) * period_us)
-        segments.append(Segment(start_us, rate_hz, columns.acc[first:stop], columns.gyr[first:stop]))
+    numbers, n_rows = columns.stamps[: columns.rows].copy(), columns.rows
+    row = np.flatnonzero(np.diff(numbers) != 1) + 1
+    is_pause = numbers[row] // PAUSE != numbers[row - 1] // PAUSE
+    steps = numbers[row] - numbers[row - 1]
+    is_short = ~is_pause & (steps * period_us <= LONGEST_BRIDGE_US)
+    holes = Holes(row, np.rint(steps * period_us).astype(np.int64), np.where(is_short, steps - 1, 0))
+    pauses = set(row[is_pause].tolist())
+    runs = [
+        FittedRun(
+            first, stop, round(int(numbers[first] % PAUSE) * period_us), 0.0, period_us, 0.0, first in pauses
+        )
+        for first, stop in pairwise([0, *row[~is_short].tolist(), n_rows])
+    ]
+    segments = tuple(replace(one, rate_hz=rate_hz) for one in place_segments(columns, holes, runs))
     duration_us = segments[-1].end_us
-    flags = flag_gaps(segments, duration_us)
-    n_pauses = int(np.count_nonzero(np.diff(pauses)))
-    if n_pauses:
-        flags += (QualityFlag(Caveat.PAUSE, n_pauses),)
-    return Grid(tuple(segments), duration_us, flags, period_us, 0.0)
+    flags = flag_gaps(segments, duration_us) + flag_counts({Caveat.PAUSE: len(pauses)})
+    return Grid(segments, duration_us, flags, period_us, 0.0)
 
 
 def _fit_runs(
@@ -476,49 +454,6 @@ def flag_time(holes: Holes, replaced_rows: int, jitter_periods: float) -> tuple[
         Caveat.JITTER: int(jitter_periods > JITTER_PERIODS),
     }
     return flag_counts(found)
-
-
-# Rows that share a coarse stamp are spread over time.
-
-COARSE_ROWS = 4.0
-"""Rows that share a stamp on average, from which on the stamp is a count of something coarser."""
-EVEN_RUNS, SAME_COUNT = 10, 0.02
-"""So many stamps one after the other with as many rows each, give or take one or 2 %, are a rate."""
-
-
-def spread_coarse_stamps(stamps: NDArray[np.int64]) -> tuple[QualityFlag, ...]:
-    """Spread the rows that share a stamp (whole seconds, say) over the time until the next, in place.
-
-    The n rows of a second T are at T + k/n, as in a `.gt3x`; if clearly fewer than usual share a
-    stamp, they keep the usual distance and the rest is a hole.
-    """
-    runs = 1 + np.count_nonzero(stamps[1:] != stamps[:-1])
-    if runs < 3 or len(stamps) < COARSE_ROWS * runs:
-        return ()
-    edges = np.concatenate([[0], np.flatnonzero(np.diff(stamps)) + 1, [len(stamps)]])
-    counts = np.diff(edges)
-    steps = np.diff(stamps[edges[:-1]])
-    if not np.any(steps > 0):
-        return ()
-    step_us = float(np.median(steps[steps > 0]))
-    spread_runs(stamps, edges.astype(np.int64), step_us, find_usual_counts(counts))
-    return (QualityFlag(Caveat.JITTER),)
-
-
-def find_usual_counts(counts: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return, for each stamp, the number of rows that share it if none is lost.
-
-    Within a stretch of even counts it is the median of the stretch; between stretches, that of the stretch
-    before (at the start, of the first). If no stretch is even, it is the median of all counts.
-    """
-    usual = np.full(len(counts), float(np.median(counts)))
-    differs = np.abs(np.diff(counts)) > np.maximum(1.0, SAME_COUNT * counts[1:])
-    edges = np.concatenate([[0], np.flatnonzero(differs) + 1, [len(counts)]])
-    stretches = [(int(a), int(b)) for a, b in pairwise(edges) if b - a >= EVEN_RUNS]
-    starts = [0, *(first for first, _ in stretches[1:]), len(counts)]
-    for (first, stop), (start, end) in zip(stretches, pairwise(starts), strict=False):
-        usual[start:end] = float(np.median(counts[first:stop]))
-    return usual
 
 
 EVEN_STEP_PERIODS = 0.4
@@ -823,13 +758,15 @@ FAR_US = 60 * MICROSECONDS
 LOOKED_AT_ROWS = 8193
 SHORTEST_STOP_US, SHORTEST_STOP_STEPS = 500_000, 3.0
 """If rows share a stamp for at least this time and this many steps of the clock, the clock stopped."""
-LEAST_TIMED_PART = 0.5
+LEAST_TIMED_PART = LEAST_WAIT = 0.5
 FREE_STOPS, BETWEEN_STOPS_US = 3, 60 * MICROSECONDS
 """With more stops than a few and one a minute, rows arrived in bunches and no clock stopped."""
 
 
 def leave_out_stopped(columns: SampleColumns) -> tuple[QualityFlag, ...]:
     """Drop rows recorded while the clock stood still: their time is unknown (W-ROWS-DROPPED).
+
+    Rows that arrived together after a wait as long as they took are kept.
 
     Raises UnusableTime if most rows would be dropped.
     """
@@ -839,6 +776,8 @@ def leave_out_stopped(columns: SampleColumns) -> tuple[QualityFlag, ...]:
         return ()
     longest_us = max(SHORTEST_STOP_US, SHORTEST_STOP_STEPS * pace.step_us)
     runs = find_equal_runs(stamps, int(longest_us / pace.period_us) + 1)
+    waited_us = np.where(runs[:, 0] > 0, stamps[runs[:, 0]] - stamps[runs[:, 0] - 1], 0)
+    runs = runs[waited_us < LEAST_WAIT * (runs[:, 1] - runs[:, 0]) * pace.period_us]
     if not 0 < len(runs) <= FREE_STOPS + columns.rows * pace.period_us / BETWEEN_STOPS_US:
         return ()
     kept = np.ones(columns.rows, np.bool_)

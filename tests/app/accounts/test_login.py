@@ -378,6 +378,21 @@ def test_a_start_refuses_a_file_that_holds_no_secret(settings: Settings, content
         read_or_create_secret(settings.data_dir)
 
 
+def test_a_start_refuses_a_link_in_place_of_the_secret_and_leaves_its_target_alone(
+    settings: Settings, tmp_path: Path
+) -> None:
+    settings.data_dir.mkdir(parents=True)
+    target = tmp_path / "other"
+    target.write_text("x" * 43)
+    target.chmod(0o644)
+    (settings.data_dir / "secret").symlink_to(target)
+
+    with pytest.raises(StartSecretUnusable):
+        read_or_create_secret(settings.data_dir)
+
+    assert target.stat().st_mode & 0o777 == 0o644
+
+
 def test_each_browser_gets_a_random_cookie_that_ends_after_twelve_hours() -> None:
     now_s = 0.0
     secret = StartSecret("x" * 43, lambda: now_s)

@@ -52,6 +52,7 @@ def test_terms_and_holds_are_changed_by_command(settings: Settings, store: JobSt
     recording_id = add_job().recording_id
 
     assert "Entries of the audit log: kept without limit" in run(settings, "retention")[1]
+    assert "Recordings in the trash: 30 days" in run(settings, "retention")[1]
     assert "Entries of the audit log: 400 days" in run(settings, "retention", "trail", "400")[1]
     assert "Entries of the audit log: kept without limit" in run(settings, "retention", "trail", "never")[1]
     assert run(settings, "hold", "begin", recording_id)[0] == 0

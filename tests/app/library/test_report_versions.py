@@ -2,12 +2,15 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from threading import Thread
+from typing import Any
 
 import pytest
+from sqlalchemy import text
 
 from app.errors import NotHere, StaleVersion
 from app.library.batches import BatchStore
-from app.library.claims import WayIn
+from app.library.claims import WayIn, enqueue_all
 from app.library.jobs import JobStore
 from app.library.listing import HeadlineFigures, Library, LibraryFilter
 from app.library.recordings import RecordingStore, StoredRow
@@ -17,6 +20,7 @@ from app.request import ReportRequest
 from app.store.folder import ResultFile
 from fusion.diary import DiaryEntry
 from tests.app.conftest import AddJob
+from tests.ways_in.servers import wait_for
 
 MOVED = ReportRequest("shift.gt3x", calibration_windows_s=((3.0, 9.0),))
 
@@ -254,3 +258,33 @@ def test_in_its_batch_what_was_withdrawn_still_counts_as_failed(store: JobStore,
 
     assert batches.get(batch.id).counts[JobState.FAILED] == 1
     assert [job.id for job in batches.find_jobs(batch.id)] == [failed.id]
+
+
+@pytest.mark.parametrize("database", ["postgresql"], indirect=True)
+def test_a_batch_that_is_retried_twice_at_once_is_queued_once(
+    store: JobStore, add_job: AddJob, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    batches, job = BatchStore(store.engine, store.reader), add_job()
+    row = RecordingStore(store.engine, store.reader).get(job.recording_id)
+    batch = batches.add("spring", [(row, job.request)])
+    fail_next(store)
+    counts = list[int]()
+    second = Thread(target=lambda: counts.append(batches.retry_failed(batch.id)))
+    waiting = text("SELECT count(*) FROM pg_stat_activity WHERE wait_event_type = 'Lock'")
+
+    def is_second_waiting() -> bool:
+        with store.reader.connect() as connection:
+            return bool(connection.execute(waiting).scalar_one())
+
+    def enqueue_while_the_second_waits(*rest: Any) -> Any:
+        if second.ident is None:
+            second.start()
+            wait_for(is_second_waiting)
+        return enqueue_all(*rest)
+
+    monkeypatch.setattr("app.library.batches.enqueue_all", enqueue_while_the_second_waits)
+    counts.append(batches.retry_failed(batch.id))
+    second.join()
+
+    assert sorted(counts) == [0, 1]
+    assert batches.get(batch.id).counts[JobState.QUEUED] == 1

@@ -9,7 +9,14 @@ import pytest
 from typer.testing import CliRunner
 
 from app.cli import app
+from app.library.jobs import JobStore
+from app.library.rows import Job
+from app.ops.recover import update_side_files
+from app.queue.worker import run_next
 from app.settings import Settings
+from app.store.folder import Storage
+from tests.app import stand_ins
+from tests.app.conftest import AddJob, OpenWorker
 
 Acromion = Callable[..., Any]
 
@@ -24,6 +31,15 @@ def acromion(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> Acromion:
         return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
     return call
+
+
+@pytest.fixture
+def finished(store: JobStore, storage: Storage, add_job: AddJob, open_worker: OpenWorker) -> Job:
+    """An analysis with its files."""
+    job = add_job(b"the recording", file_name="Équipe 1.gt3x")
+    run_next(open_worker(stand_ins.write_report))
+    update_side_files(store, storage)
+    return store.get(job.id)
 
 
 def lose_sqlite(settings: Settings) -> None:

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from app.library.rows import Job
+from app.settings import Settings
 from tests import ROOT
 from tests.crash.rounds import can_cut_power
 
@@ -31,6 +33,7 @@ printf '#!/bin/sh\\nexit 0\\n' >"$3/bin/pip"; cp "$3/bin/pip" "$3/bin/python"
 printf '#!/bin/sh\\necho acromion "$@" >>{log}\\n' >"$3/bin/acromion"
 printf '[ "$1 $2" != "account list" ] || cat {base}/people\\n' >>"$3/bin/acromion"
 printf '[ "$1 $2" != "account add" ] || echo "$3" >>{base}/people\\n' >>"$3/bin/acromion"
+printf '[ "$1" != backup ] || touch "$2"\\n' >>"$3/bin/acromion"
 chmod 755 "$3/bin/"*
 """
 STUBS = {
@@ -128,4 +131,60 @@ def test_an_upgrade_backs_up_switches_and_goes_back_if_it_is_not_ready(
     assert log.index("acromion backup /var/backups/acromion/before-upgrade-") < log.index(
         "systemctl stop acromion"
     )
-    assert log.count("systemctl start acromion") == 2
+    assert log.count("systemctl start acromion\n") == 2
+
+
+REAL = """first=$(readlink /opt/acromion/current)
+program='ACROMION_DATA_DIR=/var/lib/acromion exec {python} -P -m app "$@"'
+printf '#!/bin/sh\\n%s\\n' "$program" >"$first/bin/acromion"
+ln -sf {python} "$first/bin/python"
+cp -r {data}/. /var/lib/acromion/
+export PYTHONPATH={root}
+sleep 1
+"""
+LATER = """cd /var/lib/acromion
+{python} <<'END'
+import sqlite3
+with sqlite3.connect("acromion.sqlite3") as rows:
+    rows.execute("UPDATE alembic_version SET version_num = 'later'")
+END
+echo later >recordings/rec_later
+cd /
+"""
+
+
+def test_a_rollback_over_changed_tables_asks_and_restores_the_backup_of_the_upgrade(
+    tmp_path: Path, setup: str, finished: Job, settings: Settings
+) -> None:
+    facts = {"python": sys.executable, "data": settings.data_dir, "root": ROOT}
+    script = setup + REAL.format(**facts) + f"acromion-admin upgrade {ROOT}\n" + LATER.format(**facts)
+    script += "acromion-admin rollback </dev/null || echo refused $?\n"
+    script += "echo yes | acromion-admin rollback\nls /var/lib/acromion.*/recordings\n"
+    script += '[ "$(readlink /opt/acromion/current)" != "$first" ] || acromion-admin verify\n'
+    done = run(tmp_path, script)
+    told, _, after = done.stdout.partition("refused 2")
+
+    assert done.returncode == 0, done.stderr
+    assert "uploaded since, which it does not contain: 1\n  rec_later" in told
+    assert after.splitlines()[-4:-1] == [finished.recording_id, f"{finished.recording_id}.json", "rec_later"]
+    assert "all match their database rows" in after
+
+
+def test_a_restore_keeps_the_present_data_beside_those_of_the_backup(
+    tmp_path: Path, setup: str, finished: Job, settings: Settings
+) -> None:
+    facts = {"python": sys.executable, "data": settings.data_dir, "root": ROOT}
+    script = setup + REAL.format(**facts) + f"acromion-admin backup {tmp_path}/b.zip\n"
+    script += "echo later >/var/lib/acromion/recordings/rec_later\n"
+    script += f"echo yes | acromion-admin restore {tmp_path}/b.zip\n"
+    script += "ls /var/backups/acromion /var/lib/acromion.*/recordings /var/lib/acromion/recordings\n"
+    done = run(tmp_path, script)
+    names = [finished.recording_id, f"{finished.recording_id}.json"]
+
+    assert done.returncode == 0, done.stderr
+    assert [line for line in done.stdout.splitlines() if line.startswith("rec_")] == [
+        *names,
+        "rec_later",
+        *names,
+    ]
+    assert "restore." not in done.stdout.partition("/var/backups/acromion:")[2]

@@ -17,6 +17,7 @@ from fusion.errors import (
     UnusableTime,
 )
 from fusion.readers import ColumnProfile, parse_profile, propose_profile, read_recording
+from fusion.readers.tables.columns import DateOrder
 from fusion.readers.tables.layout import find_layout
 from fusion.recording import Recording
 from tests.fusion.readers.tables.table_builder import line, read_text
@@ -56,8 +57,19 @@ def check_whole(recording: Recording) -> None:
         "[{clock}] ",
         "[2026-03-02 {clock}] ",
         "2026-03-02 {clock} -> ",
+        "[Mon Mar 02 {clock} 2026] ",
+        "[Mon Mar  2 {clock} 2026] ",
     ],
-    ids=["Arduino IDE", "VS Code", "PlatformIO", "CoolTerm", "minicom", "with a date"],
+    ids=[
+        "Arduino IDE",
+        "VS Code",
+        "PlatformIO",
+        "CoolTerm",
+        "minicom",
+        "with a date",
+        "Tera Term",
+        "its space",
+    ],
 )
 def test_the_time_of_a_serial_monitor_is_used_if_there_is_no_other(before: str) -> None:
     header = before.format(clock=clock(0), colon=clock(0, ":"))
@@ -66,6 +78,23 @@ def test_the_time_of_a_serial_monitor_is_used_if_there_is_no_other(before: str) 
 
     check_whole(recording)
     assert recording.understood["time"] == ("calendar" if "2026" in before else "time of day")
+
+
+def test_the_time_since_the_start_of_a_monitor_is_read_in_seconds() -> None:
+    """Tera Term writes days before the hours."""
+    text = f"[0 07:00:00.000] {CHANNELS}\n" + make_rows("[0 {clock}] {row}")
+
+    recording, proposal = read_text(text), propose_profile(text.encode())
+
+    check_whole(recording)
+    assert (recording.start, recording.understood["time"]) == (None, "number")
+    assert proposal.rows[0][0] == "25200.000"
+
+
+def test_the_form_shows_a_time_of_day_without_a_date() -> None:
+    proposal = propose_profile((f"07:00:00.000 -> {CHANNELS}\n" + make_rows("{clock} -> {row}")).encode())
+
+    assert proposal.rows[1][0] == "07:00:00.010"
 
 
 def test_the_time_of_the_board_goes_before_that_of_the_monitor() -> None:
@@ -158,6 +187,66 @@ def test_a_date_and_a_time_are_one_time_whatever_they_are_called(header: str) ->
     assert f"{recording.start:%Y-%m-%d %H:%M}" == "2026-03-25 07:00"
 
 
+@pytest.mark.parametrize(
+    ("header", "form"),
+    [
+        ("clock,day", "{clock},25/03/2026,{{row}}"),
+        ("clock,day", "{clock},2026-03-25,{{row}}"),
+        ("clock,temp,day", "{clock},-21.5,25/03/2026,{{row}}"),
+        ("day,temp,place,clock", "25/03/2026,21.5,left arm,{clock},{{row}}"),
+        ("day,clock", "25-Mar-2026,{clock},{{row}}"),
+        ("time", "25-Mar-2026 {clock},{{row}}"),
+        ("time", "25 March 2026 {clock},{{row}}"),
+        ("time", "{clock} 25/03/2026,{{row}}"),
+        ("date,time", "20260325,{bare},{{row}}"),
+        ("d,utc", "20260325,{bare},{{row}}"),
+        ("d,utc", "20260325,{short},{{row}}"),
+        ("time", "20260325_{bare},{{row}}"),
+        ("time", "20260325{bare},{{row}}"),
+    ],
+)
+def test_a_date_and_a_time_are_found_wherever_they_are(header: str, form: str) -> None:
+    """Twelve seconds that begin five before the minute: as bare numbers, 70059.99 goes on with 70100.00."""
+    first = 5500
+
+    lines = []
+    for k in range(ROWS):
+        bare = clock(first + k).replace(":", "")
+        begin = form.format(clock=clock(first + k), bare=bare, short=bare.lstrip("0"))
+        lines.append(begin.format(row=line(k)))
+    recording = read_text(f"{header},{CHANNELS}\n" + "\n".join(lines) + "\n")
+
+    check_whole(recording)
+    assert f"{recording.start:%Y-%m-%d %H:%M:%S}" == "2026-03-25 07:00:55"
+
+
+@pytest.mark.parametrize("version", ["4.0.2", "1.2.26"])
+def test_a_version_is_no_date(version: str) -> None:
+    recording = read_text(f"firmware,id,time,{CHANNELS}\n" + make_rows(version + ",7,{clock},{row}"))
+
+    check_whole(recording)
+    assert (recording.start, recording.understood["time"]) == (None, "time of day")
+
+
+@pytest.mark.parametrize("order", [None, "dmy"])
+def test_dates_that_no_order_fits_are_refused_as_what_they_are(order: DateOrder | None) -> None:
+    dates = ["13/02/2026", "02/13/2026"]
+    rows = "".join(f"{dates[k % 2]} {clock(k)},{line(k)}\n" for k in range(ROWS))
+
+    with pytest.raises(UnusableTime) as refusal:
+        read_with(f"time,{CHANNELS}\n{rows}", ColumnProfile(date_order=order))
+
+    assert refusal.value.facts == {"why": "dates"}
+
+
+def test_one_damaged_date_says_nothing_of_the_others() -> None:
+    rows = make_rows("25/03/2026 {clock},{row}").replace("25/03/2026 07:00:00.050", "25/33/2026 07:00:00.050")
+
+    recording = read_text(f"time,{CHANNELS}\n{rows}")
+
+    assert f"{recording.start:%Y-%m-%d}" == "2026-03-25"
+
+
 @pytest.mark.parametrize("time", ["rtcDate", "rtcTime", 1, 2])
 def test_a_profile_may_name_either_of_the_two(time: str | int) -> None:
     names = [f"{sensor}{axis}" for sensor in "pq" for axis in "123"]
@@ -209,6 +298,25 @@ def test_with_a_profile_only_its_columns_must_be_numbers() -> None:
     profile = ColumnProfile(("p", "q", "r"), ("u", "v", "w"), "g", "dps", time="k", time_unit="ms")
 
     check_whole(read_with(WORDS, profile))
+
+
+HOURS = "clock,k,p,q,r,u,v,w\n" + make_rows("07:00,{ms},{row}")
+
+
+def test_a_profile_that_names_another_time_reads_past_one_without_seconds() -> None:
+    profile = ColumnProfile(("p", "q", "r"), ("u", "v", "w"), "g", "dps", time="k", time_unit="ms")
+
+    check_whole(read_with(HOURS, profile))
+    assert propose_profile(HOURS.encode()).rows[0][:2] == ("07:00", "0")
+
+
+def test_a_profile_that_names_the_time_without_seconds_is_told_that_they_are_missing() -> None:
+    profile = ColumnProfile(("p", "q", "r"), ("u", "v", "w"), "g", "dps", time="clock")
+
+    with pytest.raises(UnusableTime) as refusal:
+        read_with(HOURS, profile)
+
+    assert refusal.value.facts == {"why": "seconds"}
 
 
 @pytest.mark.parametrize("later", ["", "7"])

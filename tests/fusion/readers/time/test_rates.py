@@ -214,3 +214,29 @@ def test_a_column_that_does_not_count_up_is_no_packet_counter() -> None:
 def test_less_than_a_second_of_an_unknown_unit_is_too_short() -> None:
     with pytest.raises(TooShort):
         read_text(export([*range(3)], "").replace("_g", "").replace("_dps", ""), rate_hz=100.0)
+
+
+# Rows without a time that cannot be read.
+
+
+@pytest.mark.parametrize("damage", ["nan,nan,nan,nan,nan,nan", ",0,1,0,0,0", "x,0,1,0,0,0"])
+def test_single_rows_that_are_missing_are_bridged_without_a_time_too(damage: str) -> None:
+    """Every fortieth of 2000 rows at 100 Hz."""
+    rows = [damage if k % 40 == 20 else line(k) for k in range(2000)]
+
+    recording = read_text(",".join(HEADER.split(",")[1:]) + "\n" + "\n".join(rows) + "\n", rate_hz=100.0)
+
+    (segment,) = recording.segments
+    (gap,) = [flag for flag in recording.flags if flag.code == "W-GAP"]
+    assert (len(segment), len(segment.bridged)) == (2000, 50)
+    assert gap.count == 50
+    assert gap.seconds == pytest.approx(0.5)
+    assert segment.gyr_dps[41, 2] == pytest.approx(41.5)
+
+
+def test_many_rows_in_a_row_that_are_missing_stay_missing_without_a_time() -> None:
+    rows = ["nan,nan,nan,nan,nan,nan" if 1000 <= k < 1006 else line(k) for k in range(2000)]
+
+    recording = read_text(",".join(HEADER.split(",")[1:]) + "\n" + "\n".join(rows) + "\n", rate_hz=100.0)
+
+    assert spans(recording) == [(0, 10_000_000, 100.0), (10_060_000, 20_000_000, 100.0)]
