@@ -148,7 +148,13 @@ class FolderWatch:
         try:
             name, settings = clean_file_name(path.name), self.intake.settings
             held = settings.watch_pose_held
-            request = ReportRequest(name, check_subject(subject), paper=settings.paper, pose_held=held)
+            request = ReportRequest(
+                name,
+                check_subject(subject),
+                paper=settings.paper,
+                appendix=settings.appendix,
+                pose_held=held,
+            )
             with _enter_folder(path.parent, is_watched=path.parent == self.folder) as handle:
                 with _open_plain(path, handle) as file:
                     job = self.intake.add_open(file, request, "api")

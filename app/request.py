@@ -153,7 +153,7 @@ class ReportRequest:
     person states, ``no_slip_times_s``: when it did not. ``version`` counts the reports of one recording.
     ``changes`` lists the differences from the previous report (a setting, "input" or "engine"); ``reason`` is
     the person's reason. ``conclusion`` applies to these figures only; after a correction it becomes a
-    ``draft``.
+    ``draft``. ``appendix``: the PDF has its appendix.
 
     With a ``reference``, the request is for a comparison instead of a report.
     """
@@ -182,6 +182,7 @@ class ReportRequest:
     no_slip_times_s: tuple[float, ...] = ()
     pose_held: PoseHeld | None = None
     draft: ConclusionDraft | None = None
+    appendix: bool = False
 
     def to_json(self) -> str:
         """Return the request as text for a job row or a settings hash."""
@@ -209,7 +210,7 @@ class ReportRequest:
 
     def describe_settings(self) -> dict[str, object]:
         """Return the settings that affect the figures, without languages and output formats."""
-        ignored = {"file_name", "languages", "kinds", "paper", "joined"}
+        ignored = {"file_name", "languages", "kinds", "paper", "appendix", "joined"}
         ignored |= {"version", "changes", "reason", "draft"}
         return {name: value for name, value in asdict(self).items() if name not in ignored}
 

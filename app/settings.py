@@ -88,6 +88,8 @@ class Settings(BaseSettings):
         Whether a webhook may use an address in a private network or on this computer.
     paper
         Default paper size of PDFs: ``a4`` or ``letter``.
+    appendix
+        Whether PDFs have their appendix (all tables, full method, bibliography) by default.
     max_queued
         Maximum number of waiting analyses; further ones are rejected until some are done.
     upload_term_s, trash_term_s
@@ -133,6 +135,7 @@ class Settings(BaseSettings):
     header_patience_s: float = 10.0
     webhooks_may_be_private: bool = False
     paper: Paper = "a4"
+    appendix: bool = False
     max_queued: int = 100_000
     upload_term_s: float = 24 * 3600.0
     trash_term_s: float = 30 * 24 * 3600.0

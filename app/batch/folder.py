@@ -24,7 +24,7 @@ from app.errors import UnusableList
 from app.formats import ENDINGS
 from app.report.export.tables import Origin
 from app.report.words.wording import clean_text
-from app.request import Language, Paper, ReportRequest, clean_file_name, compare_settings
+from app.request import Language, ReportRequest, clean_file_name, compare_settings
 from app.store.folder import hash_file
 from app.version import identify_engine
 from fusion.conventions import is_sidecar
@@ -302,8 +302,8 @@ class Marker:
     language: Language = "en"
     figures: Mapping[str, str] = field(default_factory=dict)
     """SHA-256 of each result file, by name."""
-    papers: Mapping[Language, Paper] = field(default_factory=dict)
-    """The paper of the PDF in each language; A4 if not stated."""
+    papers: Mapping[Language, str] = field(default_factory=dict)
+    """The paper and appendix of the PDF in each language (:func:`describe_paper`); A4 if not stated."""
     place: str = ""
     """Hash of the recording's path (:func:`identify_place`)."""
 
@@ -315,9 +315,14 @@ def build_marker(task: Task, digest: str = "") -> Marker:
     """
     digest = digest or " ".join(hash_file(path) for path in (task.log, *map(Path, task.request.joined)))
     settings, fingerprint = _write_settings(task.request), compute_fingerprint(digest, task.request)
-    language, paper = task.request.languages[0], task.request.paper
-    place = identify_place(task.log)
-    return Marker(fingerprint, digest, settings, language=language, papers={language: paper}, place=place)
+    language, place = task.request.languages[0], identify_place(task.log)
+    papers = {language: describe_paper(task.request)}
+    return Marker(fingerprint, digest, settings, language=language, papers=papers, place=place)
+
+
+def describe_paper(request: ReportRequest) -> str:
+    """Return the paper of a PDF, and whether it has the appendix: ``a4``, ``a4+appendix``."""
+    return request.paper + ("+appendix" if request.appendix else "")
 
 
 def compute_fingerprint(digest: str, request: ReportRequest) -> str:
@@ -382,9 +387,9 @@ def use_plain_names(folder: Path, language: Language) -> None:
 
 
 def has_report(folder: Path, marker: Marker, request: ReportRequest) -> bool:
-    """Return whether the report exists in the requested language, kinds and paper."""
+    """Return whether the report exists in the requested language, kinds, paper and appendix."""
     language = request.languages[0]
-    if "pdf" in request.kinds and marker.papers.get(language, "a4") != request.paper:
+    if "pdf" in request.kinds and marker.papers.get(language, "a4") != describe_paper(request):
         return False
     mark = "" if language == marker.language else f".{language}"
     reports = (folder / f"report{mark}.{kind}" for kind in request.kinds)

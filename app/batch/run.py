@@ -30,6 +30,7 @@ from app.batch.folder import (
     build_marker,
     check_own_folder,
     compute_fingerprint,
+    describe_paper,
     find_changes,
     get_last_version,
     has_report,
@@ -194,7 +195,7 @@ def _rewrite(task: Task, before: Marker, go_on: GoOn) -> Outcome:
         for path in (*staging.glob("report.*"), *staging.glob("answer.*")):
             path.replace(task.folder / path.name)
         if "pdf" in task.request.kinds:
-            before = replace(before, papers={**before.papers, language: task.request.paper})
+            before = replace(before, papers={**before.papers, language: describe_paper(task.request)})
             write_marker(task.folder, before)
         switch_language(task.folder, before, language)
     return replace(outcome, answer=_read_answer(task), repeated=True, version=before.version)

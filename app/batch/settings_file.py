@@ -87,6 +87,12 @@ def _read_held(value: Any) -> PoseHeld | None:
     return known[known.index("no" if value is False else value)]
 
 
+def _read_flag(value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise ValueError
+    return value
+
+
 def _read_slip_list(value: Any) -> tuple[float, ...]:
     return tuple(parse_slip_time(time_s) for time_s in value or ())
 
@@ -140,6 +146,7 @@ SETTINGS: tuple[Setting, ...] = (
     ),
     Setting("report", "kinds", _read_kinds, "[html, pdf]"),
     Setting("paper", "paper", *_choose(get_args(Paper))),
+    Setting("appendix", "appendix", _read_flag, "true|false"),
     Setting("diary", "diary", lambda rows: tuple(_read_entry(**row) for row in rows or ()), DIARY_HINT),
     Setting(
         "profile",
@@ -166,6 +173,7 @@ def encode_settings(request: ReportRequest) -> bytes:
         "lang": request.languages[0],
         "report": list(request.kinds),
         "paper": request.paper,
+        "appendix": request.appendix,
         "diary": [  # the line in the original file is not a setting
             {name: value for name, value in row.items() if value not in {None, ""} and name != "line"}
             for row in (asdict(entry) | split_times(entry) for entry in request.diary)

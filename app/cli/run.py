@@ -117,6 +117,10 @@ def run(
         str | None, typer.Option(help="Report formats: html, pdf or html,pdf  \\[default: html,pdf]")
     ] = None,
     paper: Annotated[Paper | None, typer.Option(help="Paper of the PDF  \\[default: a4]")] = None,
+    appendix: Annotated[
+        bool,
+        typer.Option("--appendix", help="Add all tables, the full method and the bibliography to the PDF."),
+    ] = False,
     workers: Annotated[
         int | None,
         typer.Option("-j", "--jobs", min=1, help="Recordings in parallel  \\[default: by cores and memory]"),
@@ -151,6 +155,7 @@ def run(
         "rate_hz": rate_hz,
         "kinds": parse_kinds(report),
         "paper": paper,
+        "appendix": appendix,
     }
     settings = read_settings_file(config, lang or "en")
     settings |= {name: value for name, value in given.items() if value}

@@ -223,6 +223,14 @@ GROUPS = (
 SINGLE_GROUPS = (RECOVERY, FREQUENCY)
 """Groups with at most one record in an exposure."""
 
+PERIOD_FIGURES = {
+    EPISODES["longest_s"].spell({"threshold_deg": 60}): "longest_above_60_s",
+    "recovery_neutral_slow_percent": "neutral_slow_percent",
+}
+"""Further figures of periods and tasks, by name, with their fields."""
+LESS_REST = "time_above_60_less_rest_percent"
+"""Of a task: its share of time above 60 deg minus that of all other analysed time, in points."""
+
 REST_TABLE = (
     "recovery_neutral_slow_percent",
     "recovery_neutral_slow_per_h",

@@ -91,7 +91,11 @@ class Note:
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A chapter after the first page; empty parts are not shown."""
+    """A chapter after the first page; empty parts are not shown.
+
+    ``starts_page``: on paper it and the following chapters, up to the next such one, share one page.
+    ``in_appendix``: on paper it is printed only on request, after all others.
+    """
 
     key: str
     title: str
@@ -100,6 +104,8 @@ class Section:
     pairs: tuple[Pair, ...] = ()
     tables: tuple[Table, ...] = ()
     sources: tuple[str, ...] = ()
+    starts_page: bool = False
+    in_appendix: bool = False
 
 
 @dataclass(frozen=True, slots=True)

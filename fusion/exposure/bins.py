@@ -84,6 +84,12 @@ class Stretches:
         """The 5-minute block of each stretch, shape (s,)."""
         return self.minute_of // BLOCK_MINUTES
 
+    @property
+    def piece_edges_us(self) -> IntArray:
+        """The edges of the diary's pieces, shape (p + 1,)."""
+        first = np.unique(self.piece_of, return_index=True)[1]
+        return np.append(self.edges_us[first], self.edges_us[-1])
+
     def sum_minutes(self, histograms: PartHistograms) -> PartHistograms:
         """Return the histogram of each minute."""
         return PartHistograms(self.minute_edges_us, sum_time(histograms.cell_us, self.minute_of))

@@ -176,12 +176,18 @@ def _snap(time_us: int, runs: Sequence[EvenRun]) -> int:
 
 
 def summarise_group(
-    division: DayDivision, group: Group, cell_us: AnyArray, entries: IntArray
+    division: DayDivision,
+    group: Group,
+    cell_us: AnyArray,
+    entries: IntArray,
+    longest_s: Float64Array,
+    rest_s: Float64Array,
 ) -> PartExposure:
     """Return the main figures of several pieces together.
 
-    ``cell_us``, shape (p, 1800), and ``entries`` above 60 deg, shape (p,), are those of each piece. Excluded
-    time only has a duration, no figures.
+    ``cell_us``, shape (p, 1800), ``entries`` above 60 deg, the longest episode above 60 deg and the seconds
+    with arm down and nearly still, shape (p,), are those of each piece. Excluded time only has a duration, no
+    figures.
     """
     pieces, chosen = [division.pieces[k] for k in group], list(group)
     kind, label = division.name_owner(group[0])
@@ -194,6 +200,10 @@ def summarise_group(
         recorded_s=sum(piece.end_us - piece.start_us for piece in pieces) / MICROSECONDS,
         reason=pieces[0].reason,
         periods=len({piece.period for piece in pieces}),
+        longest_above_60_s=(float(longest_s[chosen].max()) or None) if part.analysed_s else None,
+        neutral_slow_percent=(
+            100.0 * float(rest_s[chosen].sum()) / part.analysed_s if part.analysed_s else None
+        ),
     )
 
 

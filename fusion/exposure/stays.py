@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.conventions import MAIN_THRESHOLD_DEG
 from fusion.exposure.bins import (
     BLOCK_MINUTES,
     THRESHOLDS_DEG,
@@ -152,6 +153,15 @@ def summarise_episodes(threshold_deg: float, stays: list[Stays], analysed_s: flo
     )
 
 
+def find_longest(start_s: Float64Array, end_s: Float64Array, edges_us: IntArray) -> Float64Array:
+    """Return the longest part of an episode within each piece of the day, shape (p,); 0 without one."""
+    edges_s = edges_us / MICROSECONDS
+    inside_s = (
+        np.minimum(end_s, stop_s) - np.maximum(start_s, first_s) for first_s, stop_s in pairwise(edges_s)
+    )
+    return np.array([each_s.max(initial=0.0) for each_s in inside_s])
+
+
 # Entries and episodes again, with an angle that is slightly too high or too low.
 
 
@@ -169,7 +179,8 @@ class ShiftedStays:
     ``entries``: shape (t, s): the entries in each stretch.
     ``sums``: shape (t, b, 6): the episodes of each 5-minute block and their seconds.
     ``cells``: shape (t, b, 64): the episodes by length in quarters of an octave.
-    ``longest_s``: shape (t,). An episode is counted in the block where it starts, its time in each block it
+    ``longest_s``: shape (t,); ``piece_longest_s``: shape (t, p): in each piece of the diary, of the levels
+    around 60 deg only. An episode is counted in the block where it starts, its time in each block it
     spans.
     """
 
@@ -182,6 +193,7 @@ class ShiftedStays:
         self.sums = np.zeros((levels, blocks, SUMS))
         self.cells = np.zeros((levels, blocks, CELLS), np.int32)
         self.longest_s = np.zeros(levels)
+        self.piece_longest_s = np.zeros((levels, len(stretches.piece_edges_us) - 1))
 
     def add(self, angle: MetricAngle) -> None:
         """Count a segment."""
@@ -197,11 +209,19 @@ class ShiftedStays:
             longer = episodes[rows > limit_s * angle.rate_hz + 1e-3]
             add_spans(longer, 1.0 / angle.rate_hz, block_rows, self.sums[:, :, LONGER_S + k])
         _count_lengths(level, block, rows / angle.rate_hz, self.cells, self.longest_s)
+        begin_s = angle.start_us / MICROSECONDS + episodes[:, START] / angle.rate_hz
+        for k in self.find_levels(MAIN_THRESHOLD_DEG) if self.piece_longest_s.shape[1] > 1 else ():
+            start_s, length_s = begin_s[level == k], rows[level == k] / angle.rate_hz
+            longest_s = find_longest(start_s, start_s + length_s, self.stretches.piece_edges_us)
+            self.piece_longest_s[k] = np.maximum(self.piece_longest_s[k], longest_s)
+
+    def find_levels(self, threshold_deg: int) -> IntArray:
+        """Return the places of one threshold in the order of the errors, shape (11,)."""
+        return np.searchsorted(self.levels_deg, np.round(threshold_deg - self.errors_deg, 9))
 
     def pick(self, array: Float64Array | NDArray[np.int32], threshold_deg: int) -> Float64Array:
         """Return the rows of one threshold in the order of the errors, shape (11, ...)."""
-        wanted = np.searchsorted(self.levels_deg, np.round(threshold_deg - self.errors_deg, 9))
-        return np.asarray(array[wanted], np.float64)
+        return np.asarray(array[self.find_levels(threshold_deg)], np.float64)
 
     def pick_entries(self, threshold_deg: int, group_of: IntArray) -> Float64Array:
         """Return the entries of one threshold in each group of stretches, shape (11, groups)."""
@@ -336,14 +356,19 @@ class RecoveryTally:
     """Counts at each error of the angle.
 
     ``rest``: shape (g, b, 2): seconds and number of neutral and slow stays in each 5-minute block.
-    ``slow``: shape (b, 2): the same for slow stays.
+    ``rest_s``: shape (g, s): the seconds in each stretch, for the parts of the day.
+    ``slow``: shape (b, 2): the same as ``rest`` for slow stays.
     ``longest_s``: shape (g,): the longest time without a neutral and slow stay. A stay is counted in the
     block where it starts, its time in each block it spans.
     """
 
-    def __init__(self, errors_deg: Float64Array, edges_us: IntArray) -> None:
+    def __init__(
+        self, errors_deg: Float64Array, edges_us: IntArray, stretch_edges_us: IntArray | None = None
+    ) -> None:
         """Start with nothing counted; ``errors_deg``, shape (g,), has 0 in the middle."""
         self.errors_deg, self.edges_us = errors_deg, edges_us
+        self.stretch_edges_us = edges_us if stretch_edges_us is None else stretch_edges_us
+        self.rest_s = np.zeros((len(errors_deg), len(self.stretch_edges_us) - 1))
         self.rest = np.zeros((len(errors_deg), len(edges_us) - 1, 2))
         self.slow = np.zeros((len(edges_us) - 1, 2))
         self.longest_s = np.zeros(len(errors_deg))
@@ -364,6 +389,8 @@ class RecoveryTally:
         rests = find_stays_above(-angle.elevation_deg, is_slow, turned_deg, np.nextafter(turned_deg, np.inf))
         rests = rests[rests[:, STOP] - rests[:, START] >= least_rows]
         _count_stays(rests, part_rows, angle.rate_hz, self.rest)
+        stretch_rows = find_part_rows(angle, self.stretch_edges_us)
+        add_spans(rests, 1.0 / angle.rate_hz, stretch_rows, self.rest_s)
         runs = find_runs(angle.valid)
         for level in range(len(self.errors_deg)):
             own = rests[rests[:, LEVEL] == level]

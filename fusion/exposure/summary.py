@@ -68,6 +68,7 @@ from fusion.exposure.stays import (
     RecoveryTally,
     ShiftedStays,
     Stays,
+    find_longest,
     find_stays,
     summarise_entries,
     summarise_episodes,
@@ -98,11 +99,11 @@ EXACT = np.zeros(1)
 class SpeedTallies:
     """The four speeds of the day, by their names in results.json, and the rest that the fused speed shows."""
 
-    def __init__(self, errors_deg: Float64Array, edges_us: IntArray) -> None:
+    def __init__(self, errors_deg: Float64Array, stretches: Stretches) -> None:
         """Start with nothing counted."""
         names = ("inclination", "generalised", "generalised_accelerometer", "gyroscope")
-        self.kinds = {name: SpeedTally(edges_us) for name in names}
-        self.recovery = RecoveryTally(errors_deg, edges_us)
+        self.kinds = {name: SpeedTally(stretches.block_edges_us) for name in names}
+        self.recovery = RecoveryTally(errors_deg, stretches.block_edges_us, stretches.edges_us)
 
     def add_vertical(self, segment: ElevationSegment, angle: MetricAngle) -> None:
         """Count the speed of the fused vertical, and the rest that it shows."""
@@ -167,7 +168,7 @@ class DayTally:
             errors_deg = spread_errors(bias_sigma_deg)
             self.errors = ErrorTally(bias_sigma_deg, seconds, self.stretches, is_npose=is_npose)
         self.by_second = SecondTally(seconds)
-        self.speeds = SpeedTallies(errors_deg, block_edges_us)
+        self.speeds = SpeedTallies(errors_deg, self.stretches)
         self.frequency = FrequencyTally(block_edges_us)
         self.eva = EvaTally(errors_deg, block_edges_us)
         self.cycles = CycleTally(errors_deg, block_edges_us)
@@ -199,6 +200,7 @@ class DayTally:
 
 LEAST_BIN_DEG = 30.0
 """Bins that start lower have no range of the pose, because the arm is hardly raised in them."""
+LESS_REST = f"time_above_{MAIN_THRESHOLD_DEG}_less_rest_percent"
 LEAST_ANALYSED_S = 1800.0
 """Least analysed time of a clock hour to compare it with others."""
 
@@ -328,9 +330,20 @@ def _add_part_intervals(exposure: Exposure, day: DayTally, errors: ErrorTally) -
     def draw(part: PartExposure, chosen: BoolArray) -> tuple[Figures, Figures]:
         return _draw_part(day, errors, chosen) if part.analysed_s else nothing
 
+    def draw_group(part: PartExposure, group: Group) -> tuple[Figures, Figures]:
+        chosen = np.isin(piece_of, group)
+        figures, raised = draw(part, chosen)
+        if not figures:
+            return nothing
+        figures |= _draw_longest_and_rest(part, day, errors, chosen, group)
+        if part.less_rest_percent is not None:
+            less, less_raised = _draw_less_rest(figures, raised, day, errors, chosen)
+            figures, raised = figures | less, raised | less_raised
+        return figures, raised
+
     def add(parts: Sequence[PartExposure], groups: Sequence[Group]) -> tuple[PartExposure, ...]:
-        pairs = zip(parts, groups, strict=True)
-        return _add_ranges_to_parts(parts, [draw(part, np.isin(piece_of, group)) for part, group in pairs])
+        drawn = [draw_group(part, group) for part, group in zip(parts, groups, strict=True)]
+        return _add_ranges_to_parts(parts, drawn)
 
     by_hour = [draw(hour, hour_of == k) for k, hour in enumerate(exposure.by_hour)]
     varied = draw_variation(exposure.by_hour, [drawn for drawn, _ in by_hour], exposure.hour_variation)
@@ -363,6 +376,38 @@ def _draw_part(day: DayTally, errors: ErrorTally, chosen: BoolArray) -> tuple[Fi
     entries = sum_groups(errors.lowered.entries[..., chosen], block_of)
     entries_per_h = errors.lowered.draw(MAIN_THRESHOLD_DEG, entries, raised.draws) / hours
     return drawn, _draw_part_figures(raised, entries_per_h)
+
+
+def _draw_longest_and_rest(
+    part: PartExposure, day: DayTally, errors: ErrorTally, chosen: BoolArray, group: Group
+) -> Figures:
+    """Draw the longest episode, with the error of the angle only, and the rest of diary pieces."""
+    blocks_of, stays, rest = day.stretches.block_of[chosen], errors.stays, day.speeds.recovery
+    block_us = sum_time(day.by_stretch.cell_us[chosen], blocks_of).sum(axis=1)
+    draws = draw_blocks(block_us, errors.sigma_deg)
+    rest_s = draws.sum_with_error(sum_groups(rest.rest_s[:, chosen], blocks_of), rest.errors_deg)
+    analysed_s = draws.sum(block_us) / MICROSECONDS
+    drawn = {"recovery_neutral_slow_percent": 100.0 * rest_s / analysed_s}
+    if errors.sigma_deg > 0 and part.longest_above_60_s is not None:
+        longest_s = stays.pick(stays.piece_longest_s[:, list(group)].max(axis=1), MAIN_THRESHOLD_DEG)
+        drawn[f"episodes_above_{MAIN_THRESHOLD_DEG}_longest_s"] = draws.look_up(longest_s, stays.errors_deg)
+    return drawn
+
+
+def _draw_less_rest(
+    task: Figures, raised: Figures, day: DayTally, errors: ErrorTally, chosen: BoolArray
+) -> tuple[Figures, Figures]:
+    """Draw the difference of a task's time above 60 deg to all other time; each draw has one angle error."""
+    name = f"time_above_{MAIN_THRESHOLD_DEG}_percent"
+    blocks = sum_time(day.by_stretch.cell_us[~chosen], day.stretches.block_of[~chosen])
+    block_us = blocks.sum(axis=1)
+    if not can_draw(block_us, errors.sigma_deg):
+        return {}, {}
+    others = sum_below(blocks, draw_blocks(block_us, errors.sigma_deg))
+    less = {LESS_REST: task[name] - _draw_above(others)[name]}
+    if not raised:
+        return less, {}
+    return less, {LESS_REST: raised[name] - _draw_above(others.with_npose_error())[name]}
 
 
 def _draw_part_figures(part: DrawnDistribution, entries_per_h: Float64Array) -> Figures:
@@ -596,17 +641,44 @@ def _summarise_day(day: DayTally, metric_filter_hz: float | None) -> Exposure:
 
 def _divide_day(exposure: Exposure, day: DayTally) -> Exposure:
     """Add the figures by period and by task of the diary."""
+    edges_us, recovery = day.division.list_edges(), day.speeds.recovery
     cell_us = sum_time(day.by_stretch.cell_us, day.stretches.piece_of)
-    entries = np.histogram(day.list_entries(MAIN_THRESHOLD_DEG), day.division.list_edges())[0]
+    entries = np.histogram(day.list_entries(MAIN_THRESHOLD_DEG), edges_us)[0]
+    stays = day.stays[MAIN_THRESHOLD_DEG]
+    start_s, duration_s = (
+        np.concatenate([getattr(each, name) for each in stays]) for name in ("start_s", "duration_s")
+    )
+    longest_s = find_longest(start_s, start_s + duration_s, edges_us)
+    measured_s = recovery.rest_s[len(recovery.errors_deg) // 2]
+    rest_s = sum_groups(measured_s, day.stretches.piece_of)
 
     def summarise(groups: tuple[Group, ...]) -> tuple[PartExposure, ...]:
-        return tuple(summarise_group(day.division, group, cell_us, entries) for group in groups)
+        return tuple(
+            summarise_group(day.division, group, cell_us, entries, longest_s, rest_s) for group in groups
+        )
 
     return replace(
         exposure,
         by_period=summarise(day.division.group_by_row()),
-        by_task=summarise(day.division.group_by_task()),
+        by_task=compare_with_rest(summarise(day.division.group_by_task())),
     )
+
+
+def compare_with_rest(tasks: Sequence[PartExposure]) -> tuple[PartExposure, ...]:
+    """Add each task's share of time above 60 deg minus that of all other analysed time."""
+
+    def find_above_s(part: PartExposure) -> float:
+        return part.percent_above.get(MAIN_THRESHOLD_DEG, 0.0) / 100.0 * part.analysed_s
+
+    whole_s, above_s = sum(task.analysed_s for task in tasks), sum(map(find_above_s, tasks))
+    compared = []
+    for task in tasks:
+        others_s, less = whole_s - task.analysed_s, None
+        if task.analysed_s > 0 and others_s > 1e-6:
+            others_percent = 100.0 * (above_s - find_above_s(task)) / others_s
+            less = task.percent_above[MAIN_THRESHOLD_DEG] - others_percent
+        compared.append(replace(task, less_rest_percent=less))
+    return tuple(compared)
 
 
 def remove_short_ranges(exposure: Exposure) -> Exposure:

@@ -180,6 +180,9 @@ class PartExposure:
     ``reason``: of a period: why its time is excluded; empty if it is analysed.
     ``intervals``: by the names of the figures; empty if not known.
     ``periods``: how many rows of the diary were pooled.
+    ``longest_above_60_s``: of a period or task: longest episode above 60 deg, cut at the edges of the rows.
+    ``neutral_slow_percent``: of a period or task: share of its analysed time with arm down and nearly still.
+    ``less_rest_percent``: of a task: its share of time above 60 deg minus that of all other analysed time.
     """
 
     label: str
@@ -194,6 +197,9 @@ class PartExposure:
     reason: str = ""
     intervals: dict[str, Interval] = field(default_factory=dict)
     periods: int = 1
+    longest_above_60_s: float | None = None
+    neutral_slow_percent: float | None = None
+    less_rest_percent: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -158,7 +158,10 @@ def make_exposure(*, above_60_interval: Interval | None = None) -> Exposure:
 
 
 def with_diary(exposure: Exposure) -> Exposure:
-    """Add a diary: ceilings for 21 min above 60 deg, shelves twice for 19 min together, a till for 42 s."""
+    """Add a diary: ceilings for 21 min above 60 deg, shelves twice for 19 min together, a till for 42 s.
+
+    The ranges of ceilings and shelves overlap.
+    """
     periods = (
         _make_period("Shelves", 0.0, 7200.0, 5.0),
         _make_period("Ceilings", 8100.0, 14400.0, 20.0),
@@ -168,7 +171,12 @@ def with_diary(exposure: Exposure) -> Exposure:
     pooled = replace(
         periods[0], end_s=28740.0, analysed_s=15000.0, percent_above={30: 30.0, 60: 7.6, 90: 1.0}, periods=2
     )
-    return replace(exposure, by_period=periods, by_task=(pooled, *periods[1:3]))
+    ends = ((5.0, 10.0), (15.0, 25.0), (0.5, 2.0))
+    tasks = tuple(
+        replace(task, intervals={"time_above_60_percent": Interval(*each)})
+        for task, each in zip((pooled, *periods[1:3]), ends, strict=True)
+    )
+    return replace(exposure, by_period=periods, by_task=tasks)
 
 
 def _make_period(label: str, start_s: float, end_s: float, above_60_percent: float) -> PartExposure:

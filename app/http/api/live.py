@@ -131,7 +131,8 @@ def _write_raw(services: Services, files: SessionFiles) -> bool:
 
 def _store_session(services: Services, files: SessionFiles, subject: str, side: Side | None) -> Job:
     """Store the raw file of a session as a recording, and queue its analysis."""
-    request = ReportRequest(f"live-{files.session_id}.csv", subject, side, paper=services.settings.paper)
+    name, settings = f"live-{files.session_id}.csv", services.settings
+    request = ReportRequest(name, subject, side, paper=settings.paper, appendix=settings.appendix)
     analysis = Intake(services.store, services.storage, services.settings).add(files.raw, request, "web")
     with services.store.engine.begin() as connection:
         ended = {"session": files.session_id}

@@ -133,6 +133,7 @@ def analyse_sample(page: UsedPage) -> Response:
             "right",
             languages=(page.language, find_other_language(page.language)),
             paper=services.settings.paper,
+            appendix=services.settings.appendix,
             pose_held="start",
         )
         job = Intake(services.store, services.storage, services.settings).add(log, asked, "web")
@@ -170,7 +171,8 @@ def get_example_pdf(page: UsedPage) -> Response:
     from app.report.render.pdf import render_pdf  # noqa: PLC0415  slow import
 
     attached = {"results.json": find_example().read_bytes()}
-    body = render_pdf(_build_example(page.language), attached, page.services.settings.paper)
+    report, settings = _build_example(page.language), page.services.settings
+    body = render_pdf(report, attached, settings.paper, has_appendix=settings.appendix)
     return respond_with_file(body, "application/pdf", "acromion-example.pdf")
 
 

@@ -14,7 +14,14 @@ from math import isfinite, nan
 from app.report.charts import svg
 from app.report.charts.svg import NARROW
 from app.report.model import Chart
-from app.report.words.numbers import format_classes, format_duration, format_percent, percent_sign
+from app.report.words.numbers import (
+    NONE,
+    format_classes,
+    format_duration,
+    format_percent,
+    percent_sign,
+    round_classes,
+)
 from app.report.words.wording import Language, Words, fill, join_clauses
 from fusion.exposure.types import Exposure, PartExposure
 
@@ -38,15 +45,19 @@ class Slice:
 
 def build_bar(exposure: Exposure, words: Words, language: Language) -> Chart:
     """Build the stacked bar of time in the classes of elevation."""
-    entry, slices = words["bar"], []
-    for low, high in pairwise(SHOWN_EDGES_DEG):
-        inside = [b for b in exposure.bins if low <= b.lower_deg and b.upper_deg <= high]
-        percent, duration_s = sum(b.percent for b in inside), sum(b.duration_s for b in inside)
-        labels = format_duration(duration_s, language), format_percent(percent, language)
-        slices.append(Slice(percent, f"{low}–{high}°", *labels))
-    shown = (f"{s.range_label}, {s.duration_label} ({s.percent_label})" for s in slices)
+    entry, slices, sign = words["bar"], [], percent_sign(language)
+    classes = [
+        [b for b in exposure.bins if low <= b.lower_deg and b.upper_deg <= high]
+        for low, high in pairwise(SHOWN_EDGES_DEG)
+    ]
+    percents = [sum(b.percent for b in inside) for inside in classes]
+    shown = zip(format_classes(SHOWN_EDGES_DEG, "°"), classes, percents, round_classes(percents), strict=True)
+    for name, inside, percent, whole in shown:
+        duration = format_duration(sum(b.duration_s for b in inside), language)
+        slices.append(Slice(percent, name, duration, f"{whole}{sign}"))
+    told = (f"{s.range_label}, {s.duration_label} ({s.percent_label})" for s in slices)
     return Chart.draw(
-        (entry["title"], fill(entry["alternative"], {"list": join_clauses(shown, language)})),
+        (entry["title"], fill(entry["alternative"], {"list": join_clauses(told, language)})),
         lambda title, width_px: draw_bar(slices, title, width_px),
         entry["columns"],
         ((s.range_label, s.duration_label, s.percent_label) for s in slices),
@@ -107,13 +118,13 @@ def build_parts(
             length = format_duration(part.recorded_s, language)
             rows.append(_PartRow(name, (), "", fill(entry["left_out"], {"length": length})))
     shown = join_clauses((f"{row.name}, {row.label or row.left_out}" for row in rows), language)
-    classes = format_classes(SHOWN_EDGES_DEG, "°")
+    classes, sign = format_classes(SHOWN_EDGES_DEG, "°"), percent_sign(language)
     return Chart.draw(
         (entry["title"], fill(entry["alternative"], {"list": shown})),
-        lambda title, width_px: _draw_parts(key, rows, percent_sign(language), title, width_px),
+        lambda title, width_px: _draw_parts(key, rows, sign, title, width_px),
         (entry["column"], *classes),
         (
-            (row.name, *(format_percent(row.percent[k] if row.percent else None, language) for k in range(4)))
+            (row.name, *([f"{whole}{sign}" for whole in round_classes(row.percent)] or [NONE] * len(classes)))
             for row in rows
         ),
         note,

@@ -70,7 +70,10 @@ class Mark:
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """A named period below the timeline; ``rank`` is 1 to 3 for those with the most time above 60 deg."""
+    """A named period below the timeline.
+
+    ``rank``: 1 to 3 for those with the most time above 60 deg; 0 if their ranges overlap; None for others.
+    """
 
     start_s: float
     end_s: float
@@ -82,7 +85,7 @@ class Block:
 class Day:
     """All data of the timeline.
 
-    ``longest_start_s``: start of the longest continuous time above 60 deg; ``blocks`` are below the plot.
+    ``longest_start_s``: start of the longest episode above 60 deg; ``blocks`` are below the plot.
     """
 
     duration_s: float
@@ -446,7 +449,7 @@ def _draw_time_axis(day: Day, plot: Plot) -> list[str]:
 def _draw_block(block: Block, plot: Plot) -> list[str]:
     """Draw a period below the plot, with its rank and as much of its name as fits."""
     x, end, y = plot.x(block.start_s), plot.x(block.end_s), plot.bottom_px + 2
-    kind, colour = ("bar edge", svg.RAMP[0]) if block.rank else ("paper edge", svg.PAPER)
+    kind, colour = ("bar edge", svg.RAMP[0]) if block.rank is not None else ("paper edge", svg.PAPER)
     frame = f'class="{kind}" fill="{colour}" stroke="{svg.SOFT}"'
     rank = str(block.rank or "")
     shown = svg.shorten(f"{rank} {block.label}".strip(), end - x - 4)
@@ -454,7 +457,7 @@ def _draw_block(block: Block, plot: Plot) -> list[str]:
         shown = rank if svg.estimate_width(rank) <= end - x else ""
     return [
         svg.rect(x, y, max(end - x, 1.0), _LANE_PX - 4, frame),
-        svg.text((x + end) / 2, y + 13, shown, "onlight" if block.rank else "ink", "middle"),
+        svg.text((x + end) / 2, y + 13, shown, "ink" if block.rank is None else "onlight", "middle"),
     ]
 
 

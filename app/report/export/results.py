@@ -26,7 +26,9 @@ from app.report.figures import (
     EPISODES,
     EVA_SUMMARY,
     HOUR_VARIATION,
+    LESS_REST,
     PERCENTILES,
+    PERIOD_FIGURES,
     SINGLE_GROUPS,
     TIME_ABOVE,
     VELOCITIES,
@@ -202,7 +204,10 @@ def _describe_exposure(exposure: Exposure, clock: Clock) -> dict[str, object]:
         },
         "by_hour": [_describe_part(part) for part in exposure.by_hour],
         "by_period": [_describe_period(part) for part in exposure.by_period],
-        "by_task": [{"periods": part.periods, **_describe_period(part)} for part in exposure.by_task],
+        "by_task": [
+            {"periods": part.periods, LESS_REST: part.less_rest_percent, **_describe_period(part)}
+            for part in exposure.by_task
+        ],
         **_describe_intervals(exposure.intervals),
         **{group.key: _describe(group, getattr(exposure, group.key)) for group in SINGLE_GROUPS},
         "variation": {
@@ -286,7 +291,8 @@ def _describe_part(part: PartExposure) -> dict[str, object]:
 
 def _describe_period(part: PartExposure) -> dict[str, object]:
     said = {"kind": part.kind, "recorded_s": part.recorded_s, "excluded_as": part.reason or None}
-    return {**said, **_describe_part(part)}
+    own = {name: getattr(part, attribute) for name, attribute in PERIOD_FIGURES.items()}
+    return {**said, **own, **_describe_part(part)}
 
 
 def _describe_warning(flag: QualityFlag, clock: Clock) -> dict[str, object]:
@@ -467,5 +473,7 @@ def _read_part(stored: Mapping[str, Any]) -> dict[str, Any]:
         "percentiles_deg": percentiles_deg,
         "percent_above": percent_above,
         "reason": stored.get("excluded_as") or "",
+        "less_rest_percent": stored.get(LESS_REST),
+        **{attribute: stored.get(name) for name, attribute in PERIOD_FIGURES.items()},
         "intervals": _read_intervals(stored),
     }

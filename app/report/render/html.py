@@ -62,6 +62,7 @@ def load_template(name: str) -> Template:
     )
     environment.filters["drawing"] = mark_drawing_safe
     environment.filters["whole"] = keep_ranges_whole
+    environment.filters["brackets"] = keep_brackets_whole
     return environment.get_template(name)
 
 
@@ -76,6 +77,14 @@ _RANGE = re.compile(r"\d[\d.,]*–\d[\d.,]*(?:\s%)?")
 def keep_ranges_whole(text: str) -> Markup:
     """Escape a text and keep each of its ranges, "3.3–10.4 %", on one line."""
     return Markup(_RANGE.sub(r'<span class="whole">\g<0></span>', str(escape(text))))  # noqa: S704
+
+
+_BRACKETS = re.compile(r"\([^()]*\d[^()]*\)")
+
+
+def keep_brackets_whole(text: str) -> Markup:
+    """Escape a cell and keep the range in brackets on one line, which may be below the figure."""
+    return Markup(_BRACKETS.sub(r'<span class="whole">\g<0></span>', str(escape(text))))  # noqa: S704
 
 
 # The index page of a run: analysed time, main figure and state of each recording.

@@ -35,10 +35,15 @@ _UNCOVERED = re.compile(
 
 
 def render_pdf(
-    report: Report | AgreementReport, attachments: Mapping[str, bytes], paper: Paper = "a4"
+    report: Report | AgreementReport,
+    attachments: Mapping[str, bytes],
+    paper: Paper = "a4",
+    *,
+    has_appendix: bool = False,
 ) -> bytes:
     """Render the report with its attachments; the same input gives the same bytes."""
-    document = _compile(report, attachments, paper, pdf_standards=list(STANDARDS))
+    files = _gather_files(report, attachments, paper, has_appendix=has_appendix)
+    document = _compile(files, pdf_standards=list(STANDARDS))
     packed = io.BytesIO()  # the engine does not compress table tags, two thirds of the file
     with pikepdf.open(io.BytesIO(document)) as pdf:
         pdf.save(packed, object_stream_mode=pikepdf.ObjectStreamMode.generate, deterministic_id=True)
@@ -47,22 +52,26 @@ def render_pdf(
 
 def render_first_page(report: Report | AgreementReport, paper: Paper, dots_per_inch: int) -> bytes:
     """Render the first page of the PDF as a PNG, for documents that show it."""
-    return _compile(report, {}, paper, format="png", ppi=dots_per_inch)
+    files = _gather_files(report, {}, paper, has_appendix=False)
+    return _compile(files, format="png", ppi=dots_per_inch)
 
 
-def _compile(
-    report: Report | AgreementReport, attachments: Mapping[str, bytes], paper: Paper, **options: Any
-) -> bytes:
-    """Run the engine; of several pages return the first."""
+def _gather_files(
+    report: Report | AgreementReport, attachments: Mapping[str, bytes], paper: Paper, *, has_appendix: bool
+) -> dict[str, bytes]:
     folder = find_template_folder()
     template = "report.typ" if isinstance(report, Report) else "agreement.typ"
-    files = {
+    return {
         "main.typ": (folder / template).read_bytes(),
         "pieces.typ": (folder / "pieces.typ").read_bytes(),
-        "report.json": _encode(report, tuple(attachments), paper),
+        "report.json": _encode(report, tuple(attachments), paper, has_appendix=has_appendix),
         **{f"attached/{name}": content for name, content in attachments.items()},
     }
-    fonts = [str(folder / "fonts")]
+
+
+def _compile(files: dict[str, bytes], **options: Any) -> bytes:
+    """Run the engine; of several pages return the first."""
+    fonts = [str(find_template_folder() / "fonts")]
     made: bytes | list[bytes] = typst.compile(
         files, font_paths=fonts, ignore_system_fonts=True, timestamp=0, **options
     )
@@ -74,11 +83,13 @@ def replace_uncovered(text: str) -> str:
     return _UNCOVERED.sub(lambda found: f"[U+{ord(found[0]):04X}]", text)
 
 
-def _encode(report: Report | AgreementReport, attached: tuple[str, ...], paper: Paper) -> bytes:
+def _encode(
+    report: Report | AgreementReport, attached: tuple[str, ...], paper: Paper, *, has_appendix: bool
+) -> bytes:
     values = asdict(report)
     made_of = values.pop("made_of", None) or NO_CLOCK
     values["date"] = list(made_of.timetuple()[:6])
-    values["paper"] = _TYPST_PAPERS[paper]
+    values["paper"], values["appendix"] = _TYPST_PAPERS[paper], has_appendix
     values["language"], _, values["region"] = report.language.partition("-")
     values["attached"] = [
         {"name": name, "mime": _MIME_TYPES.get(name.rsplit(".", 1)[-1], "application/octet-stream")}

@@ -22,18 +22,26 @@ def write_reports(findings: Findings, subject: ReportSubject, request: ReportReq
     results = (out / RESULTS).read_bytes()
     for language in request.languages:
         report = build_report(findings, subject, language)
-        write_report(report, request.kinds, request.paper, {RESULTS: results}, out)
+        attached = {RESULTS: results}
+        write_report(report, request.kinds, request.paper, attached, out, has_appendix=request.appendix)
 
 
 def write_report(
-    report: Report, kinds: tuple[ReportKind, ...], paper: Paper, attachments: dict[str, bytes], out: Path
+    report: Report,
+    kinds: tuple[ReportKind, ...],
+    paper: Paper,
+    attachments: dict[str, bytes],
+    out: Path,
+    *,
+    has_appendix: bool = False,
 ) -> None:
     """Write one report in its language, and its answer in a few lines."""
     (out / f"answer.{report.language}.txt").write_bytes(format_brief(report))
     if "html" in kinds:
         (out / f"report.{report.language}.html").write_bytes(render_html(report))
     if "pdf" in kinds:
-        (out / f"report.{report.language}.pdf").write_bytes(render_pdf(report, attachments, paper))
+        document = render_pdf(report, attachments, paper, has_appendix=has_appendix)
+        (out / f"report.{report.language}.pdf").write_bytes(document)
 
 
 def rewrite_reports(finished: Path, request: ReportRequest, out: Path) -> None:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import accumulate
 
 from app.report.bibliography import format_bibliography
@@ -17,14 +18,14 @@ from app.report.figures import (
     CYCLES,
     ENTRIES,
     EPISODES,
+    LESS_REST,
     PERCENTILES,
     REST_TABLE,
     SINGLE_GROUPS,
     VELOCITIES,
     VELOCITY,
     WINDOWS,
-    format_figure,
-    format_figure_range,
+    find_unit,
 )
 from app.report.findings import CalibrationFacts, Findings, ReportSubject, StillFacts
 from app.report.model import Pair, Section, Table, VerdictLine
@@ -35,15 +36,15 @@ from app.report.words.numbers import (
     NONE,
     Clock,
     format_angle,
-    format_angle_range,
     format_duration,
-    format_ends,
+    format_duration_range,
     format_long_duration,
     format_number,
     format_percent,
-    format_range,
     format_rate,
+    format_signed,
     percent_sign,
+    round_classes,
 )
 from app.report.words.wording import (
     Language,
@@ -56,8 +57,15 @@ from app.report.words.wording import (
 )
 from fusion.caveats import Caveat
 from fusion.comparison.change import STATEMENTS, Reference, compare_with_references
-from fusion.conventions import CONVENTIONS, UNHELD
-from fusion.exposure.types import LEAST_RANGED_S, ElevationBin, Exposure, PartExposure, TimeAbove
+from fusion.conventions import CONVENTIONS, MAIN_THRESHOLD_DEG, UNHELD
+from fusion.exposure.types import (
+    LEAST_RANGED_S,
+    ElevationBin,
+    Exposure,
+    Interval,
+    PartExposure,
+    TimeAbove,
+)
 from fusion.recording import MICROSECONDS, QualityFlag
 
 LEAST_SHARE = 0.01
@@ -72,8 +80,13 @@ MOST_REASONS = 2
 SHORTEST_HOUR_S = 1.0
 SHORTEST_RATED_S = 600.0
 """In less than ten minutes a rate per hour would only multiply a small count."""
+MOST_FINDINGS = 6
+"""Maximum findings on page 4; the appendix and the HTML report have all, with their details."""
+TASK_KINDS = frozenset({"task", "seated", "supported"})
+"""Kinds of period that name a task; work counts only with a name in the diary."""
 MOST_PARTS = 14
 """Maximum hours, periods or tasks in a table of the report; the CSV has all."""
+MAIN_FIGURE = f"time_above_{MAIN_THRESHOLD_DEG}_percent"
 LONGEST_NAME = 60
 """Maximum length of a period's name in its table; results.json and periods.csv have the whole label."""
 
@@ -271,22 +284,60 @@ def _format_axis(calibration: CalibrationFacts) -> str:
 
 
 def build_sections(context: Context) -> tuple[Section, ...]:
-    """Build the chapters in reading order, without empty ones."""
+    """Build the chapters in reading order, without empty ones: three pages, then the appendix."""
     words, exposure = context.words, context.exposure
-    ranges, title = [words["ranges"]["every"][choose_ranges(context.findings)]], words["section"]
+    title, brackets = words["section"], _explain_brackets(context)
+    rises = (_tabulate_entries(context), _tabulate_velocities(context))
+    spread = (_tabulate_time_above(context), _tabulate_percentiles(context), _tabulate_rest(context))
+    pages = (
+        _build_day(context, brackets),
+        Section(
+            "spread",
+            title["measures"],
+            brackets,
+            build_spread(exposure, words, context.language),
+            tables=(*spread, *rises),
+        ),
+        Section(
+            "standards",
+            title["standards"],
+            brackets,
+            tables=(_tabulate_bins(context), _tabulate_conventions(context)),
+        ),
+    )
+    every = [words["ranges"]["every"][choose_ranges(context.findings)]]
     if _has_pose_ranges(context):  # meaning of the ranges with the error of the pose
-        ranges.append(f"{words['ranges']['pose']} {words['pose_caution']['ranges']}")
-    sections = (
-        _build_parts(context),
-        Section("spread", title["spread"], figures=build_spread(exposure, words, context.language)),
-        Section("figures", title["figures"], tuple(ranges), tables=build_measures(context)),
+        every.append(f"{words['ranges']['pose']} {words['pose_caution']['ranges']}")
+    more = (
+        _tabulate_long_stays(context),
+        _tabulate_cycles(context),
+        _tabulate_variation(context),
+        *_tabulate_periods(context),
+    )
+    appendix = (
+        Section("figures", title["figures"], tuple(every), tables=more),
         _build_published(context),
         _build_quality(context),
         _build_method(context),
         _build_provenance(context),
         Section("bibliography", words["bibliography"]["title"], sources=format_bibliography()),
     )
-    return tuple(one for one in sections if one.pairs or one.tables or one.figures or one.sources)
+    sections = (
+        *(replace(one, starts_page=True) for one in pages),
+        _build_quality_in_short(context),
+        _build_method_in_short(context),
+        *(replace(one, in_appendix=True) for one in appendix),
+    )
+    shown = (replace(one, tables=tuple(table for table in one.tables if table.rows)) for one in sections)
+    return tuple(one for one in shown if one.pairs or one.tables or one.figures or one.sources)
+
+
+def _explain_brackets(context: Context) -> tuple[str, ...]:
+    """Explain the ranges in brackets, if any figure has one."""
+    said = context.words["ranges"]
+    if not any(above.interval for above in context.exposure.time_above):
+        return ()
+    return (said["brackets_pose" if _has_pose_ranges(context) else "brackets"],)
 
 
 def _has_pose_ranges(context: Context) -> bool:
@@ -333,34 +384,108 @@ def _format_value(value: float, reference: Reference, language: Language, decima
 # By hour and by period.
 
 
-def _build_parts(context: Context) -> Section:
-    exposure, clock, words = context.exposure, context.clock, context.words
+def _build_day(context: Context, brackets: tuple[str, ...]) -> Section:
+    """Build the page of the hours and the tasks."""
+    exposure, words = context.exposure, context.words
     hours = [  # without the last sample of a recording that ends on the hour: "11:00–11:00, 0 s"
         (_format_hour(part, context), part)
         for part in exposure.by_hour
         if part.end_s - part.start_s >= SHORTEST_HOUR_S
     ]
+    is_drawn = any(is_drawable(part) for _, part in hours)
+    figures = (build_parts("hours", hours, words, context.language),) if is_drawn else ()
+    tables = (
+        _tabulate_parts(hours, words["part"]["by_hour"], context),
+        _tabulate_tasks(context),
+        _tabulate_windows(context),
+    )
+    title = words["section"]["periods" if exposure.by_task else "hours"]
+    return Section("hours", title, brackets, figures, tables=tables)
+
+
+def _tabulate_tasks(context: Context) -> Table:
+    """Tabulate the tasks, those with the most time above 60 deg first, and the shift without tasks."""
+    words, language = context.words, context.language
+    entry, rows = words["part"]["tasks"], []
+    tenths, signed = _show_number(language, 1), partial(format_signed, language=language)
+    lasting, spread = _show_duration(language)
+    others = [(part, None) for part in context.exposure.by_task if part.analysed_s > 0 and not is_task(part)]
+    for task, rank in (*rank_tasks(context.exposure.by_task), *others):
+        share, ranges = task.percent_above.get(MAIN_THRESHOLD_DEG), task.intervals
+        minutes = task.analysed_s / MINUTE_S / 100
+        per_h = task.entries_above_60_per_h if task.analysed_s >= SHORTEST_RATED_S else None
+        plain = {name: without_pose(interval) for name, interval in ranges.items()}
+        whole = _scale(plain.get(MAIN_FIGURE), minutes)
+        rows.append(
+            (
+                f"{rank}. {_name_task(task, words)}" if rank else _name_task(task, words),
+                format_duration(task.analysed_s, language),
+                format_ranged(share, ranges.get(MAIN_FIGURE), tenths, words),
+                format_ranged(None if share is None else share * minutes, whole, tenths, words),
+                format_ranged(
+                    per_h, plain.get("entries_above_60_per_h"), partial(format_rate, language=language), words
+                ),
+                format_ranged(
+                    task.longest_above_60_s, plain.get("episodes_above_60_longest_s"), lasting, words, spread
+                ),
+                format_ranged(
+                    task.neutral_slow_percent, plain.get("recovery_neutral_slow_percent"), tenths, words
+                ),
+                format_ranged(
+                    task.less_rest_percent,
+                    plain.get(LESS_REST),
+                    signed,
+                    words,
+                    lambda ends: fill(
+                        words["ranges"]["signed"], {"low": signed(ends.low), "high": signed(ends.high)}
+                    ),
+                ),
+            )
+        )
+    cut = {"shown": str(MOST_PARTS), "all": str(len(rows))} if len(rows) > MOST_PARTS else {}
+    return Table.build(entry, rows[:MOST_PARTS], note=fill(entry["note"], cut))
+
+
+def is_task(part: PartExposure) -> bool:
+    """Return whether a period or its pooled rows name a task whose time is analysed."""
+    return not part.reason and (part.kind in TASK_KINDS or (part.kind == "work" and bool(part.label)))
+
+
+def rank_tasks(parts: Sequence[PartExposure]) -> list[tuple[PartExposure, int | None]]:
+    """Sort the tasks by minutes above 60 deg; each has its rank if its range overlaps with no other."""
+
+    def find_above_s(task: PartExposure) -> tuple[float, float, float]:
+        interval, share = task.intervals.get(MAIN_FIGURE), task.percent_above.get(MAIN_THRESHOLD_DEG, 0.0)
+        low, high = (interval.low, interval.high) if interval else (0.0, 100.0)
+        return share * task.analysed_s, low * task.analysed_s, high * task.analysed_s
+
+    tasks = (part for part in parts if is_task(part) and part.analysed_s > 0)
+    ordered = sorted(tasks, key=lambda task: -find_above_s(task)[0])
+    ends = [find_above_s(task)[1:] for task in ordered]
+    ranked: list[tuple[PartExposure, int | None]] = []
+    for k, task in enumerate(ordered):
+        others = ends[:k] + ends[k + 1 :]
+        is_apart = all(high < ends[k][0] or low > ends[k][1] for low, high in others)
+        ranked.append((task, k + 1 if is_apart and others else None))
+    return ranked
+
+
+def _tabulate_periods(context: Context) -> tuple[Table, Table]:
+    """Tabulate the tasks with their percentiles, and each row of the diary."""
+    clock, words = context.clock, context.words
+    tasks = [(_name_task(part, words), part) for part in context.exposure.by_task]
     periods = [
         (f"{clock.format(part.start_s)}–{clock.format(part.end_s)} {_name_part(part, words)}", part)
-        for part in exposure.by_period
+        for part in context.exposure.by_period
     ]
-    figures, tables = [], []
-    for key, parts in (("hours", hours), ("periods", periods)):
-        if parts:
-            tables.append(_tabulate_parts(parts, words["part"][f"by_{key[:-1]}"], context))
-        if any(is_drawable(part) for _, part in parts):
-            figures.append(build_parts(key, parts, words, clock.language))
-    if any(part.periods > 1 for part in exposure.by_task):
-        tasks = [  # the ranges of a task with one period are already below the period
-            (f"{_name_part(part, words)} ({part.periods}\u00a0×)", part)
-            if part.periods > 1
-            else (_name_part(part, words), replace(part, intervals={}))
-            for part in exposure.by_task
-        ]
-        tables.append(_tabulate_parts(tasks, words["part"]["by_task"], context))
-    title = words["section"]["periods" if periods else "hours"]
-    notes = (words["part"]["pose_note"],) if tables and _has_pose_ranges(context) else ()
-    return Section("hours", title, notes, figures=tuple(figures), tables=tuple(tables))
+    return (
+        _tabulate_parts(tasks, words["part"]["by_task"], context),
+        _tabulate_parts(periods, words["part"]["by_period"], context),
+    )
+
+
+def _name_task(part: PartExposure, words: Words) -> str:
+    return _name_part(part, words) + (f" ({part.periods}\u00a0×)" if part.periods > 1 else "")
 
 
 def _format_hour(part: PartExposure, context: Context) -> str:
@@ -374,38 +499,49 @@ def _name_part(part: PartExposure, words: Words) -> str:
 
 
 def _tabulate_parts(parts: Sequence[tuple[str, PartExposure]], entry: Words, context: Context) -> Table:
-    """Tabulate parts, each with its ranges below, without units so that they fit on one line."""
-    language, range_name = context.language, context.words["measure"]["percentiles"]["range"]
+    """Tabulate parts, each figure with its range, without units so that a row fits on one line."""
+    language, words = context.language, context.words
     rows: list[tuple[str, ...]] = []
     for name, part in parts[:MOST_PARTS]:
         analysed = format_duration(part.analysed_s, language)
         if part.reason:
             analysed = fill(entry["left_out"], {"length": format_duration(part.recorded_s, language)})
+        ranges = {  # the one with the error of the pose only for the main figure
+            key: interval if key == MAIN_FIGURE else without_pose(interval)
+            for key, interval in part.intervals.items()
+        }
+        whole, tenths = _show_number(language, 0), _show_number(language, 1)
         is_rated = part.analysed_s >= SHORTEST_RATED_S
-        rows.append(
+        figures: list[tuple[str, float | None, Show]] = [
+            *((f"elevation_p{p}_deg", part.percentiles_deg.get(p), whole) for p in (50, 90)),
+            *((f"time_above_{c}_percent", part.percent_above.get(c), tenths) for c in (30, 60, 90)),
             (
-                name,
-                analysed,
-                *(format_angle(part.percentiles_deg.get(p), language) for p in (10, 50, 90)),
-                *(format_percent(part.percent_above.get(c), language) for c in (30, 60, 90)),
-                format_rate(part.entries_above_60_per_h, language) if is_rated else NONE,
-            )
-        )
-        if part.intervals:
-            angles = (part.intervals.get(f"elevation_p{p}_deg") for p in (10, 50, 90))
-            shares = (part.intervals.get(f"time_above_{c}_percent") for c in (30, 60, 90))
-            rate = part.intervals.get("entries_above_60_per_h") if is_rated else None
-            cells = (
-                *(format_angle_range(angle, language).removesuffix("°") for angle in angles),
-                *(format_ends(share, 1, language) for share in shares),
-                format_ends(rate, 0, language),
-            )
-            rows.append((range_name, "", *cells))
+                "entries_above_60_per_h",
+                part.entries_above_60_per_h if is_rated else None,
+                partial(format_rate, language=language),
+            ),
+        ]
+        cells = (format_ranged(value, ranges.get(key), show, words) for key, value, show in figures)
+        rows.append((name, analysed, *cells))
     cut = {"shown": str(MOST_PARTS), "all": str(len(parts))} if len(parts) > MOST_PARTS else {}
     return Table.build(entry, rows, note=fill(entry["note"], cut))
 
 
 # Quality and time.
+
+
+def _build_quality_in_short(context: Context) -> Section:
+    """Name the findings, without their details, and account for the time."""
+    words, language = context.words, context.language
+    rows = []
+    for flag in context.findings.quality.flags[:MOST_FINDINGS]:
+        lasted = format_duration(flag.seconds, language) if flag.seconds else NONE
+        rows.append((describe_flag(flag, language).title, lasted))
+    more = len(context.findings.quality.flags) - MOST_FINDINGS
+    entry = words["findings"]
+    note = fill(entry["note"], {"more": str(more)}) if more > 0 else ""
+    tables = (Table.build(entry, rows, note=note), _tabulate_time(context))
+    return Section("quality", words["section"]["quality"], tables=tables)
 
 
 def _build_quality(context: Context) -> Section:
@@ -419,8 +555,7 @@ def _build_quality(context: Context) -> Section:
         rows.append((flag.code, _describe_flag(flag, clock.language), count, lasted, *places))
     entry = words["quality"]
     flags = Table.build(entry, rows, prose=True)
-    tables = (flags, _tabulate_time(context), _tabulate_time_parts(context))
-    return Section("quality", words["section"]["quality"], tables=tuple(t for t in tables if t.rows))
+    return Section("findings", words["section"]["findings"], tables=(flags, _tabulate_time_parts(context)))
 
 
 def _tabulate_time(context: Context) -> Table:
@@ -474,19 +609,34 @@ def _tabulate_time_parts(context: Context) -> Table:
 # Method and provenance.
 
 
+def _build_method_in_short(context: Context) -> Section:
+    findings, words, entry = context.findings, context.words, context.words["method"]
+    method, calibration, pairs = findings.method, findings.calibration, []
+    if method is not None:
+        pairs.append(Pair(entry["name"], f"{entry['names'].get(method.name, method.name)} {method.version}"))
+    if calibration is not None:
+        sigma = format_angle(calibration.sigma_deg, context.language, 1)
+        pairs.append(Pair(words["calibration"]["found"], format_found(findings, words)))
+        pairs.append(Pair(words["calibration"]["sigma"], sigma))
+    file = clean_text(context.subject.file_name) or words["label"]["not_given"]
+    pairs.append(Pair(words["provenance"]["file"], file))
+    return Section("method", words["section"]["method"], (entry["short"],), pairs=tuple(pairs))
+
+
 def _build_method(context: Context) -> Section:
-    findings, entry, title = context.findings, context.words["method"], context.words["section"]["method"]
+    findings, entry = context.findings, context.words["method"]
+    title = context.words["section"]["full_method"]
     method = findings.method
     if method is None:
         ready = Pair(entry["name"], entry["ready"].get(findings.recording.device, entry["ready_angles"]))
-        return Section("method", title, tuple(entry["paragraphs"]), pairs=(ready,))
+        return Section("full-method", title, tuple(entry["paragraphs"]), pairs=(ready,))
     pairs = (
         Pair(entry["name"], f"{entry['names'].get(method.name, method.name)} ({method.name})"),
         Pair(entry["version"], method.version),
         Pair(entry["parameters"], entry["where"]),
         *(_describe_calibration(findings.calibration, context) if findings.calibration else ()),
     )
-    return Section("method", title, tuple(entry["paragraphs"]), pairs=pairs)
+    return Section("full-method", title, tuple(entry["paragraphs"]), pairs=pairs)
 
 
 def _describe_calibration(calibration: CalibrationFacts, context: Context) -> Iterable[Pair]:
@@ -562,218 +712,240 @@ def _build_provenance(context: Context) -> Section:
     return Section("provenance", words["section"]["provenance"], pairs=pairs)
 
 
-# The tables of every figure.
+# The tables of every figure. A figure and its range are in one cell: "5.7 (4.0–8.6; pose 11.6)".
 
 Rows = list[tuple[str, ...]]
+Show = Callable[[float], str]
 
 
-def build_measures(context: Context) -> tuple[Table, ...]:
-    """Build the tables of all figures, without empty ones."""
-    exposure, language, entry = context.exposure, context.language, context.words["measure"]
-    bins = [(f"{b.lower_deg:g}–{b.upper_deg:g}°", *_format_share(b, language)) for b in exposure.bins]
-    above = [(f"≥ {t.threshold_deg:g}°", *_format_share(t, language)) for t in exposure.time_above]
-    tables = (
-        _tabulate(entry["bins"], bins),
-        _tabulate(entry["time_above"], above),
-        _tabulate(entry["cycles"], _list_cycles(exposure, language)),
-        _tabulate(entry["windows"], _list_windows(context)),
-        _tabulate_percentiles(exposure, entry["percentiles"], language),
-        _tabulate(entry["entries"], _list_entries(exposure, entry["percentiles"], language)),
-        _tabulate(entry["long_stays"], _list_long_stays(exposure, language), droppable=_LAST),
-        _tabulate(entry["velocities"], _list_velocities(exposure, entry, language)),
-        _tabulate(
-            entry["recovery"], _list_rest(exposure, entry["recovery"]["row"], language), droppable=_LAST
-        ),
-        _tabulate(
-            entry["variation"],
-            _list_variation(exposure, entry["variation"]["figure"], language),
-            droppable=_LAST,
-        ),
-        _tabulate(entry["conventions"], _list_conventions(exposure, entry["conventions"]["name"], language)),
-    )
-    return tuple(table for table in tables if table.rows)
+def format_ranged(
+    value: float | None,
+    interval: Interval | None,
+    show: Show,
+    words: Words,
+    show_range: Callable[[Interval], str] | None = None,
+) -> str:
+    """Format a figure with its range and the upper end with the error of the pose, if they are known."""
+    if value is None or not math.isfinite(value):
+        return NONE
+    if interval is None:
+        return show(value)
+    said, posed = words["ranges"], interval.high_pose
+    facts = {
+        "value": show(value),
+        "range": show_range(interval) if show_range else f"{show(interval.low)}–{show(interval.high)}",
+        "pose": show(posed) if posed is not None and posed > interval.high else "",
+    }
+    return fill(said["with_pose" if facts["pose"] else "cell"], facts)
 
 
-_FROM_THIRD, _LAST = slice(2, None), slice(-1, None)
+def without_pose(interval: Interval | None) -> Interval | None:
+    """Return the range without the error of the pose."""
+    return interval and replace(interval, low_pose=None, high_pose=None)
 
 
-def _tabulate(entry: Words, rows: Sequence[tuple[str, ...]], droppable: slice = _FROM_THIRD) -> Table:
-    """Build a table without those ``droppable`` columns that are empty (no interval in any row)."""
-    columns = tuple(entry["columns"])
-    places = range(len(columns))
-    empty = [i for i in places[droppable] if all(row[i] == NONE for row in rows)]
-    kept = [i for i in places if i not in empty]
-    return Table(
-        fill(entry["caption"], {}),
-        tuple(columns[i] for i in kept),
-        tuple(tuple(row[i] for i in kept) for row in rows),
-        note=entry.get("note", ""),
-    )
+def _show_number(language: Language, decimals: int) -> Show:
+    return partial(format_number, decimals=decimals, language=language)
 
 
-def _format_share(item: ElevationBin | TimeAbove, language: Language) -> tuple[str, str, str, str]:
-    """Format time, share, its range, and the range with the error of the pose."""
-    posed = item.interval.with_pose if item.interval else None
-    known, pose = (format_range(interval, language) or NONE for interval in (item.interval, posed))
-    return format_duration(item.duration_s, language), format_percent(item.percent, language), known, pose
+def _show_duration(language: Language) -> tuple[Show, Callable[[Interval], str]]:
+    return partial(format_duration, language=language), partial(format_duration_range, language=language)
 
 
-def _tabulate_percentiles(exposure: Exposure, said: Words, language: Language) -> Table:
-    """Tabulate the percentiles in one row for comparison, with their ranges below."""
-    ranks = sorted(exposure.percentiles_deg)
-    if not ranks:
-        return Table("", (), ())
-    intervals = [exposure.intervals.get(PERCENTILES[""].spell({"name": p})) for p in ranks]
-    posed = [interval.with_pose if interval else None for interval in intervals]
-    rows = [(said["row"], *(format_angle(exposure.percentiles_deg[p], language, 1) for p in ranks))]
-    for name, ranges in (("range", intervals), ("pose", posed)):
-        if any(ranges):
-            rows.append((said[name], *(format_angle_range(i, language) or NONE for i in ranges)))
-    columns = (said["column"], *(f"P{p}" for p in ranks))
-    return Table(said["caption"], columns, tuple(rows), note=said["note"])
+def _tabulate(entry: Words, rows: Iterable[tuple[str, ...]]) -> Table:
+    return Table.build(entry, rows, note=entry.get("note", ""))
 
 
-def _list_entries(exposure: Exposure, said: Words, language: Language) -> Rows:
-    episodes, rows = {e.threshold_deg: e for e in exposure.episodes}, []
-    for item in exposure.entries:
-        stay = episodes.get(item.threshold_deg)
-        row = (
-            f"{item.threshold_deg:g}°",
-            format_number(item.count, 0, language),
-            format_rate(item.per_hour, language),
-            format_number(stay.count if stay else None, 0, language),
-            format_duration(stay.median_s if stay else None, language),
-            format_duration(stay.longest_s if stay else None, language),
-            format_number(stay.censored if stay else None, 0, language),
+def _tabulate_bins(context: Context) -> Table:
+    entry, language, bins = context.words["measure"]["bins"], context.language, context.exposure.bins
+    shares = zip(bins, _format_classes(bins, context), strict=True)
+    rows = [
+        (f"{b.lower_deg:g}–{b.upper_deg:g}°", format_duration(b.duration_s, language), share)
+        for b, share in shares
+    ]
+    return _tabulate(entry, rows)
+
+
+def _tabulate_conventions(context: Context) -> Table:
+    """Tabulate the classes of standards; standards with the same classes share their rows."""
+    entry = context.words["measure"]["conventions"]
+    names: dict[tuple[int, ...], list[str]] = {}
+    for convention in CONVENTIONS:
+        names.setdefault(convention.edges_deg, []).append(entry["name"][convention.key])
+    rows = []
+    for convention in CONVENTIONS:
+        classes = context.exposure.conventions.get(convention.key, ())
+        same = ", ".join(names.pop(convention.edges_deg, ()))
+        for part, share in zip(classes, _format_classes(classes, context), strict=True) if same else ():
+            rows.append((same, f"{part.lower_deg:g}–{part.upper_deg:g}°", share))
+    return _tabulate(entry, rows)
+
+
+def _format_classes(classes: Sequence[ElevationBin], context: Context) -> Iterable[str]:
+    """Format the shares of all classes as whole numbers that add up, with their ranges rounded outwards."""
+    for part, whole in zip(classes, round_classes([part.percent for part in classes]), strict=True):
+        yield format_ranged(whole, round_outwards(part.interval), lambda value: f"{value:.0f}", context.words)
+
+
+def _scale(interval: Interval | None, factor: float) -> Interval | None:
+    return interval and Interval(interval.low * factor, interval.high * factor)
+
+
+def round_outwards(interval: Interval | None) -> Interval | None:
+    """Return the range in whole numbers that includes a share rounded up or down."""
+    if interval is None:
+        return None
+    pose = None if interval.high_pose is None else math.ceil(interval.high_pose)
+    return Interval(math.floor(interval.low), math.ceil(interval.high), interval.low_pose, pose)
+
+
+def _tabulate_time_above(context: Context) -> Table:
+    language, words = context.language, context.words
+    rows = [
+        (
+            f"≥ {item.threshold_deg:g}°",
+            format_duration(item.duration_s, language),
+            format_ranged(item.percent, item.interval, _show_number(language, 1), words),
         )
+        for item in context.exposure.time_above
+    ]
+    return _tabulate(words["measure"]["time_above"], rows)
+
+
+def _tabulate_percentiles(context: Context) -> Table:
+    exposure, show = context.exposure, _show_number(context.language, 0)
+    rows = []
+    for p, angle_deg in sorted(exposure.percentiles_deg.items()):
+        interval = exposure.intervals.get(PERCENTILES[""].spell({"name": p}))
+        rows.append((f"P{p}", format_ranged(angle_deg, interval, show, context.words)))
+    return _tabulate(context.words["measure"]["percentiles"], rows)
+
+
+def _tabulate_entries(context: Context) -> Table:
+    """Tabulate rises and episodes above each threshold."""
+    exposure, language, words = context.exposure, context.language, context.words
+    episodes = {episode.threshold_deg: episode for episode in exposure.episodes}
+    show_s, spread = _show_duration(language)
+    rows = []
+    for item in exposure.entries:
         above = {"threshold_deg": item.threshold_deg}
-        per_h = ENTRIES["per_hour"].spell(above)
-        median, longest = (EPISODES[key].spell(above) for key in ("median_s", "longest_s"))
-        rows += [row, *_list_ranges(exposure, ("", per_h, "", median, longest, ""), said, language)]
-        interval = exposure.intervals.get(per_h)
-        posed = interval.with_pose if interval else None
-        if posed:  # the range of the rate with the error of the pose
-            ends = "–".join(format_rate(end, language) for end in (posed.low, posed.high))
-            rows.append((said["pose"], "", ends, "", "", "", ""))
-    return rows
+        per_h, median, longest, p90 = (
+            exposure.intervals.get(figure.spell(above))
+            for figure in (
+                ENTRIES["per_hour"],
+                EPISODES["median_s"],
+                EPISODES["longest_s"],
+                EPISODES["p90_s"],
+            )
+        )
+        stay = episodes.get(item.threshold_deg)
+        rows.append(
+            (
+                f"{item.threshold_deg:g}°",
+                format_number(item.count, 0, language),
+                format_ranged(item.per_hour, per_h, partial(format_rate, language=language), words),
+                format_number(stay.count if stay else None, 0, language),
+                format_ranged(stay.median_s if stay else None, median, show_s, words, spread),
+                format_ranged(stay.p90_s if stay else None, p90, show_s, words, spread),
+                format_ranged(stay.longest_s if stay else None, longest, show_s, words, spread),
+            )
+        )
+    return _tabulate(words["measure"]["entries"], rows)
 
 
-def _list_ranges(exposure: Exposure, names: Sequence[str], said: Words, language: Language) -> Rows:
-    """Return the row of ranges below a row of figures, in its units; none if no range is known."""
-    intervals = [exposure.intervals.get(name) for name in names]
-    if not any(intervals):
-        return []
-    cells = (
-        "–".join(_format_end(end, name, language) for end in (interval.low, interval.high))
-        if interval
-        else ""
-        for name, interval in zip(names, intervals, strict=True)
-    )
-    return [(said["range"], *cells)]
+def _tabulate_long_stays(context: Context) -> Table:
+    exposure, language, rows = context.exposure, context.language, []
+    for item in exposure.episodes:
+        if item.longer_s:
+            per_h = exposure.intervals.get(EPISODES["per_hour"].spell(EPISODES.describe(item)))
+            row = (
+                f"{item.threshold_deg:g}°",
+                format_ranged(item.per_hour, per_h, partial(format_rate, language=language), context.words),
+                *(format_duration(total_s, language) for _, total_s in item.longer_s),
+                format_number(item.censored, 0, language),
+            )
+            rows.append(row)
+    return _tabulate(context.words["measure"]["long_stays"], rows)
 
 
-def _format_end(value: float, name: str, language: Language) -> str:
-    if name.endswith("_per_h"):
-        return format_rate(value, language)
-    if name.endswith("_s"):
-        return format_duration(value, language)
-    return format_number(value, 0 if value >= 99.95 else 1, language)  # keeps a wide range on one line
-
-
-def _list_cycles(exposure: Exposure, language: Language) -> Rows:
-    rows: Rows = []
+def _tabulate_cycles(context: Context) -> Table:
+    exposure, rows = context.exposure, []
     for c in exposure.cycles:
         name = f"{c.lower_deg:g}–{c.upper_deg:g}°" if c.upper_deg is not None else f"≥ {c.lower_deg:g}°"
         interval = exposure.intervals.get(CYCLES["count"].spell(CYCLES.describe(c)))
-        shown = format_ends(interval, 1, language) or NONE
-        rows.append((name, format_number(c.count, 1, language), shown))
-    return rows
+        show = _show_number(context.language, 0)
+        rows.append((name, format_ranged(c.count, interval, show, context.words)))
+    return _tabulate(context.words["measure"]["cycles"], rows)
 
 
-def _list_velocities(exposure: Exposure, entry: Words, language: Language) -> Rows:
-    rows: Rows = []
+def _tabulate_velocities(context: Context) -> Table:
+    exposure, entry = context.exposure, context.words["measure"]["velocities"]
+    show, rows = _show_number(context.language, 1), []
     for kind in VELOCITIES:
         velocity = exposure.velocity_dps.get(kind)
         if velocity is not None:
-            values = VELOCITY.name_values(velocity, kind)
-            shown = (format_number(value, 1, language) for value in values.values())
-            rows.append((entry["velocities"]["kind"][kind], *shown))
-            rows += _list_ranges(exposure, list(values), entry["percentiles"], language)
-    return rows
+            cells = (
+                format_ranged(value, exposure.intervals.get(name), show, context.words)
+                for name, value in VELOCITY.name_values(velocity, kind).items()
+            )
+            rows.append((entry["kind"][kind], *cells))
+    return _tabulate(entry, rows)
 
 
-def _list_windows(context: Context) -> Rows:
+def _tabulate_windows(context: Context) -> Table:
     exposure, clock, language = context.exposure, context.clock, context.language
     rows: Rows = []
     for window in exposure.peak_windows:
         length = format_duration(window.length_s, language).replace("1\u202fh", "60\u202fmin")
-        place, share = NONE, format_percent(window.percent_above_60, language)
+        place = NONE
         if window.start_s is not None:
             place = "–".join(clock.format(window.start_s + at_s) for at_s in (0, window.length_s))
         interval = exposure.intervals.get(WINDOWS["percent_above_60"].spell({"length_s": window.length_s}))
-        rows.append((length, place, f"{share} ({format_range(interval, language)})" if interval else share))
-    return rows
+        share = format_ranged(window.percent_above_60, interval, _show_number(language, 1), context.words)
+        rows.append((length, place, share))
+    return _tabulate(context.words["measure"]["windows"], rows)
 
 
-def _list_long_stays(exposure: Exposure, language: Language) -> Rows:
-    rows: Rows = []
-    for item in exposure.episodes:
-        if item.longer_s:
-            stays = EPISODES.describe(item)
-            rates = _format_range(exposure, EPISODES["per_hour"].spell(stays), language)
-            lengths = _format_range(exposure, EPISODES["p90_s"].spell(stays), language)
-            row = (
-                f"{item.threshold_deg:g}°",
-                format_rate(item.per_hour, language) + (f" ({rates})" if rates else ""),
-                format_duration(item.p90_s, language) + (f" ({lengths})" if lengths else ""),
-                *(format_duration(total_s, language) for _, total_s in item.longer_s),
-            )
-            rows.append(row)
-    return rows
-
-
-def _list_rest(exposure: Exposure, names: Words, language: Language) -> Rows:
+def _tabulate_rest(context: Context) -> Table:
+    exposure, language, entry = context.exposure, context.language, context.words["measure"]["recovery"]
     values = {
         name: value
         for group in SINGLE_GROUPS
         if (record := getattr(exposure, group.key)) is not None
         for name, value in group.name_values(record).items()
     }
-    return [
+    lasting, spread = _show_duration(language)
+    shows: dict[str, Show] = {
+        "%": _show_number(language, 1),
+        "Hz": _show_number(language, 2),
+        "s": lasting,
+    }
+    rows = [
         (
-            names[name],
-            format_figure(values[name], name, language),
-            _format_range(exposure, name, language) or NONE,
+            entry["row"][name],
+            format_ranged(
+                values[name],
+                exposure.intervals.get(name),
+                shows.get(find_unit(name), partial(format_rate, language=language)),
+                context.words,
+                spread if find_unit(name) == "s" else None,
+            ),
         )
         for name in REST_TABLE
         if values.get(name) is not None
     ]
+    return _tabulate(entry, rows)
 
 
-def _format_range(exposure: Exposure, name: str, language: Language) -> str:
-    interval = exposure.intervals.get(name)
-    return format_figure_range(interval, name, language) if interval else ""
-
-
-def _list_conventions(exposure: Exposure, names: Words, language: Language) -> Rows:
-    return [
+def _tabulate_variation(context: Context) -> Table:
+    entry, language = context.words["measure"]["variation"], context.language
+    rows = [
         (
-            names[convention.key],
-            f"{part.lower_deg:g}–{part.upper_deg:g}°",
-            *_format_share(part, language)[1:],
-        )
-        for convention in CONVENTIONS
-        for part in exposure.conventions.get(convention.key, ())
-    ]
-
-
-def _list_variation(exposure: Exposure, names: Words, language: Language) -> Rows:
-    return [
-        (
-            names[name],
+            entry["figure"][name],
             format_percent(item.coefficient_percent, language),
             format_number(item.spread, 1, language),
             format_number(item.last_less_first, 1, language),
         )
-        for name, item in exposure.hour_variation.items()
+        for name, item in context.exposure.hour_variation.items()
     ]
+    return _tabulate(entry, rows)

@@ -10,7 +10,14 @@ from app.report.charts.day import WORST_WINDOW_S, Block, build_day
 from app.report.charts.profile import TileScale, UncertaintyBar, UncertaintyChart, draw_tile, draw_uncertainty
 from app.report.figures import RECOVERY, format_figure
 from app.report.model import Drawing, Pair, Profile, Table, Tile
-from app.report.single.chapters import Context, choose_ranges, format_pose_caution, format_quality
+from app.report.single.chapters import (
+    Context,
+    choose_ranges,
+    format_pose_caution,
+    format_quality,
+    is_task,
+    rank_tasks,
+)
 from app.report.words.numbers import (
     NONE,
     format_duration,
@@ -30,8 +37,6 @@ from fusion.exposure.types import Interval, PartExposure
 SHOWN_TASKS = 3
 MOST_STEPS = 3
 LONGEST_NAME = 32
-TASK_KINDS = frozenset({"task", "seated", "supported"})
-"""Kinds of period that name a task; work counts only with a name in the diary."""
 DAYS = (1, 2, 3, 5)
 WORTHWHILE_SHARE = 0.5
 """Share of the time above 60 deg: the planned change that the days can detect (docs/profile.md)."""
@@ -47,8 +52,7 @@ UNMEASURED = ("trunk", "supported", "force", "seated")
 def build_profile(context: Context) -> Profile:
     """Build the first page."""
     entry, subject = context.words["profile"], context.subject
-    named = [part for part in context.exposure.by_task if _is_task(part) and part.analysed_s > 0]
-    tasks = sorted(named, key=lambda part: -_find_above_s(part))[:SHOWN_TASKS]
+    tasks = rank_tasks(context.exposure.by_task)[:SHOWN_TASKS]
     blocks = _lay_out_blocks(tasks, context)
     versions = {"version": str(subject.version), "earlier": str(subject.version - 1)}
     amended = fill(context.words["heading"]["amended_short"], versions) if subject.version > 1 else ""
@@ -216,10 +220,6 @@ def _list_rest(context: Context) -> tuple[Pair, ...]:
 # Tasks.
 
 
-def _is_task(part: PartExposure) -> bool:
-    return not part.reason and (part.kind in TASK_KINDS or (part.kind == "work" and bool(part.label)))
-
-
 def _find_above_s(part: PartExposure) -> float:
     return part.percent_above.get(MAIN_THRESHOLD_DEG, 0.0) / 100 * part.analysed_s
 
@@ -228,7 +228,7 @@ def _name(part: PartExposure, words: Words) -> str:
     return cut_text(clean_text(part.label) or words["part"]["kind"].get(part.kind, part.kind), LONGEST_NAME)
 
 
-def _lay_out_blocks(tasks: Sequence[PartExposure], context: Context) -> tuple[Block, ...]:
+def _lay_out_blocks(tasks: Sequence[tuple[PartExposure, int | None]], context: Context) -> tuple[Block, ...]:
     """Return the periods below the timeline: the tasks, else the quarter hours with the most exposure."""
     if not tasks:
         return tuple(
@@ -236,23 +236,23 @@ def _lay_out_blocks(tasks: Sequence[PartExposure], context: Context) -> tuple[Bl
             for rank, window in enumerate(context.exposure.quarter_hours, 1)
             if window.start_s is not None
         )
-    ranks = {(task.kind, task.label): rank for rank, task in enumerate(tasks, 1)}
+    ranks = {(task.kind, task.label): rank or 0 for task, rank in tasks}
     return tuple(
         Block(part.start_s, part.end_s, _name(part, context.words), ranks.get((part.kind, part.label)))
         for part in context.exposure.by_period
-        if _is_task(part)
+        if is_task(part)
     )
 
 
-def _tabulate_tasks(tasks: Sequence[PartExposure], context: Context) -> Table:
+def _tabulate_tasks(tasks: Sequence[tuple[PartExposure, int | None]], context: Context) -> Table:
     entry, language = context.words["profile"]["tasks"], context.language
     rows = tuple(
         (
-            f"{rank}  {_name(task, context.words)}",
+            f"{rank}  {_name(task, context.words)}" if rank else _name(task, context.words),
             format_duration(_find_above_s(task), language),
             format_percent(task.percent_above.get(MAIN_THRESHOLD_DEG), language),
         )
-        for rank, task in enumerate(tasks, 1)
+        for task, rank in tasks
     )
     return Table(entry["title"], tuple(entry["columns"]), rows)
 

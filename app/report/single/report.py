@@ -155,7 +155,7 @@ def _format_entries(context: Context) -> str:
 
 
 def _format_longest(episodes: Episodes, context: Context) -> str:
-    """Format the longest continuous time above 60°, with its range, and its start if known."""
+    """Format the longest episode above 60°, with its range, and its start if known."""
     if not episodes.longest_s:
         return ""
     language, entry = context.language, context.words["sentence"]

@@ -194,7 +194,7 @@ def test_the_bars_show_the_figures_of_the_answer_and_not_those_of_each_own_day()
     chart = report_of(make_pair()).figures[0]
 
     shares = [[plain(cell) for cell in row[1:]] for row in chart.table.rows]
-    assert shares == [["70.0 %", "26.0 %", "3.0 %", "1.0 %"], ["50.0 %", "40.0 %", "7.0 %", "3.0 %"]]
+    assert shares == [["70 %", "26 %", "3 %", "1 %"], ["50 %", "40 %", "7 %", "3 %"]]
     assert chart.note == "Each bar covers the time analysed for both arms."
 
 

@@ -37,6 +37,7 @@ REQUESTS = st.builds(
     languages=st.sampled_from([("en",), ("fr",)]),
     kinds=st.sampled_from([("html",), ("pdf",), ("html", "pdf")]),
     paper=st.sampled_from(["a4", "letter"]),
+    appendix=st.booleans(),
     diary=st.lists(ENTRIES, max_size=3).map(tuple),
     profile=st.sampled_from(["", '{"acceleration": ["ax", "ay", "az"]}']),
 )
@@ -86,6 +87,7 @@ def test_a_name_that_is_not_known_is_refused_with_the_nearest_one() -> None:
         ("side: up", "left|right"),
         ("lang: it", "en|fr|fr-CA"),
         ("report: [docx]", "[html, pdf]"),
+        ("appendix: perhaps", "true|false"),
         ("rate_hz: 0", "1 to 10000"),
         ("calibration: [[10, 5]]", "[[START_S,END_S]]"),
         ("calibration: [5, 10]", "[[START_S,END_S]]"),

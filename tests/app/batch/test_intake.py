@@ -78,14 +78,15 @@ def take(watch: FolderWatch) -> list[Job]:
 def test_a_file_is_taken_with_its_folder_as_subject_and_what_the_server_says_and_moved_aside(
     store: JobStore, storage: Storage, settings: Settings, tmp_path: Path
 ) -> None:
-    letter = settings.model_copy(update={"paper": "letter", "watch_pose_held": "start"})
+    letter = settings.model_copy(update={"paper": "letter", "appendix": True, "watch_pose_held": "start"})
     watch = FolderWatch(Intake(store, storage, letter), tmp_path)
     path = put(watch, "S012/shift.gt3x")
 
     (job,) = take(watch)
 
     request = job.request
-    assert (request.subject, request.paper, request.pose_held) == ("S012", "letter", "start")
+    assert (request.subject, request.paper, request.appendix) == ("S012", "letter", True)
+    assert request.pose_held == "start"
     assert not path.exists()
     (moved,) = (watch.folder / "taken").rglob(f"{job.id}_shift.gt3x")
     assert moved.read_bytes() == b"recording"

@@ -6,6 +6,7 @@ from datetime import datetime
 from pathlib import Path
 
 import pytest
+from pypdf import PdfReader
 
 from app.batch.folder import plan_tasks
 from app.request import ReportRequest
@@ -52,6 +53,21 @@ def test_a_finished_recording_is_not_done_again_and_each_kind_of_run_says_so(
     line = json.loads(said["--json-log"].stdout)
     assert (line["file"], line["code"], line["repeated"]) == (str(shift_gt3x), None, True)
     assert marker.stat().st_mtime_ns == before
+
+
+def test_the_appendix_is_added_to_a_finished_report_without_another_analysis(
+    done: Path, shift_gt3x: Path, tmp_path: Path
+) -> None:
+    folder = shutil.copytree(done, tmp_path / "out") / shift_gt3x.stem
+    figures = (folder / "results.json").stat().st_mtime_ns
+    four = len(PdfReader(folder / "report.pdf").pages)
+
+    result = run("run", shift_gt3x, "-o", folder.parent, "--appendix")
+
+    assert (result.exit_code, four) == (0, 4)
+    assert len(PdfReader(folder / "report.pdf").pages) > 4
+    assert (folder / "results.json").stat().st_mtime_ns == figures
+    assert "appendix: true" in (folder.parent / "settings.yaml").read_text("utf-8")
 
 
 @pytest.mark.parametrize(

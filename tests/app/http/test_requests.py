@@ -118,25 +118,28 @@ def test_the_same_file_sent_twice_gives_the_same_analysis(client: TestClient, se
     assert len([path for path in (settings.data_dir / "recordings").iterdir() if not path.suffix]) == 1
 
 
-def test_the_paper_asked_for_goes_before_the_server_s(settings: Settings) -> None:
-    with serving(settings, paper="letter") as client:
+def test_the_paper_and_appendix_asked_for_go_before_the_server_s(settings: Settings) -> None:
+    wish = {"paper": "a4", "appendix": False}
+    with serving(settings, paper="letter", appendix=True) as client:
         recording = keep(client)
 
-        views = [ask(client, recording), ask(client, recording, settings={"paper": "a4"})]
-        batch = {"items": [{"recording_id": recording}], "settings": {"paper": "a4"}}
+        views = [ask(client, recording), ask(client, recording, settings=wish)]
+        batch = {"items": [{"recording_id": recording}], "settings": wish}
         batched = client.post("/api/v1/batches", json=batch).json()["links"]["analyses"]
 
-        assert [view["settings"]["paper"] for view in views] == ["letter", "a4"]
-        assert client.get(batched).json()["items"][0]["settings"]["paper"] == "a4"
+        views.append(client.get(batched).json()["items"][0])
+        told = [(view["settings"]["paper"], view["settings"]["appendix"]) for view in views]
+        assert told == [("letter", True), ("a4", False), ("a4", False)]
 
 
-def test_another_paper_or_language_is_the_same_version(client: TestClient, store: JobStore) -> None:
+def test_another_paper_language_or_appendix_is_the_same_version(client: TestClient, store: JobStore) -> None:
     recording = keep(client)
     ask(client, recording, settings={"lang": "en"})
 
-    told = [ask(client, recording, settings=wish)["id"] for wish in ({"paper": "letter"}, {"lang": "fr"})]
+    wishes: tuple[dict[str, object], ...] = ({"paper": "letter"}, {"lang": "fr"}, {"appendix": True})
+    told = [ask(client, recording, settings=wish)["id"] for wish in wishes]
 
-    assert [store.get(job).request.version for job in told] == [1, 1]
+    assert [store.get(job).request.version for job in told] == [1, 1, 1]
 
 
 def test_a_failed_analysis_can_be_tried_again_once(client: TestClient, open_worker: OpenWorker) -> None:

@@ -181,7 +181,7 @@ def test_every_drawing_stays_well_formed_with_the_same_elements(reports: Reports
 
 
 def test_the_pdf_prints_every_payload_as_it_is() -> None:
-    document = render_pdf(report_with(PAYLOADS), {})
+    document = render_pdf(report_with(PAYLOADS), {}, has_appendix=True)
 
     text = squeeze("".join(page.extract_text() for page in PdfReader(io.BytesIO(document)).pages))
     missing = [p for p in PAYLOADS if squeeze(replace_uncovered(p))[:40] not in text]
@@ -189,7 +189,8 @@ def test_the_pdf_prints_every_payload_as_it_is() -> None:
 
 
 def test_a_text_of_two_hundred_signs_without_a_space_is_broken_into_lines() -> None:
-    document = render_pdf(build_report(make_analysis(), make_subject("W" * 200), "en"), {}, "letter")
+    report = build_report(make_analysis(), make_subject("W" * 200), "en")
+    document = render_pdf(report, {}, "letter", has_appendix=True)
 
     pages = PdfReader(io.BytesIO(document)).pages
     lines = [line for page in pages for line in page.extract_text().splitlines()]
@@ -198,7 +199,8 @@ def test_a_text_of_two_hundred_signs_without_a_space_is_broken_into_lines() -> N
 
 
 def test_no_sign_that_nobody_typed_stands_in_the_text_of_the_pdf() -> None:
-    document = render_pdf(build_report(make_analysis(), make_subject("A-" * 40, "b_" * 40), "en"), {})
+    report = build_report(make_analysis(), make_subject("A-" * 40, "b_" * 40), "en")
+    document = render_pdf(report, {}, has_appendix=True)
 
     text = "".join(page.extract_text() for page in PdfReader(io.BytesIO(document)).pages)
     assert not {"\u200b", "\u00ad", "\u2060"} & set(text)

@@ -188,18 +188,27 @@ class Tracer:
             for task in self.exposure["by_task"]
         }
         order = sorted(self.exposure["by_task"], key=lambda task: -above[task["label"]])
-        ranks = {task["label"]: k for k, task in enumerate(order, start=1)}
+        ranks = {task["label"]: self.rank(k, order) for k, task in enumerate(order)}
         periods = sorted(self.exposure["by_period"], key=lambda period: period["start_s"])
         worst = self.find("peak_windows", length_s=900)
         there = next(p for p in periods if p["start_s"] <= worst["start_s"] < p["end_s"])
         return {
-            " ".join(f"{ranks[period['label']]} {period['label']}" for period in periods),
+            " ".join(f"{ranks[period['label']]} {period['label']}".strip() for period in periods),
             f"1. Look at {there['label']} at {self.clock(worst['start_s'])}.",
-            *(self.row(k, task, above[task["label"]]) for k, task in enumerate(order, start=1)),
+            *(self.row(ranks[task["label"]], task, above[task["label"]]) for task in order),
         }
 
-    def row(self, rank: int, task: Any, above_s: float) -> str:
-        return f"{rank}  {task['label']} {format_time(above_s)} {task['time_above_60_percent']:.1f} %"
+    def rank(self, k: int, order: list[Any]) -> str:
+        """Return the place of a task, if its range of minutes overlaps with that of no other."""
+        ends = [
+            [end * task["analysed_s"] for end in task["intervals"]["time_above_60_percent"]] for task in order
+        ]
+        others = ends[:k] + ends[k + 1 :]
+        return str(k + 1) if all(high < ends[k][0] or low > ends[k][1] for low, high in others) else ""
+
+    def row(self, rank: str, task: Any, above_s: float) -> str:
+        told = f"{task['label']} {format_time(above_s)} {task['time_above_60_percent']:.1f} %"
+        return f"{rank}  {told}" if rank else told
 
     def sureness(self) -> set[str]:
         row, days = self.find("time_above", threshold_deg=60), self.results["comparison"]["other_days"]

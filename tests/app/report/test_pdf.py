@@ -2,6 +2,7 @@
 
 import io
 import re
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from functools import cache
 from typing import Any, get_args
@@ -9,13 +10,17 @@ from typing import Any, get_args
 import pytest
 from pypdf import PageObject, PdfReader
 
-from app.report.export.results import encode_results
+from app.report.export.results import decode_results, encode_results
+from app.report.findings import Findings, StillFacts
 from app.report.render.html import render_html
 from app.report.render.pdf import render_pdf, replace_uncovered
 from app.report.single.report import build_report
 from app.report.words.wording import LANGUAGES, Language, Part, load_wording
 from app.request import Paper
 from fusion.exposure.types import PeakWindow
+from fusion.quality import Quality
+from fusion.recording import QualityFlag
+from tests import ROOT
 from tests.app.analysis_factory import make_analysis, make_exposure, make_subject
 from tests.app.report.test_wording import walk_texts
 
@@ -25,11 +30,9 @@ FOOTER = 0.045
 
 
 @cache
-def pdf_of(
-    language: Language = "en", paper: Paper = "a4", subject: str = "S012", file_name: str = "a.gt3x"
-) -> bytes:
+def pdf_of(language: Language = "en", subject: str = "S012", file_name: str = "a.gt3x") -> bytes:
     analysis, who = make_analysis(), make_subject(subject, file_name)
-    return render_pdf(build_report(analysis, who, language), {"results.json": b"{}\n"}, paper)
+    return render_pdf(build_report(analysis, who, language), {"results.json": b"{}\n"})
 
 
 def catalogue_of(document: bytes) -> Any:
@@ -52,36 +55,94 @@ def flatten(text: str) -> str:
     return re.sub(r"\s", "", text)
 
 
-def find_lowest_text(page: PageObject) -> float:
-    """Return how far up the page its last line above the footer stands, as a share of the height."""
+def read_page(page: PageObject) -> tuple[str, float]:
+    """Return the text, and how far up the page its last line above the footer stands, as a share."""
     places: list[float] = []
 
     def note(text: str, cm: list[float], tm: list[float], *_: object) -> None:
         if text.strip():
             places.append((tm[4] * cm[1] + tm[5] * cm[3] + cm[5]) / float(page.mediabox.height))
 
-    page.extract_text(visitor_text=note)
-    return min(place for place in places if place > FOOTER)
+    told = page.extract_text(visitor_text=note)
+    return told, min(place for place in places if place > FOOTER)
 
 
-@pytest.mark.parametrize("paper", PAPERS)
-@pytest.mark.parametrize("language", LANGUAGES)
-def test_a_day_fills_at_most_six_pages_of_the_paper_and_leaves_no_quarter_of_one_empty(
-    paper: Paper, language: Language
+@cache
+def read_example() -> Findings:
+    """A full shift with three tasks and the range of every figure."""
+    return decode_results((ROOT / "templates/example/results.json").read_bytes()).findings
+
+
+def make_half_day() -> Findings:
+    exposure = replace(read_example().exposure, by_task=(), by_period=(), analysed_s=15_840.0)
+    return replace(read_example(), exposure=replace(exposure, by_hour=exposure.by_hour[:5]))
+
+
+def make_unposed() -> Findings:
+    stills = tuple(StillFacts(60.0 * k, 10.0) for k in range(8))
+    known = read_example().calibration
+    assert known is not None
+    calibration = replace(known, state="assumed", proposals=stills, spread_deg=55.0, needs_pose=True)
+    flags = (QualityFlag("W-WHICH-POSE", 8, 62.0), QualityFlag("W-NPOSE", 1))
+    return replace(
+        read_example(), calibration=calibration, quality=Quality("caution", ("W-WHICH-POSE",), flags)
+    )
+
+
+def make_poor() -> Findings:
+    codes = ("W-SHORT", "W-GAP", "W-CLIP", "W-REMOUNT", "W-NONWEAR", "W-SPIKES", "W-WRAP", "W-NPOSE")
+    flags = tuple(QualityFlag(code, 12, 3600.0, 100.0, 20_000.0) for code in codes)
+    return replace(read_example(), quality=Quality("poor", codes[:4], flags))
+
+
+TYPICAL: dict[str, Callable[[], Findings]] = {
+    "clean": lambda: replace(
+        read_example(), exposure=replace(read_example().exposure, by_task=(), by_period=())
+    ),
+    "diary": read_example,
+    "half day": make_half_day,
+    "no pose": make_unposed,
+    "poor": make_poor,
+    "lsm9ds1": lambda: replace(read_example(), recording=replace(read_example().recording, device="lsm9ds1")),
+}
+
+
+LOOSEST, TIGHTEST = ("en", "a4"), ("fr", "letter")
+
+
+@pytest.mark.parametrize(("language", "paper"), [LOOSEST, TIGHTEST])
+@pytest.mark.parametrize("day", TYPICAL)
+def test_a_report_has_four_pages_of_which_none_leaves_a_quarter_empty_and_breaks_no_range(
+    day: str, language: Language, paper: Paper
 ) -> None:
-    pages = PdfReader(io.BytesIO(pdf_of(language, paper))).pages
+    report = build_report(TYPICAL[day](), make_subject(), language)
+    pages = PdfReader(io.BytesIO(render_pdf(report, {}, paper))).pages
 
-    assert len(pages) <= 6
-    intended_use = build_report(make_analysis(), make_subject(), language).intended_use.paragraphs[0]
-    assert flatten(intended_use)[-40:] in flatten(pages[1].extract_text())
-    assert [page.page_number for page in pages[:-1] if find_lowest_text(page) > 0.25] == []
+    told, lowest = zip(*map(read_page, pages), strict=True)
+    assert len(pages) == 4
+    assert flatten(report.intended_use.paragraphs[0])[-40:] in flatten(told[3])
+    assert max(lowest) < 0.25
+    assert [line for text in told for line in text.splitlines() if re.search(r"\d[ %°s]*–$", line)] == []
     points = {"a4": (595, 842), "letter": (612, 792)}[paper]
     assert {(round(page.mediabox.width), round(page.mediabox.height)) for page in pages} == {points}
 
 
-def test_every_figure_of_the_tables_stands_in_the_pdf() -> None:
+def test_the_appendix_alone_has_the_sources_the_sha_256_and_the_rest_of_the_tables() -> None:
     report = build_report(make_analysis(), make_subject(), "fr")
-    document = PdfReader(io.BytesIO(pdf_of("fr")))
+    without, whole = (
+        flatten("".join(page.extract_text() for page in PdfReader(io.BytesIO(document)).pages))
+        for document in (pdf_of("fr"), render_pdf(report, {}, has_appendix=True))
+    )
+
+    own = (make_analysis().recording.sha256, flatten(report.sections[-1].sources[0]), "Annexe")
+    assert [(part in whole, part in without) for part in own] == [(True, False)] * 3
+    assert flatten(report.words["more"]) in without
+    assert flatten(report.words["more"]) not in whole
+
+
+def test_every_figure_of_the_tables_stands_in_the_pdf_with_its_appendix() -> None:
+    report = build_report(make_analysis(), make_subject(), "fr")
+    document = PdfReader(io.BytesIO(render_pdf(report, {}, has_appendix=True)))
     text = flatten("".join(page.extract_text() for page in document.pages))
 
     missing = [

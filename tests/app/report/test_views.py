@@ -8,7 +8,7 @@ import pytest
 
 from app.report.single.report import Report, build_report
 from app.report.words.wording import LANGUAGES, Language
-from fusion.exposure.types import Entries, Episodes, Interval, PartExposure, PeakWindow
+from fusion.exposure.types import Cycles, Entries, Episodes, Interval, PartExposure, PeakWindow
 from fusion.quality import Quality, TimeAccount
 from fusion.recording import QualityFlag
 from tests.app.analysis_factory import (
@@ -30,7 +30,7 @@ def test_the_answer_in_english() -> None:
         (
             "Above 60° for 32 min; above 90° for 8 min 56 s (2.1 %). "
             "The right arm made 214 rises above 60° (30 per hour); "
-            "longest continuous time above 60°: 48 s, at 10:42."
+            "longest stay until below 55°: 48 s, at 10:42."
         ),
         "The 15 minutes with the most time above 60° were 13:05–13:20 (41.2 %).",
     ]
@@ -66,7 +66,7 @@ SENTENCES: dict[str, tuple[dict[str, Any], Language, int, str]] = {
         {"entries": (Entries(60, 1, 0.14),), "episodes": (Episodes(60, 1, 12.0, 12.0, 60.0, 0),)},
         "fr",
         1,
-        "un passage au-dessus de 60° ; durée continue au-dessus de 60° : 12 s, à 7 h 59.",
+        "un passage au-dessus de 60° ; durée jusqu'à moins de 55° : 12 s, à 7 h 59.",
     ),
     "too short for the window": (
         {"peak_windows": (PeakWindow(900, None, None),)},
@@ -95,16 +95,21 @@ def test_the_answer_follows_what_is_known(case: str) -> None:
 def test_no_interval_is_invented() -> None:
     report = report_of()
 
+    cells = [cell for s in report.sections for t in s.tables for row in t.rows for cell in row[1:]]
     assert "range" not in " ".join(report.sentences)
-    assert table_of(report, "figures", "bins").columns == ("Elevation", "Time", "Share")
+    assert [cell for cell in cells if re.search(r"^[\d.,]+ \(\d", cell)] == []
+    assert "In brackets" not in str([section.paragraphs for section in report.sections])
 
 
-def test_the_table_gains_a_column_where_an_interval_exists() -> None:
-    report = report_of(exposure=make_exposure(above_60_interval=Interval(6.0, 9.5)))
+def test_a_figure_and_its_range_share_a_cell_with_the_upper_end_of_the_pose() -> None:
+    report = report_of(exposure=make_exposure(above_60_interval=Interval(6.0, 9.5, 6.0, 12.3)))
 
-    rows = table_of(report, "figures", "thresholds").rows
+    rows = table_of(report, "spread", "thresholds").rows
 
-    assert [plain(row[3]) for row in rows] == ["–", "6.0–9.5 %", "–"]
+    assert [row[2] for row in rows] == ["32.5", "7.6 (6.0–9.5; pose 12.3)", "2.1"]
+    assert section_of(report, "spread").paragraphs == (
+        "In brackets: 95\u202f% range; pose: its upper end if the calibration pose read low.",
+    )
 
 
 def test_an_arm_of_unknown_side_is_the_arm() -> None:
@@ -160,8 +165,7 @@ def test_a_range_of_ready_angles_is_called_what_it_is() -> None:
 
     report = report_of(analysis=replace(ready, exposure=exposure))
 
-    tables = [table for section in report.sections for table in section.tables]
-    told = plain(str([report.sentences, [(table.columns, table.rows) for table in tables]])).lower()
+    told = plain(str([report.sentences, [section.paragraphs for section in report.sections]])).lower()
     assert plain(report.sentences[0]).count("sampling range") == 1
     assert (told.count("sampling range") > 2, "95 % range" in told) == (True, False)
 
@@ -189,17 +193,28 @@ def test_a_good_verdict_names_what_the_n_pose_hides_and_ready_angles_have_no_pos
     assert "15° low" in posed.pose_caution
     assert ready.verdict.reason.startswith("No fault was found in the recording.")
     assert ready.pose_caution == ""
-    assert section_of(ready, "method").pairs[0].value.startswith("The file contains precomputed angles")
+    assert section_of(ready, "full-method").pairs[0].value.startswith("The file contains precomputed angles")
     assert "their error is not known" in limits
     assert not re.search("turns on the arm|Angle error", limits)
 
 
-def test_the_bar_merges_the_nine_bins_of_the_table() -> None:
+def test_the_bar_merges_the_nine_bins_of_the_table_in_whole_numbers_that_add_up() -> None:
     report = report_of()
 
     shares = [plain(row[2]) for row in report.figures[0].table.rows]
-    assert shares == ["67.5 %", "24.9 %", "5.5 %", "2.1 %"]
-    assert len(table_of(report, "figures", "bins").rows) == 9
+    assert shares == ["67 %", "25 %", "6 %", "2 %"]  # 32.5, 7.6 and 2.1 % above 30, 60 and 90 deg
+    bins = [int(row[2]) for row in table_of(report, "standards", "bins").rows]
+    assert bins == [46, 21, 17, 8, 5, 1, 1, 1, 0]
+
+
+def test_the_range_of_a_whole_share_is_rounded_outwards() -> None:
+    exposure = make_exposure()
+    ranged = replace(exposure.bins[3], interval=Interval(8.2, 9.1))  # 8.8 %, printed as 16 - 8
+
+    bins = (*exposure.bins[:3], ranged, *exposure.bins[4:])
+    rows = table_of(report_of(exposure=replace(exposure, bins=bins)), "standards", "bins").rows
+
+    assert rows[3][2] == "8 (8–10)"
 
 
 def test_what_is_printed_of_the_time_is_rounded_and_adds_up() -> None:
@@ -211,7 +226,7 @@ def test_what_is_printed_of_the_time_is_rounded_and_adds_up() -> None:
 
 
 def test_every_flag_stands_in_the_quality_table_with_its_clock_times() -> None:
-    row = table_of(report_of(), "quality", "Findings").rows[0]
+    row = table_of(report_of(), "findings", "Findings").rows[0]
 
     assert [plain(cell) for cell in (row[0], *row[2:])] == ["W-GAP", "1", "9 min", "13:38:12", "13:47:12"]
 
@@ -279,15 +294,14 @@ def test_the_range_of_a_percentile_stands_on_the_curve_as_the_language_writes_it
     assert "P90\u00a0: 54°" in curves[1].wide
 
 
-def test_a_period_that_was_left_out_is_hatched_and_never_a_bar() -> None:
+def test_a_period_that_was_left_out_has_a_length_and_no_figures() -> None:
     away = PartExposure("Lunch", 0.0, 1800.0, 0.0, {}, {}, None, "break", 1800.0, "break")
     work = replace(make_exposure().by_hour[1], label="Shelves", kind="task", recorded_s=3600.0)
+    report = report_of(exposure=replace(make_exposure(), by_period=(away, work)))
 
-    section = section_of(report_of(exposure=replace(make_exposure(), by_period=(away, work))), "hours")
+    row = table_of(report, "figures", "By diary period").rows[0]
 
-    chart = section.figures[1]
-    assert plain(chart.wide).count("left out, 30 min") == 2  # on the bar and in the description
-    assert chart.table.rows[0][1:] == ("–",) * 4
+    assert [plain(cell) for cell in row[1:]] == ["30 min, left out", *["–"] * 6]
 
 
 def test_the_last_sample_of_a_recording_that_ends_on_the_hour_is_no_hour() -> None:
@@ -309,7 +323,7 @@ def test_the_bar_of_the_first_page_and_those_behind_it_show_the_same_classes() -
     )
 
 
-def test_the_ranges_of_a_part_stand_under_its_figures() -> None:
+def test_the_ranges_of_a_part_stand_beside_its_figures() -> None:
     intervals = {
         "elevation_p50_deg": Interval(17.6, 29.6),
         "time_above_60_percent": Interval(5.0, 11.2),
@@ -319,18 +333,48 @@ def test_the_ranges_of_a_part_stand_under_its_figures() -> None:
 
     table = section_of(report_of(exposure=replace(make_exposure(), by_hour=(hour,))), "hours").tables[0]
 
-    assert [plain(cell) for cell in table.rows[1]] == [
-        "95 % range", "", "", "18–30", "", "", "5.0–11.2", "", "18–45",
-    ]  # fmt: skip
+    hour_s = hour.percentiles_deg[50], hour.percent_above[60], hour.entries_above_60_per_h
+    median, share, rate = (f"{value:.{decimals}f}" for value, decimals in zip(hour_s, (0, 1, 0), strict=True))
+    row = table.rows[0]
+    assert (row[2], row[5], row[7]) == (f"{median} (18–30)", f"{share} (5.0–11.2)", f"{rate} (18–45)")
 
 
-def test_a_task_of_one_period_repeats_no_ranges() -> None:
-    hour = replace(make_exposure().by_hour[1], intervals={"elevation_p50_deg": Interval(17.6, 29.6)})
-    tasks = (replace(hour, label="Shelves", periods=2), replace(hour, label="Ceiling"))
+def make_task(label: str, percent: float, low: float, high: float, **changes: Any) -> PartExposure:
+    """An hour of one task, with the range of its share above 60 deg."""
+    ranges = {"time_above_60_percent": Interval(low, high, low, 2 * high)}
+    above = {30: 40.0, 60: percent, 90: 1.0}
+    hour = PartExposure(label, 0.0, 3600.0, 3600.0, {}, above, 30.0, "task", 3600.0, "", ranges)
+    return replace(hour, **changes)
 
-    table = section_of(report_of(exposure=replace(make_exposure(), by_task=tasks)), "hours").tables[-1]
 
-    assert [row[0] for row in table.rows] == ["Shelves (2\u00a0×)", "95\u202f% range", "Ceiling"]
+def test_a_task_is_told_by_share_minutes_rises_longest_rest_and_difference_with_their_ranges() -> None:
+    figures = {"longest_above_60_s": 48.0, "neutral_slow_percent": 12.5, "less_rest_percent": -2.0}
+    task = make_task("Shelves", 10.0, 5.0, 15.0, periods=2, **figures)
+    known = {
+        "entries_above_60_per_h": Interval(20.0, 40.0),
+        "episodes_above_60_longest_s": Interval(48.0, 48.2),
+        "recovery_neutral_slow_percent": Interval(10.0, 14.0),
+        "time_above_60_less_rest_percent": Interval(-6.5, 0.5),
+    }
+    task = replace(task, intervals=task.intervals | known)
+
+    table = table_of(report_of(exposure=replace(make_exposure(), by_task=(task,))), "hours", "Task by task")
+
+    assert [plain(cell) for cell in table.rows[0]] == [
+        *("Shelves (2 ×)", "1 h", "10.0 (5.0–15.0; pose 30.0)", "6.0 (3.0–9.0)", "30 (20–40)"),
+        *("48 s (48 s–49 s)", "12.5 (10.0–14.0)", "−2.0 (−6.5 to +0.5)"),
+    ]
+
+
+def test_only_a_task_whose_range_overlaps_with_no_other_has_a_rank() -> None:
+    tasks = (make_task("Till", 2.0, 1.0, 4.0), make_task("Shelves", 3.0, 2.0, 5.0))
+    ceilings = make_task("Ceilings", 20.0, 15.0, 25.0)
+    shift = make_task("", 2.5, 1.0, 4.0, kind="shift")
+    exposure = replace(make_exposure(), by_task=(*tasks, shift, ceilings))
+
+    rows = table_of(report_of(exposure=exposure), "hours", "Task by task").rows
+
+    assert [row[0] for row in rows] == ["1. Ceilings", "Shelves", "Till", "Shift without tasks"]
 
 
 def test_the_cycles_say_what_their_range_does_not_hold() -> None:
@@ -346,16 +390,24 @@ def test_no_two_tables_bear_the_same_name(language: Language) -> None:
     assert len(captions) == len(set(captions))
 
 
-def test_the_range_of_a_speed_of_rises_and_of_episodes_stands_under_them() -> None:
+def test_the_range_of_a_speed_of_rises_and_of_episodes_stands_beside_them() -> None:
     known = {"inclination_velocity_p50_dps": Interval(13.25, 16.0)}
     names = ("entries_above_60_per_h", "episodes_above_60_longest_s")
     exposure = replace(make_exposure(), intervals=known | dict.fromkeys(names, Interval(20.0, 50.0)))
     report = report_of(exposure=exposure)
 
-    speeds, rises = (table_of(report, "figures", caption).rows for caption in ("Speed", "Rises"))
+    speeds, rises = (table_of(report, "spread", caption).rows for caption in ("Speed", "Rises"))
 
-    assert speeds[1] == ("95\u202f% range", "", "13.2–16.0", "", "", "")
-    assert [plain(cell) for cell in rises[2][1:]] == ["", "20–50", "", "", "20 s–50 s", ""]
+    assert speeds[0][2].endswith(" (13.2–16.0)")
+    assert [plain(rises[1][k]) for k in (2, 6)] == ["30 (20–50)", "48 s (20 s–50 s)"]
+
+
+def test_cycles_have_no_decimals() -> None:
+    cycles = (Cycles(10.0, 30.0, 3436.5),)
+
+    table = table_of(report_of(exposure=replace(make_exposure(), cycles=cycles)), "figures", "cycles")
+
+    assert [plain(cell) for cell in table.rows[0]] == ["10–30°", "3 436"]
 
 
 def test_every_published_value_stands_in_the_table_behind_the_first_page() -> None:

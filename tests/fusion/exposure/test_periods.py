@@ -358,6 +358,32 @@ def test_rows_of_one_label_are_one_task_of_their_pooled_time_and_what_no_row_nam
     assert tasks[0].percent_above[60] == pytest.approx(100 / 3)
 
 
+def test_a_task_has_its_longest_episode_its_rest_and_its_difference_to_the_rest_of_the_shift() -> None:
+    angles = np.full(3600, 10.0)
+    angles[540:720] = 70.0  # 60 s at the end of the task, 120 s after it
+    day = elevate(angles, rate_hz=1.0)
+
+    task, work = summarise_exposure(day, bias_sigma_deg=3.0, division=divide((0, 600, "a", ""))).by_task
+
+    assert (task.longest_above_60_s, work.longest_above_60_s) == (60.0, 120.0)
+    assert task.neutral_slow_percent == pytest.approx(90.0, abs=0.5)
+    assert task.less_rest_percent == pytest.approx(10.0 - 4.0)
+    assert work.less_rest_percent == pytest.approx(4.0 - 10.0)
+    known = task.intervals["time_above_60_less_rest_percent"]
+    assert known.low < 6.0 < known.high
+    assert task.intervals["episodes_above_60_longest_s"].high == pytest.approx(60.0)
+    assert task.intervals["recovery_neutral_slow_percent"].low <= 90.0
+
+
+def test_the_only_task_of_a_day_has_no_rest_of_the_shift() -> None:
+    day = elevate(np.full(3600, 70.0), rate_hz=1.0)
+
+    (task,) = summarise_exposure(day, bias_sigma_deg=3.0, division=divide((0, 3600, "a", ""))).by_task
+
+    assert task.less_rest_percent is None
+    assert "time_above_60_less_rest_percent" not in task.intervals
+
+
 def test_a_row_that_is_left_out_is_not_pooled_with_those_that_are_analysed() -> None:
     division = divide((0, 600, "a", ""), (1200, 1500, "a", "task"))
     day = elevate(np.full(3600, 40.0), rate_hz=1.0)

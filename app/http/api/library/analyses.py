@@ -44,8 +44,9 @@ from app.report.export.naming import pack_files
 from app.report.export.tables import PERIOD_COLUMNS, describe_periods, encode_table
 from app.report.figures import load_results
 from app.report.words.wording import Language, find_nearest
-from app.request import Conclusion, Paper, ReportRequest, clean_file_name, write_profile
+from app.request import Conclusion, ReportRequest, clean_file_name, write_profile
 from app.services import Services, UsedLanguage, UsedServices, UsedWayIn
+from app.settings import Settings
 from app.store.day_file import DAY_NAME
 from app.store.folder import StoredRecording
 
@@ -118,7 +119,7 @@ async def analyze(
     """
     check_queue(services)
     store, file_name = services.store, clean_file_name(parameters.file_name)
-    asked = parameters.build_request(file_name, language, services.settings.paper)
+    asked = parameters.build_request(file_name, language, services.settings)
 
     def commit(stored: StoredRecording) -> tuple[Job, bool]:
         add = partial(store.add, stored, asked, way_in, parameters.external_id)
@@ -155,8 +156,8 @@ def create_analyses(
     """Analyse stored recordings; an identical existing analysis is returned (``duplicate_of``)."""
     check_queue(services, len(body.recording_ids))
     rows = [services.recordings.get(recording_id) for recording_id in body.recording_ids]
-    paper, flow = services.settings.paper, way_in if len(rows) == 1 else "api"
-    asked = [(row, build_request(row, body.settings, language, paper)) for row in rows]
+    flow = way_in if len(rows) == 1 else "api"
+    asked = [(row, build_request(row, body.settings, language, services.settings)) for row in rows]
     store, storage, pairs = services.store, services.storage, []
     for row, request in asked:
         own = (row.id, row.sha256)
@@ -208,13 +209,13 @@ def check_queue(services: Services, more: int = 1) -> None:
 
 
 def build_request(
-    row: StoredRow, settings: AnalysisSettings, language: Language, paper: Paper
+    row: StoredRow, settings: AnalysisSettings, language: Language, defaults: Settings
 ) -> ReportRequest:
     """Build the request from the settings; defaults come from the recording, then from the server.
 
     Raises fusion.errors.UnusableDiary.
     """
-    request = settings.complete(row.about).build_request(row.about.file_name, language, paper)
+    request = settings.complete(row.about).build_request(row.about.file_name, language, defaults)
     diary = row.diary
     if settings.periods is not None:
         diary = read_periods(settings.periods)

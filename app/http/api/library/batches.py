@@ -90,7 +90,7 @@ def create_batch(body: BatchWish, services: UsedServices, language: UsedLanguage
         row = services.recordings.get(item.recording_id)
         merged = body.settings.model_dump(exclude_unset=True) | (item.settings or {})
         settings = validate_model(AnalysisSettings, merged)
-        items.append((row, build_request(row, settings, language, services.settings.paper)))
+        items.append((row, build_request(row, settings, language, services.settings)))
     batch = services.batches.add(body.name, items, again=body.again)
     headers = {"Location": f"/api/v1/batches/{batch.id}", "Retry-After": "5"}
     return JSONResponse(view_batch(batch).model_dump(), 202, headers)  # type: ignore[return-value]

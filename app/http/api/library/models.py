@@ -44,6 +44,7 @@ from app.request import (
     parse_window,
     write_profile,
 )
+from app.settings import Settings
 from fusion.caveats import Caveat
 from fusion.conventions import AXIS_HINT, ArmAxis, MethodName, Pose, PoseHeld, Side, parse_arm_axis
 from fusion.diary import DiaryEntry, Kind, read_diary, refuse_slips, split_times
@@ -188,6 +189,9 @@ class AnalysisOptions(BaseModel):
     pose: Pose = "n-pose"
     lang: Annotated[Language | None, Field(description="Language of the response.")] = None
     paper: Annotated[Paper | None, Field(description="Paper of the PDF; default: the server's.")] = None
+    appendix: Annotated[
+        bool | None, Field(description="Whether the PDF has its appendix; default: the server's.")
+    ] = None
     calibration: Annotated[
         list[Annotated[str, AfterValidator(lambda text: _parse(parse_window, text, WINDOW_HINT) and text)]],
         Field(
@@ -244,10 +248,10 @@ class AnalysisOptions(BaseModel):
             raise BadParameter(name="calibration", value=str(count), allowed=hint)
         return self
 
-    def build_request(self, file_name: str, language: Language, paper: Paper) -> ReportRequest:
+    def build_request(self, file_name: str, language: Language, settings: Settings) -> ReportRequest:
         """Build the request; the report is made in both languages, the requested one first.
 
-        ``language`` and ``paper`` are defaults for the options.
+        ``language`` and the server's ``settings`` are defaults for the options.
         """
         first = self.lang or language
         return ReportRequest(
@@ -264,7 +268,8 @@ class AnalysisOptions(BaseModel):
             rate_hz=self.rate_hz,
             profile=write_profile(self.columns) if self.columns else "",
             languages=(first, find_other_language(first)),
-            paper=self.paper or paper,
+            paper=self.paper or settings.paper,
+            appendix=settings.appendix if self.appendix is None else self.appendix,
         )
 
 
@@ -412,7 +417,7 @@ SAME = (
 
 SETTINGS = (
     *("subject", "side", "method", "pose", "calibration_windows_s", "pose_held", "arm_axis"),
-    *("slip_times_s", "no_slip_times_s", "rate_hz", "source", "paper"),
+    *("slip_times_s", "no_slip_times_s", "rate_hz", "source", "paper", "appendix"),
 )
 
 

@@ -342,8 +342,8 @@ def finish_upload(services: Services, row: UploadRow, way_in: WayIn = "api") -> 
         if (
             services.store.count_waiting() < services.settings.max_queued
         ):  # if the queue is full, no analysis starts
-            paper, whole = services.settings.paper, declared.complete(row.about)
-            asked = whole.build_request(row.about.file_name, declared.lang or "en", paper)
+            whole, language = declared.complete(row.about), declared.lang or "en"
+            asked = whole.build_request(row.about.file_name, language, services.settings)
     counts = services.uploads.finish(row, stored, asked, way_in, study)
     if counts != stored.id and not services.store.may_have_row(stored.id):
         services.storage.drop_recording(stored.id)
