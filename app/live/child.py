@@ -17,8 +17,7 @@ import numpy as np
 
 from app.analysis.attempt import Limits, Refused, describe_failure, prepare_child
 from app.live.cue_log import get_limit
-from app.live.hub import SHOWN_HZ, SessionOptions
-from app.live.ports import PipePort, SessionFiles
+from app.live.ports import SHOWN_HZ, PipePort, SessionFiles, SessionOptions
 from app.live.raw_file import SYNC_S, Wearer, build_rule
 from app.live.recorder import Recorder
 from app.live.sources import LineSource, ReplaySource, Source, build_demo, compile_kernels, open_replay

@@ -21,7 +21,6 @@ from contextvars import copy_context
 from dataclasses import dataclass, field
 from math import inf
 from multiprocessing.connection import Connection
-from pathlib import Path
 from typing import Any, Literal, Protocol
 
 from sqlalchemy.exc import SQLAlchemyError
@@ -37,10 +36,18 @@ from app.errors import (
     TooManySessions,
 )
 from app.live import ports
-from app.live.ports import STOP, WAIT_S, EarlyPort, Port, PushedPort, SessionFiles, pack_piece
-from fusion.conventions import ArmAxis, Side
+from app.live.ports import (
+    SHOWN_HZ,
+    STOP,
+    WAIT_S,
+    EarlyPort,
+    Port,
+    PushedPort,
+    SessionFiles,
+    SessionOptions,
+    pack_piece,
+)
 
-SHOWN_HZ = 50.0
 HISTORY_S = 60.0
 MAX_SESSIONS = 50
 ENDED_TERM_S = 3600.0
@@ -61,28 +68,6 @@ Message = Mapping[str, Any]
 Watch = Callable[[Message], None]
 
 logger = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True, slots=True)
-class SessionOptions:
-    """The options of a session.
-
-    ``source``: lines of a board, or a replay of ``recording_path`` (None: the demonstration) at ``speed``.
-    ``name``: of the source, for display. ``cues``: kind, angle_deg and limit of each rule. ``silence_s``: the
-    session ends after this time without a byte.
-    """
-
-    source: Literal["lines", "replay"]
-    name: str
-    subject: str = ""
-    side: Side | None = None
-    axis: ArmAxis | None = None
-    cues: tuple[Message, ...] = ()
-    countdown_s: float = 5.0
-    recording_path: Path | None = None
-    speed: float = 1.0
-    silence_s: float = inf
-    learn_limit_s: float = field(default_factory=lambda: ports.LEARN_LIMIT_S)
 
 
 @dataclass(frozen=True, slots=True)

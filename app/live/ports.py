@@ -11,20 +11,24 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.util import find_spec
+from math import inf
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 from urllib.parse import urlsplit
 
 from app.errors import LiveSourceFailed
 from app.store.permissions import create_file, make_folder
+from fusion.conventions import ArmAxis, Side
 
 if TYPE_CHECKING:
     from serial import Serial
 
 WAIT_S = 0.05
+SHOWN_HZ = 50.0
+"""Rate of the shown angles."""
 LEARN_LIMIT_S = 20.0
 """A board must send data within this time, and after that its header."""
 REOPEN_S = 0.5
@@ -449,6 +453,28 @@ def read_pieces(content: bytes) -> Iterator[tuple[bytes, float]]:
 
 def _find_end_of_about(content: bytes) -> int:
     return _ABOUT.size + int(_ABOUT.unpack_from(content)[0])
+
+
+@dataclass(frozen=True, slots=True)
+class SessionOptions:
+    """The options of a session.
+
+    ``source``: lines of a board, or a replay of ``recording_path`` (None: the demonstration) at ``speed``.
+    ``name``: of the source, for display. ``cues``: kind, angle_deg and limit of each rule. ``silence_s``: the
+    session ends after this time without a byte.
+    """
+
+    source: Literal["lines", "replay"]
+    name: str
+    subject: str = ""
+    side: Side | None = None
+    axis: ArmAxis | None = None
+    cues: tuple[Mapping[str, Any], ...] = ()
+    countdown_s: float = 5.0
+    recording_path: Path | None = None
+    speed: float = 1.0
+    silence_s: float = inf
+    learn_limit_s: float = field(default_factory=lambda: LEARN_LIMIT_S)
 
 
 @dataclass(frozen=True, slots=True)

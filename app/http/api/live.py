@@ -25,7 +25,7 @@ from app.http.middleware.problems import PROBLEM_RESPONSES, hide_tokens, show_in
 from app.intake import Intake
 from app.library.audit_log import record
 from app.library.rows import Job
-from app.live.hub import Ended, RunningSession, SessionOptions
+from app.live.hub import Ended, RunningSession
 from app.live.ports import (
     KEPT,
     PLAYED,
@@ -37,6 +37,7 @@ from app.live.ports import (
     Port,
     PushedPort,
     SessionFiles,
+    SessionOptions,
     create_session_files,
     find_interrupted_files,
     find_serial_ports,

@@ -15,8 +15,8 @@ from websockets.sync.client import connect
 from app.analysis.attempt import Limits
 from app.errors import TooManySessions
 from app.live import hub as hubs
-from app.live.hub import Ended, LiveHub, RunningSession, SessionOptions
-from app.live.ports import PushedPort, SessionFiles, create_session_files
+from app.live.hub import Ended, LiveHub, RunningSession
+from app.live.ports import PushedPort, SessionFiles, SessionOptions, create_session_files
 from fusion.readers import read_recording
 from tests.fusion.live.test_lines import HEADER, PREAMBLE, write_rows
 from tests.ways_in.servers import RunningServer, read_command, wait_for

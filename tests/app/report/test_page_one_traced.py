@@ -24,7 +24,7 @@ SCALES = {"0°", "30°", "60°", "90°", "120°", "180°", "0 100 %", "0 40 %", 
 CITED = "Proposals: Arvidsson 2021, never limits."
 PUBLISHED = {
     *("50 %", "10 %", "60°/s", "1.0–2.8 %", "95 % ranges; days: hairdressers, Wahlström 2010."),
-    *("Means of four trades,", "over 50 years", "(Lewis 2026)"),
+    *("Means of four trades,", "workers over 50", "(Lewis 2026)"),
     f"Not measured: trunk, arm support, force, seated time. Not a diagnosis. {CITED}",
 }
 """Arvidsson et al. 2021: 50 % above 30°, 10 % above 60°, 60°/s; Lewis et al. 2026: 1.0 to 2.8 % above 90°."""
@@ -152,8 +152,8 @@ class Tracer:
         busy = self.find("entries", threshold_deg=60)["busy_minutes_percent"]
         return {
             f"Arm down and still {rest['neutral_slow_percent']:.1f} % ({low:.1f}–{high:.1f} %)",
-            f"Longest time without {format_time(rest['longest_without_s'])}",
-            f"Minutes with two or more rises {busy:.1f} % ({fewest:.1f}–{most:.1f} %)",
+            f"Longest time without it {format_time(rest['longest_without_s'])}",
+            f"Minutes with 2+ rises > 60° {busy:.1f} % ({fewest:.1f}–{most:.1f} %)",
         }
 
     def pose(self) -> set[str]:

@@ -75,7 +75,7 @@ def steps_of(findings: Findings) -> tuple[str, ...]:
 
 
 def told_of_method(report: Report) -> dict[str, str]:
-    return {pair.name: plain(pair.value) for pair in section_of(report, "method").pairs}
+    return {pair.name: plain(pair.value) for pair in section_of(report, "full-method").pairs}
 
 
 # The report.

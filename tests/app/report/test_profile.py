@@ -92,7 +92,7 @@ def test_each_tile_says_where_it_lies_beside_the_proposal() -> None:
     assert told == [
         "Below the proposed 50 %",
         "Cannot tell: 10 % proposed",
-        "Means of four trades, over 50 years (Lewis 2026)",
+        "Means of four trades, workers over 50 (Lewis 2026)",
         "Below the proposed 60°/s",
     ]
 
@@ -201,8 +201,8 @@ def test_rest_and_busy_minutes_are_on_page_1_with_their_ranges() -> None:
 
     assert [(pair.name, plain(pair.value)) for pair in shown] == [
         ("Arm down and still", "31.2 % (28.4–34.0 %)"),
-        ("Longest time without", "12 min"),
-        ("Minutes with two or more rises", "13.4 %"),
+        ("Longest time without it", "12 min"),
+        ("Minutes with 2+ rises > 60°", "13.4 %"),
     ]
 
 
