@@ -62,6 +62,8 @@ MOST_BYTES = 1 << 29
 FEWEST_ROWS = 2
 SLOWER = 1.2
 """Times the period of the gyroscope: from here on the accelerometer's slower rate is worth a caveat."""
+LONGEST_STEPS = 2.5
+"""Times the period of a table of gravity: a longer step is a hole."""
 LATEST_US, LARGEST = 9e18, 1e30
 PHYPHOX_CLOCK = "meta/time.csv"
 MICROSECOND_STAMPS = TimeColumn("number")
@@ -114,7 +116,11 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
         gravity = _read_table(archive, names.gravity)
         parts = [np.interp(acc.time_us, gravity.time_us, part) for part in gravity.values.T]
         if names.kind == "linear" or not holds_gravity(acc.values, np.stack(parts, axis=1)):
-            acc = replace(acc, values=acc.values + np.stack(parts, axis=1))
+            kept = _find_covered(acc.time_us, gravity)
+            values = (acc.values + np.stack(parts, axis=1))[kept]
+            acc = replace(acc, time_us=acc.time_us[kept], values=values)
+            if len(values) < FEWEST_ROWS:
+                raise UnusableTime(why="rows")
     elif names.kind == "linear" or (  # Sensor Logger took gravity out of its "Accelerometer"
         device is not None and device.device == "sensorlogger" and names.kind != "total"
     ):
@@ -270,6 +276,16 @@ def _read_row(fields: Sequence[str], read_time: Callable[[str], float], places: 
         return [read_time(fields[places[0]]), *(float(fields[place]) for place in places[1:])]
     except (ValueError, IndexError):
         return [math.nan] * len(places)
+
+
+def _find_covered(time_us: NDArray[np.int64], table: ThreeAxes) -> NDArray[np.bool_]:
+    """Return which times are not in the holes of a table, before its start or after its end."""
+    after = np.searchsorted(table.time_us, time_us)
+    later_us = table.time_us[np.minimum(after, len(table.time_us) - 1)]
+    earlier_us = table.time_us[np.maximum(after - 1, 0)]
+    step_us = np.maximum(later_us, time_us) - np.minimum(earlier_us, time_us)
+    longest_us = max(LONGEST_BRIDGE_US, LONGEST_STEPS * table.period_us)
+    return np.asarray((later_us == time_us) | (step_us <= longest_us))
 
 
 def _merge(acc: ThreeAxes, gyr: ThreeAxes) -> SampleColumns:

@@ -14,7 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
-from fusion.errors import CutByExcel, NoGravity, NoGyroscope, SeveralSensors, UnknownColumns, UnreadableRows
+from fusion.errors import (
+    CutByExcel,
+    NoGravity,
+    NoGyroscope,
+    SeveralSensors,
+    UnknownColumns,
+    UnreadableRows,
+    UnusableTime,
+)
 from fusion.readers.samples import SampleColumns, drop_blank_rows
 from fusion.readers.source import Source
 from fusion.readers.tables import csv_lines
@@ -48,7 +56,7 @@ from fusion.readers.tables.layout import (
 )
 from fusion.readers.time.clock import datetime_at_us, format_offset, is_clock_set, trust_clock
 from fusion.readers.time.grid import Grid, repair_row_times
-from fusion.recording import QualityFlag, Recording, acc_scale_g, flag_counts, gyr_scale_dps
+from fusion.recording import MICROSECONDS, QualityFlag, Recording, acc_scale_g, flag_counts, gyr_scale_dps
 
 PACKET_NUMBERS = 65_536
 """Xsens' packet counter starts over here (MT Manager and DOT user manuals)."""
@@ -230,8 +238,11 @@ def explain_wide_rows(layout: TextLayout) -> UnknownColumns:
 
 
 def _choose_stamp(layout: TextLayout) -> tuple[int | None, TimeColumn]:
-    """Return place and kind of the stamp column; without times, a packet counter shows lost packets."""
-    columns, calendars = layout.columns, _find_calendars(layout)
+    """Return place and kind of the stamp column; without times, a packet counter shows lost packets.
+
+    Raises UnusableTime if the only time is the part of a second, without the second.
+    """
+    columns, calendars, has_part = layout.columns, _find_calendars(layout), False
     places = [k for k, column in enumerate(columns) if column.channel == "time"]
     places.sort(key=lambda k: (columns[k].name == ARRIVAL, columns[k].unit is None))
     if layout.header is not None and not columns[0].name:
@@ -247,7 +258,9 @@ def _choose_stamp(layout: TextLayout) -> tuple[int | None, TimeColumn]:
         if layout.columns[place].unit is None and distances == {1.0} and times[0] in (0.0, 1.0):
             continue  # it counts the rows
         unit = find_time_unit(times, layout.columns[place].unit) if times else None
-        if unit is not None:
+        if unit is not None and _is_part_of_second(times, unit):
+            has_part = True
+        elif unit is not None:
             return place, TimeColumn("number", unit)
     if calendars:
         return calendars[0], choose_calendar(layout)
@@ -259,7 +272,16 @@ def _choose_stamp(layout: TextLayout) -> tuple[int | None, TimeColumn]:
             if steps and median(steps) == 1:
                 return place, TimeColumn("packet counter")
             break
+    if has_part:
+        raise UnusableTime(why="form")
     return None, TimeColumn()
+
+
+def _is_part_of_second(times: Sequence[float], unit: TimeUnit) -> bool:
+    """Return whether a column starts over each second: milliseconds beside a time in whole seconds."""
+    second = MICROSECONDS / 10.0**unit.exponent
+    falls = any(before - after > 0.5 * second for before, after in pairwise(times))
+    return falls and all(0.0 <= time < second for time in times)
 
 
 def _find_calendars(layout: TextLayout) -> list[int]:

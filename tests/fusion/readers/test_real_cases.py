@@ -1,7 +1,10 @@
 """Layouts that people meet, made from one simulated recording of a right arm."""
 
+import zipfile
 from collections.abc import Callable
+from datetime import datetime, timedelta
 from functools import cache
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -198,3 +201,60 @@ def test_a_start_time_above_the_table_is_a_clock(read_case: Callable[..., Record
 
     assert start is not None
     assert start.isoformat() == "2026-03-02T07:00:00.086000+01:00"
+
+
+@pytest.mark.parametrize("names", ["date,ms", "time,ms", "seconds,usec"])
+def test_the_part_of_a_second_is_no_time_of_its_own(shared_data: Callable[[str], Path], names: str) -> None:
+    """Its column starts over each second: no gap would show, and each second would be a segment."""
+    forms = {"date": "%Y-%m-%d %H:%M:%S", "time": "%H:%M:%S", "seconds": "%s"}
+    table = write_parts(shared_data, names, forms[names.split(",", maxsplit=1)[0]])
+
+    recording = read_recording(table)
+
+    (gap,) = [flag for flag in recording.flags if flag.code == "W-GAP"]
+    assert gap.seconds == pytest.approx(4.0, abs=0.02)
+    assert "W-CLOCK-BACK" not in {flag.code for flag in recording.flags}
+    assert recording.duration_us / 1e6 == pytest.approx(360.0, abs=0.02)
+
+
+def test_the_part_of_a_second_alone_is_refused(shared_data: Callable[[str], Path]) -> None:
+    with pytest.raises(UnusableTime) as refusal:
+        read_recording(write_parts(shared_data, "hour,minute,second,ms", "%H,%M,%S"))
+
+    assert refusal.value.facts == {"why": "form"}
+
+
+def write_parts(shared_data: Callable[[str], Path], names: str, form: str) -> BytesIO:
+    """Write whole seconds and the part of the second in columns of their own, with a gap of 4 s."""
+    lines = shared_data("cases/monitor_csv_millis.txt").read_text().splitlines()
+    begun, rows = datetime(2026, 3, 2, 7), []  # noqa: DTZ001 (the file has no zone)
+    for k, line in enumerate(lines[1:]):
+        moment = begun + timedelta(milliseconds=10 * k)
+        stamp = str(1772434800 + k // 100) if form == "%s" else moment.strftime(form)
+        part = moment.microsecond // (1 if names.endswith("usec") else 1000)
+        rows.append(f"{stamp},{part},{line.split(',', 1)[1]}")
+    header = f"{names},{lines[0].split(',', 1)[1]}"
+    return BytesIO("\n".join([header, *rows[:5000], *rows[5400:]]).encode())
+
+
+@pytest.mark.parametrize(("first", "stop", "missing_s"), [(5000, 8000, 30.0), (30_000, None, 0.0)])
+def test_no_gravity_is_made_up_in_the_holes_of_its_table(
+    shared_data: Callable[[str], Path], first: int, stop: int | None, missing_s: float
+) -> None:
+    """The acceleration there has no gravity; interpolated, it would give angles that nobody measured."""
+    packed = BytesIO()
+    with (
+        zipfile.ZipFile(shared_data("cases/phone_and_watch.zip")) as source,
+        zipfile.ZipFile(packed, "w") as archive,
+    ):
+        for name in ("Accelerometer.csv", "Gravity.csv", "Gyroscope.csv"):
+            lines = source.read(name).decode().splitlines()
+            if name == "Gravity.csv":
+                lines[1 + first : stop if stop is None else 1 + stop] = []
+            archive.writestr(name, "\n".join(lines))
+
+    recording = read_recording(packed)
+
+    gaps = [flag.seconds for flag in recording.flags if flag.code == "W-GAP"]
+    assert sum(gaps) == pytest.approx(missing_s, abs=0.02)
+    assert sum(map(len, recording.segments)) == pytest.approx(first if stop is None else 33_000, abs=6)
