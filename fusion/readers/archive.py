@@ -30,7 +30,7 @@ from fusion.readers.source import (
     open_archive,
     read_text,
 )
-from fusion.readers.tables.columns import parse_column_name, read_axis
+from fusion.readers.tables.columns import parse_column_name, read_named_axis
 from fusion.readers.tables.layout import find_layout, split_fields
 from fusion.readers.tables.rows import plan_table
 from fusion.recording import ACC_UNITS_G, GYR_UNITS_DPS
@@ -150,7 +150,7 @@ def _find_sensor(name: str, head: str) -> Kind | None:
     header = head.split("\n", 1)[0]
     fields = split_fields(header.strip("\ufeff\r"), max(",;\t", key=header.count))
     columns = [parse_column_name(field) for field in fields]
-    axes = [axis for field in fields if (axis := read_axis(field))]
+    axes = [axis for field in fields if (axis := read_named_axis(field))]
     if sorted(axis for axis, _ in axes) != ["x", "y", "z"] or "time" not in {one.channel for one in columns}:
         return None
     channels = {one.channel for one in columns} & {"acc", "gyr", "linear", "gravity"}

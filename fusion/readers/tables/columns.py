@@ -173,6 +173,14 @@ def read_axis(name: str) -> tuple[str, str | None] | None:
     return (found.group(1) or found.group(2), unit) if found else None
 
 
+def read_named_axis(name: str) -> tuple[str, str | None] | None:
+    """Find axis and unit as :func:`read_axis`, also of a name that states the sensor: `ax`, `gyroX`."""
+    found, column = read_axis(name), parse_column_name(name)
+    if found is None and column.channel in ("acc", "gyr", "linear", "gravity"):
+        return "xyz"[column.axis], column.unit
+    return found
+
+
 def _match_vector(name: str, plain: str, unit: str | None) -> Column | None:
     """Find sensor, axis and unit around any of the letters that may be the axis."""
     for found in re.finditer("[xyz]", plain):

@@ -31,7 +31,7 @@ from fusion.errors import (
 )
 from fusion.readers.samples import SampleColumns
 from fusion.readers.source import Source, open_archive, read_member, read_text
-from fusion.readers.tables.columns import check_units, find_time_unit, parse_column_name, read_axis
+from fusion.readers.tables.columns import check_units, find_time_unit, parse_column_name, read_named_axis
 from fusion.readers.tables.layout import CALENDAR, NUMBER, split_fields
 from fusion.readers.tables.rows import (
     JUDGED_ROWS,
@@ -162,7 +162,7 @@ def _read_table(archive: zipfile.ZipFile, name: str, channel: Literal["acc", "gy
     names, values = split_fields(header, delimiter), split_fields(first, delimiter)
     device = find_known_device(header)
     times = [k for k, field in enumerate(names) if parse_column_name(field).channel == "time"]
-    axes = [read_axis(field) for field in names]
+    axes = [read_named_axis(field) for field in names]
     places = [k for axis in "xyz" for k, found in enumerate(axes) if found and found[0] == axis]
     if not times or len(places) != len("xyz"):
         raise UnknownColumns(list=f"{PurePath(name).name}: {header}"[:200])

@@ -103,6 +103,28 @@ def test_two_tables_are_a_pair_by_their_names_or_columns(acceleration: str, angu
     assert recording.understood["left_aside"] == "1"
 
 
+@pytest.mark.parametrize(
+    ("acceleration", "angular_rate"),
+    [
+        (("ax", "ay", "az"), ("gx", "gy", "gz")),
+        (("accX (g)", "accY (g)", "accZ (g)"), ("gyroX (deg/s)", "gyroY (deg/s)", "gyroZ (deg/s)")),
+        (("accelerometerX", "accelerometerY", "accelerometerZ"), ("gyroX", "gyroY", "gyroZ")),
+    ],
+)
+def test_two_tables_are_a_pair_by_columns_that_name_the_sensor(
+    acceleration: tuple[str, ...], angular_rate: tuple[str, ...]
+) -> None:
+    tables: dict[str, str | bytes] = {
+        "one.csv": f"time_s,{','.join(acceleration)}\n{rows(TIME_S, ACC_G)}",
+        "two.csv": f"time_s,{','.join(angular_rate)}\n{rows(TIME_S, GYR_DPS)}",
+    }
+
+    (run,) = read_archive(tables).segments
+
+    np.testing.assert_allclose(run.acc_g, ACC_G, atol=2e-6)
+    np.testing.assert_allclose(run.gyr_dps, GYR_DPS, atol=1e-3)
+
+
 def test_two_pairs_are_two_devices() -> None:
     members: dict[str, str | bytes] = {
         f"{side}_{name}.csv": sensor_table(values, unit)
