@@ -105,14 +105,17 @@ def compare_with_references(exposure: Exposure, verdict: str) -> tuple[Compared,
     Every reference applies to a working day. None is compared if less than 4 h were analysed or if the
     quality is poor.
     """
-    reason: Reason = "poor" if verdict == "poor" else ""
-    if exposure.analysed_s < WHOLE_DAY_S:
-        reason = "short"
+    reason = find_left_out_reason(verdict, is_short=exposure.analysed_s < WHOLE_DAY_S)
     measured = [find_measured(reference.key, exposure) for reference in REFERENCES]
     return tuple(
         Compared(reference, value, "not computed" if value is None else reason)
         for reference, value in zip(REFERENCES, measured, strict=True)
     )
+
+
+def find_left_out_reason(verdict: str, *, is_short: bool) -> Reason:
+    """Return why a recording is not compared with values for a working day; empty if it is."""
+    return "short" if is_short else "poor" if verdict == "poor" else ""
 
 
 def find_measured(key: str, exposure: Exposure) -> float | None:
@@ -204,20 +207,24 @@ class DayComparison:
     differences: tuple[Difference, ...]
 
 
-def find_detectable_change(between_day_sd: float, days: int = 1) -> float:
-    """Return MDC95 for the mean of ``days`` days against that of the same number of others."""
+TWO_SIDED = 1.96
+DETECTED = TWO_SIDED + 0.84
+"""Standard errors that a planned change must exceed: 5 % two-sided, detected with 80 % power."""
+
+
+def find_detectable_change(between_day_sd: float, days: int = 1, errors: float = TWO_SIDED) -> float:
+    """Return the change between two means of ``days`` days that exceeds ``errors`` standard errors.
+
+    With the default, this is MDC95.
+    """
     if days < 1:
         raise ValueError(days)
-    return 1.96 * sqrt(2.0 / days) * between_day_sd
-
-
-DETECTED = 1.96 + 0.84
-"""Standard errors that a planned change must exceed: 5 % two-sided, detected with 80 % power."""
+    return errors * sqrt(2.0 / days) * between_day_sd
 
 
 def find_planned_change(between_day_sd: float, days: int) -> float:
     """Return the change that ``days`` days before and after it detect with 80 % power."""
-    return find_detectable_change(between_day_sd, days) / 1.96 * DETECTED
+    return find_detectable_change(between_day_sd, days, DETECTED)
 
 
 def compare_days(before: ComparedDay, after: ComparedDay) -> DayComparison:

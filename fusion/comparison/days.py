@@ -300,8 +300,7 @@ def describe_group(people: Mapping[str, Sequence[float]], most: float = inf) -> 
     """Split the variation of a group, given each person's days, into between and within people.
 
     The mean is the mean of the people's means: each person counts once, however many days they have. No range
-    exceeds
-    ``most``, the largest possible value.
+    exceeds ``most``, the largest possible value.
 
     Raises ValueError: there is no day.
     """

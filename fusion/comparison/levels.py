@@ -10,7 +10,15 @@ from dataclasses import dataclass
 from math import hypot
 from typing import Literal
 
-from fusion.comparison.change import BETWEEN_DAY_SD, REFERENCES, WHOLE_DAY_S, Reason, Reference, find_measured
+from fusion.comparison.change import (
+    BETWEEN_DAY_SD,
+    REFERENCES,
+    WHOLE_DAY_S,
+    Reason,
+    Reference,
+    find_left_out_reason,
+    find_measured,
+)
 from fusion.conventions import MAIN_THRESHOLD_DEG, CalibrationState
 from fusion.exposure.types import Exposure, Interval
 from fusion.quality import TimeAccount, Verdict
@@ -39,14 +47,14 @@ def compare_with_level(
     return "below" if max(ends) < level and can_be_below else "cannot tell"
 
 
-def can_be_below(exposure: Exposure, state: CalibrationState | None) -> bool:
-    """Return whether the range of the angle is complete, so that a share may read "below".
+def can_be_below(reference: Reference, exposure: Exposure, state: CalibrationState | None) -> bool:
+    """Return whether the range of a figure is complete, so that it may read "below".
 
-    It is not for ready angle series (``state`` is None), whose error is unknown, and for an assumed pose
-    whose error has no range.
+    It is not for ready angle series (``state`` is None), whose error is unknown. A share also needs a range
+    for an assumed pose; the accelerometer-based velocity does not depend on the pose.
     """
-    if state is None:
-        return False
+    if state is None or reference.key == "velocity":
+        return state is not None
     main = next((t.interval for t in exposure.time_above if t.threshold_deg == MAIN_THRESHOLD_DEG), None)
     return state != "assumed" or (main is not None and main.with_pose is not None)
 
@@ -62,11 +70,6 @@ def find_extent(time: TimeAccount, exclusions: Sequence[Span]) -> Extent:
         return "unknown"
     breaks_us = sum(span.duration_us for span in exclusions if span.reason == "break")
     return "day" if time.analysed_us + breaks_us >= SHIFT_SHARE * time.shift_us else "part"
-
-
-def find_left_out_reason(extent: Extent, verdict: Verdict) -> Reason:
-    """Return why a recording is not compared with values for a working day; empty if it is."""
-    return "short" if extent == "short" else "poor" if verdict == "poor" else ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,16 +92,15 @@ def compare_with_levels(
     """Compare the day with each proposal: time above 30 and 60 deg, and the median velocity."""
     above = {f"above_{item.threshold_deg:g}": item.interval for item in exposure.time_above}
     ranges = above | {"velocity": exposure.intervals.get("generalised_accelerometer_velocity_p50_dps")}
-    is_complete = can_be_below(exposure, state)
+    left_out = find_left_out_reason(verdict, is_short=extent == "short")
     compared = []
     for reference in (one for one in REFERENCES if one.status == "proposal"):
         measured, interval = find_measured(reference.key, exposure), ranges.get(reference.key)
-        reason = "not computed" if measured is None else find_left_out_reason(extent, verdict)
+        reason = "not computed" if measured is None else left_out
         standing = None
         if measured is not None and not reason:
-            # the accelerometer-based velocity does not depend on the pose
-            is_told = state is not None if reference.key == "velocity" else is_complete
-            standing = compare_with_level(measured, interval, reference.high, can_be_below=is_told)
+            is_complete = can_be_below(reference, exposure, state)
+            standing = compare_with_level(measured, interval, reference.high, can_be_below=is_complete)
         compared.append(ComparedLevel(reference, measured, interval, standing, reason))
     return tuple(compared)
 

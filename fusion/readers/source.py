@@ -8,6 +8,7 @@ import zipfile
 import zlib
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import PurePath
 from typing import IO, BinaryIO, Literal, TypeVar, cast
@@ -285,18 +286,26 @@ def read_member(
     Raises CorruptArchive if the member fails its CRC or its compressed stream is broken.
     """
     left = limit_bytes
+    with _refuse_damage(name, BROKEN_MEMBER), archive.open(name) as member:
+        while left > 0 and (piece := member.read(min(CHUNK_BYTES, left))):
+            left -= len(piece)
+            yield piece
+
+
+BROKEN_MEMBER = (zipfile.BadZipFile, zlib.error, EOFError, ValueError, NotImplementedError)
+"""ValueError: bytes are lost in the middle, so that the index points before the start of the file."""
+
+
+@contextmanager
+def _refuse_damage(member: str, broken: tuple[type[Exception], ...]) -> Iterator[None]:
     try:
-        with archive.open(name) as member:
-            while left > 0 and (piece := member.read(min(CHUNK_BYTES, left))):
-                left -= len(piece)
-                yield piece
-    except (zipfile.BadZipFile, zlib.error, EOFError, ValueError, NotImplementedError) as error:
-        # ValueError: bytes are lost in the middle, so that the index points before the file's start
-        raise CorruptArchive(member=name) from error
-    except OSError as error:  # the same in a file on disk
-        if error.errno != errno.EINVAL:
+        yield
+    except broken as error:
+        raise CorruptArchive(member=member) from error
+    except OSError as error:
+        if error.errno != errno.EINVAL:  # in a file on disk the index points before the start
             raise
-        raise CorruptArchive(member=name) from error
+        raise CorruptArchive(member=member) from error
 
 
 GZIP_MAGIC = b"\x1f\x8b"
@@ -324,14 +333,8 @@ class UnpackedFile(io.RawIOBase):
         self._at = 0
 
     def _open(self) -> IO[bytes]:
-        try:
+        with _refuse_damage(self._name, BROKEN):
             return self._open_member()
-        except BROKEN as error:
-            raise CorruptArchive(member=self._name) from error
-        except OSError as error:  # the index points before the start of the file
-            if error.errno != errno.EINVAL:
-                raise
-            raise CorruptArchive(member=self._name) from error
 
     def read(self, size: int = -1) -> bytes:
         """Unpack up to ``size`` bytes."""

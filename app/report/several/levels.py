@@ -69,9 +69,7 @@ def _compare(people: list[list[ComparedLevel]], every: Sequence[Findings]) -> Me
 
 def _is_complete(findings: Findings, reference: Reference) -> bool:
     state = findings.calibration.state if findings.calibration else None
-    if reference.key == "velocity":  # does not depend on the pose
-        return state is not None
-    return can_be_below(findings.exposure, state)
+    return can_be_below(reference, findings.exposure, state)
 
 
 def _find_range(people: list[list[ComparedLevel]], spread: Interval | None) -> Interval | None:

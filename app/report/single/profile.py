@@ -29,8 +29,13 @@ from app.report.words.numbers import (
 )
 from app.report.words.wording import Language, Words, clean_text, cut_text, fill, join_clauses
 from fusion.caveats import Caveat
-from fusion.comparison.change import BETWEEN_DAY_SD, REFERENCES, find_planned_change
-from fusion.comparison.levels import ComparedLevel, combine_days, compare_with_level, find_left_out_reason
+from fusion.comparison.change import (
+    BETWEEN_DAY_SD,
+    REFERENCES,
+    find_left_out_reason,
+    find_planned_change,
+)
+from fusion.comparison.levels import ComparedLevel, combine_days, compare_with_level
 from fusion.conventions import MAIN_THRESHOLD_DEG, SAID_S, UNHELD, awaits_pose
 from fusion.exposure.types import Interval, PartExposure
 
@@ -87,7 +92,9 @@ def _build_share(threshold: int, context: Context) -> Tile:
         limits, told = _list_limits(level), _format_standing(level, context)
     else:
         reference = next(one for one in REFERENCES if one.key == f"above_{threshold}_others")
-        left_out = find_left_out_reason(context.findings.extent, context.findings.quality.verdict)
+        left_out = find_left_out_reason(
+            context.findings.quality.verdict, is_short=context.findings.extent == "short"
+        )
         limits = () if left_out else tuple(v for v in (reference.low, reference.high) if v is not None)
         told = str(entry["standing"][left_out or "others"])
     pose = _find_pose_part(above.percent, above.interval)

@@ -113,7 +113,7 @@ def _format_answer(context: Context) -> str:
     if interval and interval.high_pose is not None and interval.high_pose > interval.high:
         ends = fill(entry["posed"], {"range": ends, "high": format_percent(interval.high_pose, language)})
     why = ""
-    if level.standing == "cannot tell" and not can_be_below(findings.exposure, state):
+    if level.standing == "cannot tell" and not can_be_below(level.reference, findings.exposure, state):
         why = entry["why_pose" if state else "why_ready"]
     shift_us = findings.time.shift_us
     is_part = findings.extent == "part" and shift_us is not None

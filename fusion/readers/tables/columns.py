@@ -222,6 +222,12 @@ def check_units(sensor: str, units: Sequence[str | None]) -> None:
         raise UnknownUnit(mixed=sensor, units=", ".join(unit or "-" for unit in units))
 
 
+def check_both_units(columns: Sequence[Column], acc: Vector, gyr: Vector) -> None:
+    """Raise UnknownUnit as :func:`check_units`, for both sensors of a table."""
+    for sensor, places in (("accelerometer", acc), ("gyroscope", gyr)):
+        check_units(sensor, [columns[place].unit for place in places])
+
+
 def choose_acceleration(columns: Sequence[Column]) -> tuple[Vector | None, Vector | None]:
     """Return the places of the acceleration, and of the gravity it may lack; None for an absent one.
 

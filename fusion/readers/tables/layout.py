@@ -306,7 +306,8 @@ class LabelWriter:
         if names not in self.groups:
             is_blank = not ARRIVED.sub("", line).strip()
             return None if is_blank and len(self.groups) > 1 else line
-        place, filler = self.groups.index(names), self._end_row(self.groups.index(names))
+        place = self.groups.index(names)
+        filler = self._end_row(place)
         if place == 0:
             self._row[:] = values
         elif place == self._next[0]:

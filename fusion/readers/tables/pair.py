@@ -116,7 +116,8 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
         gravity = _read_table(archive, names.gravity)
         parts = [np.interp(acc.time_us, gravity.time_us, part) for part in gravity.values.T]
         if names.kind == "linear" or not holds_gravity(acc.values, np.stack(parts, axis=1)):
-            kept = _find_covered(acc.time_us, gravity)
+            longest_us = max(LONGEST_BRIDGE_US, LONGEST_STEPS * gravity.period_us)
+            kept = _find_covered(acc.time_us, gravity, longest_us)
             values = (acc.values + np.stack(parts, axis=1))[kept]
             acc = replace(acc, time_us=acc.time_us[kept], values=values)
             if len(values) < FEWEST_ROWS:
@@ -278,24 +279,19 @@ def _read_row(fields: Sequence[str], read_time: Callable[[str], float], places: 
         return [math.nan] * len(places)
 
 
-def _find_covered(time_us: NDArray[np.int64], table: ThreeAxes) -> NDArray[np.bool_]:
-    """Return which times are not in the holes of a table, before its start or after its end."""
+def _find_covered(time_us: NDArray[np.int64], table: ThreeAxes, longest_us: float) -> NDArray[np.bool_]:
+    """Return for each time whether the step of the table around it is ``longest_us`` or shorter."""
     after = np.searchsorted(table.time_us, time_us)
     later_us = table.time_us[np.minimum(after, len(table.time_us) - 1)]
     earlier_us = table.time_us[np.maximum(after - 1, 0)]
     step_us = np.maximum(later_us, time_us) - np.minimum(earlier_us, time_us)
-    longest_us = max(LONGEST_BRIDGE_US, LONGEST_STEPS * table.period_us)
     return np.asarray((later_us == time_us) | (step_us <= longest_us))
 
 
 def _merge(acc: ThreeAxes, gyr: ThreeAxes) -> SampleColumns:
     """Interpolate the acceleration at the gyroscope's times; no row in its holes and after its end."""
-    after = np.searchsorted(acc.time_us, gyr.time_us)
-    is_on = (after < len(acc.time_us)) & (acc.time_us[np.minimum(after, len(acc.time_us) - 1)] == gyr.time_us)
-    inside = (after > 0) & (after < len(acc.time_us))
-    step_us = np.zeros(len(after))
-    step_us[inside] = acc.time_us[after[inside]] - acc.time_us[after[inside] - 1]
-    kept = is_on | (inside & (step_us <= LONGEST_BRIDGE_US))
+    is_within = (gyr.time_us >= acc.time_us[0]) & (gyr.time_us <= acc.time_us[-1])
+    kept = is_within & _find_covered(gyr.time_us, acc, LONGEST_BRIDGE_US)
     if np.count_nonzero(kept) < FEWEST_ROWS:
         raise UnusableTime(why="rows")
     time_us = gyr.time_us[kept]

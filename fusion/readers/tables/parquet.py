@@ -23,7 +23,7 @@ from fusion.readers.tables.columns import (
     IN_MICROSECONDS,
     TIME_UNITS_EXPONENT,
     Column,
-    check_units,
+    check_both_units,
     choose_acceleration,
     choose_vector,
     find_time_unit,
@@ -159,8 +159,7 @@ def _choose_columns(schema: pa.Schema) -> _Choice:
         for column, kind in zip(columns, schema.types, strict=True)
         if column.channel == "time" and (column.unit in TIME_UNITS_EXPONENT or pa.types.is_timestamp(kind))
     )
-    for sensor, places in (("accelerometer", acc), ("gyroscope", gyr)):
-        check_units(sensor, [columns[place].unit for place in places])
+    check_both_units(columns, acc, gyr)
     return _Choice(
         next(stamps, None),
         tuple(columns[place] for place in acc),

@@ -34,7 +34,7 @@ from fusion.readers.tables.columns import (
     StampWriter,
     TimeUnit,
     Vector,
-    check_units,
+    check_both_units,
     choose_acceleration,
     choose_vector,
     count_from_1970,
@@ -179,8 +179,7 @@ def plan_table(layout: TextLayout) -> TablePlan:
     gyr = choose_vector(layout.columns, "gyr")
     if acc is None or gyr is None:
         _refuse_columns(layout)
-    for sensor, places in (("accelerometer", acc), ("gyroscope", gyr)):
-        check_units(sensor, [layout.columns[place].unit for place in places])
+    check_both_units(layout.columns, acc, gyr)
     targets = [IGNORED] * layout.n_columns
     for axis in range(3):
         targets[acc[axis]], targets[gyr[axis]] = 1 + axis, 4 + axis
