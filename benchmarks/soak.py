@@ -1,10 +1,10 @@
-"""Mix hostile and honest input for long: ``python -m benchmarks.soak [--minutes 120] [--hours 1 4]``.
+"""Mix hostile and honest input for long: ``python -m benchmarks.soak [--minutes 120] [--pause 0]``.
 
 Starts the real server with accounts and two workers on this machine. One person sends damaged and worst files
-(six waiting at a time) and hostile live lines; another sends shifts, runs a live session and opens pages.
-Measures the 95th percentile of the pages, the memory of each process, and the delay of each honest analysis,
-compared with its duration on the quiet server. Clients are separate processes, each of which writes one line
-per event into a file; the summary can also be read while the program runs.
+(six waiting at a time) and hostile live lines; ``--pause`` slows this person down. Another sends shifts, runs
+a live session and opens pages. Measures the 95th percentile of the pages, the memory of each process, and the
+delay of each honest analysis, compared with its duration on the quiet server. Clients are separate processes,
+each of which writes one line per event into a file; the summary can also be read while the program runs.
 """
 
 import argparse
@@ -84,8 +84,8 @@ def make_hostile_files() -> Iterator[tuple[str, bytes]]:
             yield f"{name}.bin", damage(name, chance)
 
 
-def send_hostile_files(address: str, token: str, end_s: float, log: Log) -> None:
-    """Send files one after another; at most :data:`WAITING_FILES` wait for their analysis."""
+def send_hostile_files(address: str, token: str, end_s: float, log: Log, pause_s: float) -> None:
+    """Send files, ``pause_s`` apart; at most :data:`WAITING_FILES` wait for their analysis."""
     waiting: set[str] = set()
     with open_client(address, {"authorization": f"Bearer {token}"}) as client:
         for name, content in make_hostile_files():
@@ -104,6 +104,7 @@ def send_hostile_files(address: str, token: str, end_s: float, log: Log) -> None
             log.write("sent", answer.status_code, name, len(content))
             if answer.status_code == 202:
                 waiting.add(answer.json()["links"]["self"])
+            time.sleep(pause_s)
 
 
 def measure_s(view: dict[str, Any], first: str, last: str) -> float:
@@ -113,8 +114,8 @@ def measure_s(view: dict[str, Any], first: str, last: str) -> float:
     return (datetime.fromisoformat(view[last]) - datetime.fromisoformat(view[first])).total_seconds()
 
 
-def send_hostile_lines(address: str, token: str, end_s: float, log: Log) -> None:
-    """Run sessions of worst lines, as fast as the server takes them."""
+def send_hostile_lines(address: str, token: str, end_s: float, log: Log, pause_s: float) -> None:
+    """Run sessions of worst lines, ``pause_s`` apart or as fast as the server takes them."""
 
     async def run(number: int) -> None:
         chance = random.Random(number)
@@ -130,7 +131,7 @@ def send_hostile_lines(address: str, token: str, end_s: float, log: Log) -> None
                         size = chance.choice((10, 1000, 60_000))
                         await socket.send(text * max(1, size // len(text)))
                         sent += size
-                        await asyncio.sleep(0)
+                        await asyncio.sleep(pause_s)
                     await socket.send(json.dumps({"type": "stop"}))
                     end = await asyncio.wait_for(hearing, SOCKET_S)
             log.write("socket", end, repr(text), sent)
@@ -312,6 +313,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=120.0)
     parser.add_argument("--hours", type=float, nargs="+", default=[1.0, 4.0], help="lengths of the shifts")
+    parser.add_argument("--pause", type=float, default=0.0, help="seconds after each hostile file and line")
     parser.add_argument("--folder", type=Path, help="for the events; default: a temporary folder")
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory(dir=asked.folder) as place:
@@ -325,14 +327,14 @@ def main() -> None:
         settings = {"ACROMION_MAX_CACHE_BYTES": "0", "ACROMION_NO_SECRET": "0"}
         server = RunningServer(folder / "data", folder / "log", workers=2, **settings)
         try:
-            soak(server, shifts, 60.0 * asked.minutes, events)
+            soak(server, shifts, 60.0 * asked.minutes, events, asked.pause)
         finally:
             server.stop()
         for line in summarise(events):
             print(line, flush=True)
 
 
-def soak(server: RunningServer, shifts: list[Path], lasts_s: float, events: Path) -> None:
+def soak(server: RunningServer, shifts: list[Path], lasts_s: float, events: Path, pause_s: float) -> None:
     """Measure the quiet server, then run all clients at once."""
     tokens = {}
     accounts = AccountStore(Settings(data_dir=server.data))
@@ -352,8 +354,8 @@ def soak(server: RunningServer, shifts: list[Path], lasts_s: float, events: Path
     end_s = time.monotonic() + lasts_s
     socket = server.address.replace("http", "ws") + "api/v1/live"
     clients: dict[str, Callable[..., None]] = {
-        "files": partial(send_hostile_files, server.address, hostile, end_s),
-        "lines": partial(send_hostile_lines, socket, hostile, end_s),
+        "files": partial(send_hostile_files, server.address, hostile, end_s, pause_s=pause_s),
+        "lines": partial(send_hostile_lines, socket, hostile, end_s, pause_s=pause_s),
         "live": partial(run_honest_session, socket, honest, end_s),
         "pages": partial(open_pages, server.address, tokens["honest page"], end_s),
         "shifts": partial(send_shifts, server.address, honest, shifts, end_s),
