@@ -40,7 +40,7 @@ SIDES: Mapping[str, Side] = {
     "right": "right", "r": "right", "droit": "right", "droite": "right", "d": "right",
 }  # fmt: skip
 POSES: Mapping[str, Pose] = {pose: pose for pose in get_args(Pose)}
-_WINDOW = re.compile(r"(\d+(?:\.\d+)?)\s*-\s*(\d+(?:\.\d+)?)")
+_WINDOW = re.compile(r"(?<!\d)(\d+(?:\.\d+)?)\s*-\s*(\d+(?:\.\d+)?)")
 
 
 _Parts = tuple[str, ...]

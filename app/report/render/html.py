@@ -71,7 +71,7 @@ def mark_drawing_safe(svg: str) -> Markup:
     return Markup(svg)  # noqa: S704
 
 
-_RANGE = re.compile(r"\d[\d.,]*–\d[\d.,]*(?:\s%)?")
+_RANGE = re.compile(r"(?<![\d.,])\d[\d.,]*–\d[\d.,]*(?:\s%)?")
 
 
 def keep_ranges_whole(text: str) -> Markup:
