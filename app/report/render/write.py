@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from app.report.export.results import decode_results
-from app.report.findings import Findings, FinishedAnalysis, ReportSubject
+from app.report.findings import Findings, FinishedAnalysis, ReleaseStamp, ReportSubject
 from app.report.model import Report, format_brief
 from app.report.render.html import render_html
 from app.report.render.pdf import render_pdf
@@ -17,11 +17,17 @@ from app.request import Paper, ReportKind, ReportRequest
 RESULTS = "results.json"
 
 
-def write_reports(findings: Findings, subject: ReportSubject, request: ReportRequest, out: Path) -> None:
+def write_reports(
+    findings: Findings,
+    subject: ReportSubject,
+    request: ReportRequest,
+    out: Path,
+    release: ReleaseStamp | None = None,
+) -> None:
     """Write ``report.<language>.<kind>`` and ``answer.<language>.txt`` beside the results in ``out``."""
     results = (out / RESULTS).read_bytes()
     for language in request.languages:
-        report = build_report(findings, subject, language)
+        report = build_report(findings, subject, language, release)
         attached = {RESULTS: results}
         write_report(report, request.kinds, request.paper, attached, out, has_appendix=request.appendix)
 
@@ -44,14 +50,18 @@ def write_report(
         (out / f"report.{report.language}.pdf").write_bytes(document)
 
 
-def rewrite_reports(finished: Path, request: ReportRequest, out: Path) -> None:
+def rewrite_reports(
+    finished: Path, request: ReportRequest, out: Path, release: ReleaseStamp | None = None
+) -> None:
     """Render the reports of a finished analysis again into ``out``, with a copy of its results.
+
+    ``release`` is stamped on page 1.
 
     Raises OSError or ValueError if the folder has no results, or results of another version.
     """
     kept = read_finished(finished)
     (out / RESULTS).write_bytes((finished / RESULTS).read_bytes())
-    write_reports(kept.findings, replace(kept.subject, reason=request.reason), request, out)
+    write_reports(kept.findings, replace(kept.subject, reason=request.reason), request, out, release)
 
 
 def read_finished(finished: Path) -> FinishedAnalysis:
