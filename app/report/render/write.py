@@ -24,7 +24,10 @@ def write_reports(
     out: Path,
     release: ReleaseStamp | None = None,
 ) -> None:
-    """Write ``report.<language>.<kind>`` and ``answer.<language>.txt`` beside the results in ``out``."""
+    """Write ``report.<language>.<kind>`` and ``answer.<language>.txt`` beside the results in ``out``.
+
+    ``release`` is stamped on page 1; it changes neither results nor answer.
+    """
     results = (out / RESULTS).read_bytes()
     for language in request.languages:
         report = build_report(findings, subject, language, release)
@@ -50,18 +53,14 @@ def write_report(
         (out / f"report.{report.language}.pdf").write_bytes(document)
 
 
-def rewrite_reports(
-    finished: Path, request: ReportRequest, out: Path, release: ReleaseStamp | None = None
-) -> None:
+def rewrite_reports(finished: Path, request: ReportRequest, out: Path) -> None:
     """Render the reports of a finished analysis again into ``out``, with a copy of its results.
-
-    ``release`` is stamped on page 1.
 
     Raises OSError or ValueError if the folder has no results, or results of another version.
     """
     kept = read_finished(finished)
     (out / RESULTS).write_bytes((finished / RESULTS).read_bytes())
-    write_reports(kept.findings, replace(kept.subject, reason=request.reason), request, out, release)
+    write_reports(kept.findings, replace(kept.subject, reason=request.reason), request, out)
 
 
 def read_finished(finished: Path) -> FinishedAnalysis:

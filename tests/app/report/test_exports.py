@@ -43,7 +43,14 @@ from app.request import ReportRequest
 from app.store.folder import KnownFiles
 from fusion.diary import DiaryEntry
 from fusion.exposure.types import Interval
-from tests.app.analysis_factory import START, make_analysis, make_exposure, make_quality, make_subject, with_diary
+from tests.app.analysis_factory import (
+    START,
+    make_analysis,
+    make_exposure,
+    make_quality,
+    make_subject,
+    with_diary,
+)
 
 
 def results_of(subject: str = "S012", file_name: str = "a.gt3x") -> dict[str, Any]:
