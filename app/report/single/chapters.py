@@ -399,7 +399,7 @@ def _format_value(value: float, reference: Reference, language: Language, decima
 def _build_day(
     context: Context, brackets: tuple[str, ...]
 ) -> tuple[Section, tuple[Chart, ...], tuple[Table, ...]]:
-    """Build the page of the hours and the tasks, and the charts and tables of hours that it has no room for."""
+    """Build the page of the hours and tasks, and the charts and tables of hours that it has no room for."""
     exposure, words = context.exposure, context.words
     hours = [  # without the last sample of a recording that ends on the hour: "11:00–11:00, 0 s"
         (_format_hour(part, context), part)

@@ -256,8 +256,9 @@ def test_all_sources_together_lead_the_list_on_the_scale_of_the_tile() -> None:
     sure = profile_of(exposure=ranged_day()).sure
 
     assert plain(sure.alternative) == (
-        "Time above 60°: 7.6 % measured. Range by source of uncertainty: answer: any day of this work, 3.0–15.7 %; "
-        "this day: angle, variation, 5.2–9.9 %; this day: pose, up to 14.7 %; day to day, 3.7–11.5 %."
+        "Time above 60°: 7.6 % measured. Range by source of uncertainty: answer: any day of this work, "
+        "3.0–15.7 %; this day: angle, variation, 5.2–9.9 %; this day: pose, up to 14.7 %; day to day, "
+        "3.7–11.5 %."
     )
     assert ">40 %<" in plain(sure.svg)
     assert ">10 %<" in plain(sure.svg)
