@@ -429,9 +429,7 @@ def build_pair(pair: ArmPair, language: Language) -> Report:
     words, common = load_pair_words(language)["pair"], load_wording(language)
     sides = (PairSide(words["left"], pair.left), PairSide(words["right"], pair.right))
     shared, label = pair.shared, common["label"]
-    order, sign = ("later", "+") if pair.offset_s > 0 else ("earlier", "−")
-    if pair.offset_s == 0:
-        order, sign = "together", ""
+    order = "later" if pair.offset_s > 0 else "earlier" if pair.offset_s else "together"
     offset = format_duration(abs(pair.offset_s), language)
     told_offset = fill(words["clock"][order], {"offset": offset})
     codes = dict.fromkeys(clean_text(side.kept.subject.subject) for side in sides)
@@ -452,7 +450,7 @@ def build_pair(pair: ArmPair, language: Language) -> Report:
             Pair(label["subject"], code or label["not_given"]),
             Pair(label["date"], format_start(pair.left, language)),
             Pair(words["shared"], format_duration(shared.shared_s, language)),
-            Pair(words["offset"], sign + offset),
+            Pair(words["offset"][order], offset),
         ),
         verdict=_judge_arms(sides, words, common["verdict"]),
         sentences=_format_answers(pair, words, language),

@@ -214,8 +214,14 @@ def draw_example(language: Language) -> Mapping[str, str]:
                 SHARE_TOGETHER,
                 is_combined=True,
             ),
-            UncertaintyBar(entry["angle"], _format_percents(SHARE_RANGE, language), SHARE_RANGE),
-            UncertaintyBar(entry["pose"], most, (SHARE, SHARE_POSE[1]), is_pose=True),
+            UncertaintyBar(
+                fill(entry["of_day"], {"name": entry["angle"]}),
+                _format_percents(SHARE_RANGE, language),
+                SHARE_RANGE,
+            ),
+            UncertaintyBar(
+                fill(entry["of_day"], {"name": entry["pose"]}), most, (SHARE, SHARE_POSE[1]), is_pose=True
+            ),
             UncertaintyBar(entry["days"], _format_percents(SHARE_DAYS, language), SHARE_DAYS),
         ),
         level=PUBLISHED,

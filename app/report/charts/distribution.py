@@ -69,8 +69,8 @@ def _build_apdf(exposure: Exposure, entry: Words, language: Language) -> Chart:
     is_raised = any(mark.raised_deg is not None for mark in marks)
 
     def draw(words: tuple[str, str], width_px: float) -> str:
-        bottom, key = 200 if width_px > NARROW else 230, f"apdf{width_px:.0f}"
-        plot = Plot(40, width_px - 8, 22, bottom, upwards=_PERCENTS)
+        bottom, key = 208 if width_px > NARROW else 238, f"apdf{width_px:.0f}"
+        plot = Plot(40, width_px - 8, 30, bottom, upwards=_PERCENTS)
         dash = f'{svg.RULE} stroke-width="0.7" stroke-dasharray="3 3"'
         across, upwards = entry["axes"]
         body = [
@@ -113,8 +113,8 @@ def _label_angle(angle: int, plot: Plot) -> str:
 def _draw_mark(mark: _MarkedPercentile, plot: Plot, key: str) -> list[str]:
     """Draw the point and its label on the right, where the curve has already risen above it.
 
-    The label is beside a low percentile and below a high one, where the curve is flat; a plate hides the
-    guides.
+    The label is beside a low percentile, and below a high one, where the curve is flat; that of the highest
+    is above the curve, where it hides no range. A plate hides the guides.
     """
     x, y = plot.x(mark.angle_deg), plot.y(mark.percent)
     body, end = [], x
@@ -128,7 +128,7 @@ def _draw_mark(mark: _MarkedPercentile, plot: Plot, key: str) -> list[str]:
     dot = f"M{svg.number(x - 4)} {svg.number(y)}l4 -4l4 4l-4 4Z"
     length, is_high = svg.estimate_width(mark.label), mark.percent > 50
     place = min((x if is_high else max(x, end)) + 8, plot.right_px - length)
-    baseline = y + (15 if is_high else 3.8)
+    baseline = y + (-7 if mark.percent == MARKED_PERCENTILES[-1] else 15 if is_high else 3.8)
     return [
         *body,
         svg.path(dot, f'class="mark" fill="{svg.RAMP[3]}" stroke="{svg.PAPER}"'),

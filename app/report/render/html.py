@@ -71,11 +71,11 @@ def mark_drawing_safe(svg: str) -> Markup:
     return Markup(svg)  # noqa: S704
 
 
-_RANGE = re.compile(r"(?<![\d.,])\d[\d.,]*–\d[\d.,]*(?:\s%)?")
+_RANGE = re.compile(r"(?<![\d.,])\d[\d.,]*(?:\s(?:min|s|h|%))?–\d[\d.,]*(?:\s(?:min|s|h|%))?")
 
 
 def keep_ranges_whole(text: str) -> Markup:
-    """Escape a text and keep each of its ranges, "3.3–10.4 %", on one line."""
+    """Escape a text and keep each of its ranges, "3.3–10.4 %" or "24 s–58 s", on one line."""
     return Markup(_RANGE.sub(r'<span class="whole">\g<0></span>', str(escape(text))))  # noqa: S704
 
 

@@ -6,7 +6,7 @@ each.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from app.report.figures import format_figure, format_figure_range
@@ -59,10 +59,11 @@ from app.report.words.wording import (
     cut_text,
     fill,
     find_device_name,
+    join_clauses,
     load_wording,
 )
 from fusion.comparison.change import DAYS_ABOVE, SOURCE
-from fusion.comparison.days import LEAST_OWN_DAYS
+from fusion.comparison.days import LEAST_OWN_DAYS, DayMean, GroupSpread
 from fusion.exposure.types import Interval
 from fusion.recording import MICROSECONDS
 
@@ -87,7 +88,7 @@ def build_days(studied: StudiedDays, language: Language) -> Report:
         title=words["title_group" if studied.is_group else "title"],
         version=max(kept.subject.software.version for kept in every),
         header=_build_header(studied, words, common, language),
-        verdict=_build_verdict(studied, words["verdict"], words["difference"]),
+        verdict=_build_verdict(studied, words["verdict"], words["difference"], language),
         sentences=_list_sentences(studied, words["sentence"], language),
         cautions=(
             format_person(studied.one_person, language),
@@ -95,7 +96,7 @@ def build_days(studied: StudiedDays, language: Language) -> Report:
             words["cause"],
             *poses,
         ),
-        figures=() if studied.is_group else _list_figures(studied, words, language),
+        figures=(_list_group_figures if studied.is_group else _list_figures)(studied, words, language),
         sections=_list_sections(studied, words, language),
         range_note=words["range_note"],
     )
@@ -119,14 +120,14 @@ def _build_header(studied: StudiedDays, words: Words, common: Words, language: L
     )
 
 
-def _build_verdict(studied: StudiedDays, entry: Words, differences: Words) -> VerdictLine:
+def _build_verdict(studied: StudiedDays, entry: Words, differences: Words, language: Language) -> VerdictLine:
     """State first whether there are days to compare, then whether they are alike."""
     most = max(len(arm.counted) for arm in studied.arms)
     if most < 2 and not studied.is_group:  # the range of a group comes from its people
         return VerdictLine("poor", entry["one"]["label"], entry["one"]["reason"])
     if not studied.differences:
         return VerdictLine("good", entry["alike"]["label"], entry["alike"]["reason"])
-    shown = "; ".join(differences[name] for name in studied.differences)
+    shown = join_clauses((differences[name] for name in studied.differences), language)
     level = "poor" if "poor" in studied.differences else "caution"
     return VerdictLine(level, entry["unlike"]["label"], fill(entry["unlike"]["reason"], {"list": shown}))
 
@@ -290,7 +291,7 @@ def _list_figures(studied: StudiedDays, words: Words, language: Language) -> Ite
     rows: list[FigureRow] = []
     each = max(MOST_ROWS // len(studied.arms), 2)
     for arm in studied.arms:
-        rows += _lay_mean(arm, language)
+        rows += _lay_mean(_name_arm(arm.side, arm.stage, language), describe_arm(arm), language)
         for day in arm.days[-each:]:
             label = format_date(day.start, language) if day.start else words["no_clock"]
             figures, is_left_out = day.list_figures(), day.left_out is not None
@@ -299,12 +300,24 @@ def _list_figures(studied: StudiedDays, words: Words, language: Language) -> Ite
     yield build_rows(rows, heads, words["rows"]["columns"], words)
 
 
-def _lay_mean(arm: ArmDays, language: Language) -> list[FigureRow]:
-    figures = describe_arm(arm)
+def _list_group_figures(studied: StudiedDays, words: Words, language: Language) -> Iterator[Chart]:
+    """Draw the mean of each arm of a group with its range, and no single people."""
+    rows = [
+        row
+        for side, stage, figures in list_groups(studied)
+        for row in _lay_mean(_name_arm(side, stage, language), figures, language)
+    ]
+    if rows:
+        entry = words["rows"]
+        chart = build_rows(rows, (entry["group"], entry["arm"]), entry["columns"], words)
+        yield replace(chart, note=entry["group_note"])
+
+
+def _lay_mean(
+    name: str, figures: Mapping[str, DayMean] | Mapping[str, GroupSpread], language: Language
+) -> list[FigureRow]:
     means = [figures.get(key) for key in TILES]
-    row = _lay_row(
-        _name_arm(arm.side, arm.stage, language), [mean.mean if mean else None for mean in means], language
-    )
+    row = _lay_row(name, [mean.mean if mean else None for mean in means], language)
     spans = (mean.mean_range if mean else None for mean in means)
     ranges = tuple((span.low, span.high) if span else None for span in spans)
     return [replace(row, ranges=ranges, is_mean=True)] if figures else []

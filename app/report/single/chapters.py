@@ -28,7 +28,7 @@ from app.report.figures import (
     find_unit,
 )
 from app.report.findings import CalibrationFacts, Findings, ReportSubject, StillFacts
-from app.report.model import Pair, Section, Table, VerdictLine
+from app.report.model import Chart, Pair, Section, Table, VerdictLine
 from app.report.words.messages import describe_flag, format_columns
 from app.report.words.numbers import (
     MINUTE_S,
@@ -39,6 +39,7 @@ from app.report.words.numbers import (
     format_duration,
     format_duration_range,
     format_long_duration,
+    format_moment,
     format_number,
     format_percent,
     format_rate,
@@ -86,6 +87,10 @@ TASK_KINDS = frozenset({"task", "seated", "supported"})
 """Kinds of period that name a task; work counts only with a name in the diary."""
 MOST_PARTS = 14
 """Maximum hours, periods or tasks in a table of the report; the CSV has all."""
+MOST_LINES = 22
+"""Maximum lines of hours and tasks on page 2 (a task takes two); else the appendix has the table of hours."""
+MOST_BARS = 24
+"""Maximum bars of hours on page 2; else the appendix has their chart."""
 MAIN_FIGURE = f"time_above_{MAIN_THRESHOLD_DEG}_percent"
 LONGEST_NAME = 60
 """Maximum length of a period's name in its table; results.json and periods.csv have the whole label."""
@@ -163,8 +168,13 @@ def _describe_flag(flag: QualityFlag, language: Language) -> str:
 def _format_flag(flag: QualityFlag, language: Language) -> str:
     title = describe_flag(flag, language).title
     title = title[0].lower() + title[1:]
-    lasted = format_duration(flag.seconds, language) if flag.seconds and flag.code not in PLACED else ""
+    lasted = "" if flag.code in PLACED else _format_seconds(flag, language)
     return f"{title} ({lasted})" if lasted and lasted not in title else title
+
+
+def _format_seconds(flag: QualityFlag, language: Language) -> str:
+    """Return how long a finding lasted; empty if it would be printed as 0 s."""
+    return format_duration(flag.seconds, language) if round(flag.seconds, 1) > 0 else ""
 
 
 def _format_not_analysed(context: Context) -> str:
@@ -287,10 +297,11 @@ def build_sections(context: Context) -> tuple[Section, ...]:
     """Build the chapters in reading order, without empty ones: three pages, then the appendix."""
     words, exposure = context.words, context.exposure
     title, brackets = words["section"], _explain_brackets(context)
+    day, charts_of_hours, tables_of_hours = _build_day(context, brackets)
     rises = (_tabulate_entries(context), _tabulate_velocities(context))
     spread = (_tabulate_time_above(context), _tabulate_percentiles(context), _tabulate_rest(context))
     pages = (
-        _build_day(context, brackets),
+        day,
         Section(
             "spread",
             title["measures"],
@@ -309,13 +320,14 @@ def build_sections(context: Context) -> tuple[Section, ...]:
     if _has_pose_ranges(context):  # meaning of the ranges with the error of the pose
         every.append(f"{words['ranges']['pose']} {words['pose_caution']['ranges']}")
     more = (
+        *tables_of_hours,
         _tabulate_long_stays(context),
         _tabulate_cycles(context),
         _tabulate_variation(context),
         *_tabulate_periods(context),
     )
     appendix = (
-        Section("figures", title["figures"], tuple(every), tables=more),
+        Section("figures", title["figures"], tuple(every), charts_of_hours, tables=more),
         _build_published(context),
         _build_quality(context),
         _build_method(context),
@@ -384,8 +396,10 @@ def _format_value(value: float, reference: Reference, language: Language, decima
 # By hour and by period.
 
 
-def _build_day(context: Context, brackets: tuple[str, ...]) -> Section:
-    """Build the page of the hours and the tasks."""
+def _build_day(
+    context: Context, brackets: tuple[str, ...]
+) -> tuple[Section, tuple[Chart, ...], tuple[Table, ...]]:
+    """Build the page of the hours and tasks, and the charts and tables of hours that it has no room for."""
     exposure, words = context.exposure, context.words
     hours = [  # without the last sample of a recording that ends on the hour: "11:00–11:00, 0 s"
         (_format_hour(part, context), part)
@@ -393,14 +407,15 @@ def _build_day(context: Context, brackets: tuple[str, ...]) -> Section:
         if part.end_s - part.start_s >= SHORTEST_HOUR_S
     ]
     is_drawn = any(is_drawable(part) for _, part in hours)
-    figures = (build_parts("hours", hours, words, context.language),) if is_drawn else ()
-    tables = (
-        _tabulate_parts(hours, words["part"]["by_hour"], context),
-        _tabulate_tasks(context),
-        _tabulate_windows(context),
-    )
+    charts = (build_parts("hours", hours, words, context.language),) if is_drawn else ()
+    by_hour = (_tabulate_parts(hours, words["part"]["by_hour"], context),)
+    lines = min(len(hours), MOST_PARTS) + 2 * min(len(exposure.by_task), MOST_PARTS)
+    later_charts = charts if len(hours) > MOST_BARS else ()
+    later_tables = by_hour if lines > MOST_LINES else ()
+    tables = (*(() if later_tables else by_hour), _tabulate_tasks(context), _tabulate_windows(context))
     title = words["section"]["periods" if exposure.by_task else "hours"]
-    return Section("hours", title, brackets, figures, tables=tables)
+    page = Section("hours", title, brackets, () if later_charts else charts, tables=tables)
+    return page, later_charts, later_tables
 
 
 def _tabulate_tasks(context: Context) -> Table:
@@ -533,10 +548,10 @@ def _tabulate_parts(parts: Sequence[tuple[str, PartExposure]], entry: Words, con
 def _build_quality_in_short(context: Context) -> Section:
     """Name the findings, without their details, and account for the time."""
     words, language = context.words, context.language
-    rows = []
-    for flag in context.findings.quality.flags[:MOST_FINDINGS]:
-        lasted = format_duration(flag.seconds, language) if flag.seconds else NONE
-        rows.append((describe_flag(flag, language).title, lasted))
+    rows = [
+        (describe_flag(flag, language).title, _format_seconds(flag, language) or NONE)
+        for flag in context.findings.quality.flags[:MOST_FINDINGS]
+    ]
     more = len(context.findings.quality.flags) - MOST_FINDINGS
     entry = words["findings"]
     note = fill(entry["note"], {"more": str(more)}) if more > 0 else ""
@@ -551,7 +566,7 @@ def _build_quality(context: Context) -> Section:
             NONE if at is None else clock.format(at, with_seconds=True) for at in (flag.first_s, flag.last_s)
         )
         count = format_number(flag.count, 0, clock.language)
-        lasted = format_duration(flag.seconds, clock.language) if flag.seconds else NONE
+        lasted = _format_seconds(flag, clock.language) or NONE
         rows.append((flag.code, _describe_flag(flag, clock.language), count, lasted, *places))
     entry = words["quality"]
     flags = Table.build(entry, rows, prose=True)
@@ -688,7 +703,9 @@ def _describe_calibration(calibration: CalibrationFacts, context: Context) -> It
 def _build_provenance(context: Context) -> Section:
     recording, subject, words = context.findings.recording, context.subject, context.words
     entry, unknown = words["provenance"], words["label"]["not_given"]
-    rate = format_number(recording.rate_hz, 3, context.language)
+    rate, start = format_number(recording.rate_hz, 3, context.language), unknown
+    if recording.start:
+        start = format_moment(recording.start, context.language, with_seconds=True)
     reading = []  # how the file was read, if not by our reader and its header
     if recording.reader:
         reading.append(Pair(entry["reader"], clean_text(" ".join(recording.reader))))
@@ -701,7 +718,7 @@ def _build_provenance(context: Context) -> Section:
         Pair(entry["device"], find_device_name(words, recording.device)),
         Pair(entry["serial"], recording.serial_hash or unknown, code=bool(recording.serial_hash)),
         Pair(entry["rate"], f"{rate}\u202fHz"),
-        Pair(entry["start"], recording.start.isoformat(sep=" ") if recording.start else unknown),
+        Pair(entry["start"], start),
         Pair(entry["zone"], clean_text(recording.time_zone or "") or unknown),
         Pair(entry["version"], f"Acromion {subject.software.version}"),
         Pair(entry["revision"], subject.software.revision, code=True),

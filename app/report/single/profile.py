@@ -41,7 +41,7 @@ from fusion.exposure.types import Interval, PartExposure
 
 SHOWN_TASKS = 3
 MOST_STEPS = 3
-LONGEST_NAME = 32
+LONGEST_NAME = 28
 DAYS = (1, 2, 3, 5)
 WORTHWHILE_SHARE = 0.5
 """Share of the time above 60 deg: the planned change that the days can detect (docs/profile.md)."""
@@ -302,6 +302,11 @@ def _build_uncertainty(context: Context) -> Drawing:
         named = [{"name": doubt.name.capitalize(), "parts": doubt.shown} for doubt in doubts if doubt.is_pose]
         pose = [fill(line, one) for one in named]
         return Drawing(entry["title"], "", "", " ".join((entry["none"][choose_ranges(findings)], *pose)))
+    of_day = {entry[key] for key in ("angle", "sampling", "pose")}
+    doubts = [
+        replace(doubt, name=fill(entry["of_day"], {"name": doubt.name})) if doubt.name in of_day else doubt
+        for doubt in doubts
+    ]
     end = min(_extend(ENDS[60], max(above.percent, *(high / 1.1 for _, high in spans)), interval), 100.0)
     shown = join_clauses((f"{doubt.name}, {doubt.shown}" for doubt in doubts), language)
     facts = {"value": format_percent(above.percent, language), "list": shown}
@@ -320,7 +325,8 @@ def _build_uncertainty(context: Context) -> Drawing:
     )
     wider = compare_with_level(above.percent, combined, level.reference.high)
     is_wider = level.standing in {"below", "above"} and wider == "cannot tell"
-    note = " ".join(filter(None, (entry["note"], entry["this_day"] if is_wider else "")))
+    told = fill(entry["note"], {"days": entry["hairdressers"] if between else ""})
+    note = " ".join(filter(None, (told, entry["this_day"] if is_wider else "")))
     return Drawing(*words, draw_uncertainty(chart), note)
 
 
@@ -352,17 +358,18 @@ def _list_next_steps(blocks: Sequence[Block], context: Context) -> tuple[str, ..
         for start_s, end_s in (flag.spans_s if flag.code == Caveat.REMOUNT else ())
         if awaits_pose(start_s, end_s)
     ]
-    is_short = findings.extent == "short"
+    is_short, is_poor = findings.extent == "short", findings.quality.verdict == "poor"
+    is_upside = any(flag.code == Caveat.UPSIDE for flag in findings.quality.flags)
     steps = (
         _format_pose_step(context, entry),
         *(fill(entry[each.kind], clock.format_span(each.start_s, each.end_s)) for each in questions),
         *(fill(entry["pose_after"], {"time": clock.format(at_s)}) for at_s in after_s),
         "" if context.subject.side else entry["side"],
         entry["short"] if is_short else "",
-        entry["poor"] if findings.quality.verdict == "poor" and not is_short else "",
-        _format_look_at(blocks, context, entry) if is_known else "",
+        entry["upside" if is_upside else "poor"] if is_poor and not is_short else "",
+        _format_look_at(blocks, context, entry) if is_known and not is_poor else "",
         entry["lean"] if is_known and format_pose_caution(findings, context.words) else "",
-        _format_days(context, entry) if is_known and not is_short else "",
+        _format_days(context, entry) if is_known and not is_short and not is_poor else "",
     )
     return tuple(step for step in steps if step)[:MOST_STEPS]
 

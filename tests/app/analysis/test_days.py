@@ -222,8 +222,16 @@ def test_a_group_names_nobody_and_one_person_is_none() -> None:
 
     assert document["arms"] == []
     assert re.search(r"S0\d\b|\.gt3x", json.dumps(document) + str(report)) is None
-    assert report.figures == ()
     assert describe_profile(group_days(week(*FIVE)))["group"] == []
+
+
+def test_the_chart_of_a_group_has_one_row_for_the_mean_with_its_range() -> None:
+    (chart,) = report_of(group_of(5)).figures
+    mean = describe_profile(group_days(group_of(5)))["group"][0]["figures"]["time_above_60_percent"]
+
+    (row,) = chart.table.rows
+    assert plain(row[2]) == f"{mean['mean']:.1f} %"
+    assert chart.wide.count('stroke-width="1.6"') == 4 * 3  # a range with two ends for each figure
 
 
 def test_no_change_is_given_of_four_people_of_five_or_without_a_day_on_both_sides() -> None:

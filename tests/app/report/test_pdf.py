@@ -95,6 +95,20 @@ def make_poor() -> Findings:
     return replace(read_example(), quality=Quality("poor", codes[:4], flags))
 
 
+def make_long(hours: int = 14, tasks: int = 13) -> Findings:
+    """Make a long shift with many tasks: more rows on page 2 than it has room for."""
+    exposure = read_example().exposure
+    hour, task = exposure.by_hour[0], exposure.by_task[0]
+    by_hour = tuple(
+        replace(hour, label=str(k), start_s=3600.0 * k, end_s=3600.0 * (k + 1)) for k in range(hours)
+    )
+    by_task = tuple(
+        replace(task, label=f"Unloading and driving back to depot {k + 1}", start_s=3600.0 * k)
+        for k in range(tasks)
+    )
+    return replace(read_example(), exposure=replace(exposure, by_hour=by_hour, by_task=by_task))
+
+
 TYPICAL: dict[str, Callable[[], Findings]] = {
     "clean": lambda: replace(
         read_example(), exposure=replace(read_example().exposure, by_task=(), by_period=())
@@ -103,6 +117,9 @@ TYPICAL: dict[str, Callable[[], Findings]] = {
     "half day": make_half_day,
     "no pose": make_unposed,
     "poor": make_poor,
+    "long": make_long,
+    "most hours and tasks with both tables": lambda: make_long(8, 7),
+    "two days without tasks": lambda: make_long(48, 0),
     "lsm9ds1": lambda: replace(read_example(), recording=replace(read_example().recording, device="lsm9ds1")),
 }
 

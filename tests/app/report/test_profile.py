@@ -8,16 +8,20 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from math import hypot
+from pathlib import Path
 
 import pytest
 from pypdf import PdfReader
 
-from app.report.findings import Findings
+from app.report.export.results import decode_results, encode_results
+from app.report.findings import Findings, ReleaseStamp
 from app.report.model import Profile, Report, format_brief
+from app.report.render.html import render_html
 from app.report.render.pdf import render_pdf
+from app.report.render.write import write_reports
 from app.report.single.report import build_report
 from app.report.words.wording import LANGUAGES, Language
-from app.request import Conclusion, Paper
+from app.request import Conclusion, Paper, ReportRequest
 from fusion.exposure.types import Entries, Exposure, Interval
 from fusion.quality import Quality, TimeAccount
 from fusion.recording import QualityFlag
@@ -252,8 +256,9 @@ def test_all_sources_together_lead_the_list_on_the_scale_of_the_tile() -> None:
     sure = profile_of(exposure=ranged_day()).sure
 
     assert plain(sure.alternative) == (
-        "Time above 60°: 7.6 % measured. Range by source of uncertainty: all together, 3.0–15.7 %; angle, "
-        "within-day variation, 5.2–9.9 %; pose, up to 14.7 %; day to day, 3.7–11.5 %."
+        "Time above 60°: 7.6 % measured. Range by source of uncertainty: answer: any day of this work, "
+        "3.0–15.7 %; this day: angle, variation, 5.2–9.9 %; this day: pose, up to 14.7 %; day to day, "
+        "3.7–11.5 %."
     )
     assert ">40 %<" in plain(sure.svg)
     assert ">10 %<" in plain(sure.svg)
@@ -336,6 +341,34 @@ def test_without_a_conclusion_page_1_has_space_for_one() -> None:
     first = read_first_page(report_of())
 
     assert flatten("Conclusion Name, date Released by") in first
+
+
+@pytest.mark.parametrize(
+    ("language", "stamp"),
+    [("en", "Released by A. Martin, 10 March 2026"), ("fr", "Validé par A. Martin, le 10 mars 2026")],
+)
+def test_a_released_report_has_the_stamp_on_page_1_in_place_of_the_line_to_sign(
+    language: Language, stamp: str
+) -> None:
+    release = ReleaseStamp("A. Martin", "2026-03-10")
+    report = build_report(make_analysis(), make_subject(), language, release)
+
+    first = read_first_page(report)
+    assert first.count(flatten(report.words["released_by"])) == 1
+    assert flatten(stamp) in first
+    assert f'<span class="released">{stamp}</span>' in plain(render_html(report).decode())
+
+
+def test_a_finished_analysis_is_rendered_again_with_its_stamp_and_the_same_results(tmp_path: Path) -> None:
+    results = encode_results(make_analysis(), make_subject())
+    (tmp_path / "results.json").write_bytes(results)
+    kept, request = decode_results(results), ReportRequest("a.gt3x", languages=("en",))
+
+    write_reports(kept.findings, kept.subject, request, tmp_path, ReleaseStamp("A. Martin", "2026-03-10"))
+
+    pdf = PdfReader(tmp_path / "report.en.pdf")
+    assert flatten("Released by A. Martin, 10 March 2026") in flatten(pdf.pages[0].extract_text())
+    assert pdf.attachments["results.json"] == [results]
 
 
 def test_a_long_conclusion_begins_on_page_1_and_is_whole_behind_it() -> None:
