@@ -127,11 +127,9 @@ def load_and_make_report(
         importlib.import_module("app.analysis.run").make_report(recording_path, request, out, on_stage, known)
 
 
-def load_and_render_again(
-    finished: Path, _recording_path: Path, request: ReportRequest, out: Path, on_stage: OnStage
-) -> None:
-    """Render the report of a finished analysis in another language, without a new analysis."""
-    importlib.import_module("app.analysis.run").make_report_again(finished, request, out, on_stage)
+def load_and_set_again(finished: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Write the report of the finished analysis in a folder with other words, without a new analysis."""
+    importlib.import_module("app.analysis.run").set_report_again(finished, request, out, on_stage)
 
 
 def choose_limits(settings: "Settings", size_bytes: int) -> Limits:

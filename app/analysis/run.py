@@ -12,10 +12,10 @@ from app.analysis.inspect import read_joined
 from app.errors import BadParameter
 from app.report.export.all import encode_elevation_csv, export_results, write_elevation
 from app.report.export.fhir import encode_fhir
-from app.report.export.results import encode_results, identify_report
+from app.report.export.results import decode_results, encode_results, identify_report, relabel_results
 from app.report.figures import load_results
-from app.report.findings import ReportSubject, Software, build_findings
-from app.report.render.write import RESULTS, rewrite_reports, write_reports
+from app.report.findings import Findings, ReportSubject, Software, build_findings
+from app.report.render.write import RESULTS, write_reports
 from app.request import OnStage, ReportRequest, Stage
 from app.store.day_file import DAY_NAME, DaySegment, write_day
 from app.store.folder import NOTHING_KNOWN, KnownFiles, sync_file
@@ -102,7 +102,9 @@ def _bound(span: Span) -> list[float]:
     return [span.start_us / MICROSECONDS, span.end_us / MICROSECONDS]
 
 
-FHIR = "fhir.json"
+FHIR, ELEVATION = "fhir.json", "elevation.parquet"
+MEASURED = (ELEVATION, DAY_NAME)
+"""Files that do not depend on what is said about a recording."""
 
 # Progress at the start of each stage, from the share of time that each stage takes on a long shift.
 _BEGINS: dict[Stage, float] = {
@@ -142,32 +144,58 @@ def make_report(
     """
     analysis = _analyse_file(recording_path, request, known, lambda stage: on_stage(stage, _BEGINS[stage]))
     on_stage("rendering", _BEGINS["rendering"])
-    findings, subject = build_findings(analysis), describe_subject(request)
-    subject = replace(subject, report_id=identify_report(analysis.settings, findings, subject))
-    content = encode_results(findings, subject)
+    findings = build_findings(analysis)
+    subject = describe_subject(request, findings)
+
+    def write_angle() -> None:
+        """Write the angles to disk while the pages are rendered."""
+        write_elevation(analysis.elevation, out / ELEVATION, analysis.exclusions)
+        sync_file(out / ELEVATION)
+
+    with ThreadPoolExecutor(1) as writer:  # both release the interpreter lock
+        written = writer.submit(write_angle)
+        _write_products(encode_results(findings, subject), findings, subject, request, out)
+        written.result()
+    if known.cache is not None:
+        write_day_of(analysis, out / DAY_NAME)
+
+
+def set_report_again(
+    finished: Path, request: ReportRequest, out: Path, on_stage: OnStage = ignore_stage
+) -> None:
+    """Write every product whose content depends on what is said, from the finished analysis in ``finished``.
+
+    The request has the figures of that analysis (:meth:`ReportRequest.describe_figures`). The files are the
+    same, to the byte, as :func:`make_report` would write them; the angle and the day (:data:`MEASURED`) do
+    not change, and are not written. Raises OSError or ValueError if the folder has no results, or results of
+    another version.
+    """
+    on_stage("rendering", _BEGINS["rendering"])
+    content = (finished / RESULTS).read_bytes()
+    kept = decode_results(content)
+    subject = describe_subject(request, kept.findings, kept.subject.software)
+    _write_products(relabel_results(content, subject), kept.findings, subject, request, out)
+
+
+def _write_products(
+    content: bytes, findings: Findings, subject: ReportSubject, request: ReportRequest, out: Path
+) -> None:
+    """Write ``results.json``, which is ``content``, and all that is derived from it."""
     (out / RESULTS).write_bytes(content)
     results = load_results(content)
-
-    def write_angle(path: Path) -> None:
-        """Write the angles to disk while the pages are rendered."""
-        write_elevation(analysis.elevation, path, analysis.exclusions)
-        sync_file(path)
 
     def write_tables() -> None:
         for name, table in export_results(results).items():
             (out / name).write_bytes(table)
 
-    with ThreadPoolExecutor(1) as writer:  # both release the interpreter lock
-        written = [writer.submit(write_angle, out / "elevation.parquet"), writer.submit(write_tables)]
+    with ThreadPoolExecutor(1) as writer:  # rendering releases the interpreter lock
+        written = writer.submit(write_tables)
         write_reports(findings, subject, request, out)
-        for work in written:
-            work.result()
+        written.result()
     if "pdf" in request.kinds:  # with the PDFs as written, and a conclusion in the first language
         pdfs = {language: (out / f"report.{language}.pdf").read_bytes() for language in request.languages}
         conclusion = (out / f"answer.{request.languages[0]}.txt").read_text("utf-8")
         (out / FHIR).write_bytes(encode_fhir(results, pdfs, conclusion, request.version))
-    if known.cache is not None:
-        write_day_of(analysis, out / DAY_NAME)
 
 
 def write_elevation_csv(parquet: Path, _request: ReportRequest, out: Path, on_stage: OnStage) -> None:
@@ -176,27 +204,35 @@ def write_elevation_csv(parquet: Path, _request: ReportRequest, out: Path, on_st
     (out / "elevation.csv.gz").write_bytes(encode_elevation_csv(parquet))
 
 
-def make_report_again(
-    finished: Path, request: ReportRequest, out: Path, on_stage: OnStage = ignore_stage
-) -> None:
-    """Write the reports of the finished analysis in the folder ``finished`` in the requested languages."""
-    on_stage("rendering", _BEGINS["rendering"])
-    rewrite_reports(finished, request, out)
-
-
-def describe_subject(request: ReportRequest) -> ReportSubject:
-    """Build the subject of a report: the person's arm, and the software of the analysis."""
-    software = Software(software_version(), software_revision())
-    return ReportSubject(
+def describe_subject(
+    request: ReportRequest, findings: Findings, software: Software | None = None
+) -> ReportSubject:
+    """Build the subject of a report: the person's arm, and the software of the analysis, by default ours."""
+    subject = ReportSubject(
         file_name=request.file_name,
         subject=request.subject,
         side=request.side,
-        software=software,
+        software=software or Software(software_version(), software_revision()),
         version=request.version,
         changes=request.changes,
         reason=request.reason,
         columns=request.profile,
         conclusion=request.conclusion,
+    )
+    return replace(subject, report_id=identify_report(build_settings(request), findings, subject))
+
+
+def build_settings(request: ReportRequest) -> AnalysisSettings:
+    """Return the settings of a request as a person gave them, without what the file states."""
+    return AnalysisSettings(
+        request.method,
+        request.pose,
+        request.calibration_windows_s,
+        request.select_diary(),
+        request.arm_axis,
+        request.slip_times_s,
+        request.no_slip_times_s,
+        request.pose_held,
     )
 
 
@@ -218,22 +254,12 @@ def _analyse_file(
         windows_s = windows_s or find_diary_poses(entries, captured.start, duration_us)
         return analyse_angle_file(captured, begin, diary, windows_s)
     recording = read_joined(recording_path, request, known)
-    settings = AnalysisSettings(
-        request.method,
-        request.pose,
-        windows_s,
-        entries,
-        request.arm_axis,
-        request.slip_times_s,
-        request.no_slip_times_s,
-        request.pose_held,
-    )
     duration_s = recording.duration_us / MICROSECONDS
     for name, times_s in (("slip_at", request.slip_times_s), ("no_slip_at", request.no_slip_times_s)):
         for time_s in times_s:
             if time_s > duration_s:
                 raise BadParameter(name=name, value=f"{time_s:g}", allowed=f"0 … {duration_s:g}")
-    return analyse(recording, settings, begin)
+    return analyse(recording, build_settings(request), begin)
 
 
 def _read_capture(recording_path: Path, request: ReportRequest) -> AngleFile | None:
