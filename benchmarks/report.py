@@ -15,11 +15,11 @@ import time
 from pathlib import Path
 from statistics import median
 
-from app.analysis.run import describe_subject
 from app.report.export.all import export_results
 from app.report.export.results import build_results, encode_results
 from app.report.figures import round_all
 from app.report.findings import Findings, ReportSubject, build_findings
+from app.report.products import describe_subject
 from app.report.render.html import render_html
 from app.report.render.pdf import render_pdf
 from app.report.render.write import RESULTS
@@ -32,10 +32,10 @@ from fusion.simulation import simulate_shift, write_shift
 _COLD = """
 import sys
 from pathlib import Path
-from app.analysis.run import set_report_again
+from app.report.products import set_report_again
 from app.request import ReportRequest
 folder = Path(sys.argv[1])
-set_report_again(folder, ReportRequest("", languages=("en",)), folder / "again")
+set_report_again(folder / "results.json", ReportRequest("", languages=("en",)), folder / "again")
 """
 
 

@@ -127,9 +127,10 @@ def load_and_make_report(
         importlib.import_module("app.analysis.run").make_report(recording_path, request, out, on_stage, known)
 
 
-def load_and_set_again(finished: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
-    """Write the report of the finished analysis in a folder with other words, without a new analysis."""
-    importlib.import_module("app.analysis.run").set_report_again(finished, request, out, on_stage)
+def load_and_set_again(results: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Write a report with other words from the results of a finished analysis."""
+    on_stage("rendering", 0.0)
+    importlib.import_module("app.report.products").set_report_again(results, request, out)
 
 
 def choose_limits(settings: "Settings", size_bytes: int) -> Limits:

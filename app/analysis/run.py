@@ -10,16 +10,13 @@ import numpy as np
 
 from app.analysis.inspect import read_joined
 from app.errors import BadParameter
-from app.report.export.all import encode_elevation_csv, export_results, write_elevation
-from app.report.export.fhir import encode_fhir
-from app.report.export.results import decode_results, encode_results, identify_report, relabel_results
-from app.report.figures import load_results
-from app.report.findings import Findings, ReportSubject, Software, build_findings
-from app.report.render.write import RESULTS, write_reports
+from app.report.export.all import encode_elevation_csv, write_elevation
+from app.report.export.results import encode_results
+from app.report.findings import build_findings
+from app.report.products import ELEVATION, build_settings, describe_subject, write_products
 from app.request import OnStage, ReportRequest, Stage
 from app.store.day_file import DAY_NAME, DaySegment, write_day
 from app.store.folder import NOTHING_KNOWN, KnownFiles, sync_file
-from app.version import software_revision, software_version
 from fusion.angle_files import AngleFile, AngleFileOptions, holds_samples, read_angle_file, recognise_layout
 from fusion.caveats import Caveat
 from fusion.conventions import SAID_S, awaits_pose
@@ -33,7 +30,6 @@ from fusion.recording import MICROSECONDS, Span
 from fusion.sensor.model import view_segment
 from fusion.sensor.self_calibration import calibrate_accelerometer
 from fusion.sensor.stillness import find_still_moments, reduce_run
-from fusion.settings import AnalysisSettings
 
 # The day of an analysis, for the page on which a person reviews and corrects it.
 
@@ -102,10 +98,6 @@ def _bound(span: Span) -> list[float]:
     return [span.start_us / MICROSECONDS, span.end_us / MICROSECONDS]
 
 
-FHIR, ELEVATION = "fhir.json", "elevation.parquet"
-MEASURED = (ELEVATION, DAY_NAME)
-"""Files that do not depend on what is said about a recording."""
-
 # Progress at the start of each stage, from the share of time that each stage takes on a long shift.
 _BEGINS: dict[Stage, float] = {
     "reading": 0.0,
@@ -154,86 +146,16 @@ def make_report(
 
     with ThreadPoolExecutor(1) as writer:  # both release the interpreter lock
         written = writer.submit(write_angle)
-        _write_products(encode_results(findings, subject), findings, subject, request, out)
+        write_products(encode_results(findings, subject), findings, subject, request, out)
         written.result()
     if known.cache is not None:
         write_day_of(analysis, out / DAY_NAME)
-
-
-def set_report_again(
-    finished: Path, request: ReportRequest, out: Path, on_stage: OnStage = ignore_stage
-) -> None:
-    """Write every product whose content depends on what is said, from the finished analysis in ``finished``.
-
-    The request has the figures of that analysis (:meth:`ReportRequest.describe_figures`). The files are the
-    same, to the byte, as :func:`make_report` would write them; the angle and the day (:data:`MEASURED`) do
-    not change, and are not written. Raises OSError or ValueError if the folder has no results, or results of
-    another version.
-    """
-    on_stage("rendering", _BEGINS["rendering"])
-    content = (finished / RESULTS).read_bytes()
-    kept = decode_results(content)
-    subject = describe_subject(request, kept.findings, kept.subject.software)
-    _write_products(relabel_results(content, subject), kept.findings, subject, request, out)
-
-
-def _write_products(
-    content: bytes, findings: Findings, subject: ReportSubject, request: ReportRequest, out: Path
-) -> None:
-    """Write ``results.json``, which is ``content``, and all that is derived from it."""
-    (out / RESULTS).write_bytes(content)
-    results = load_results(content)
-
-    def write_tables() -> None:
-        for name, table in export_results(results).items():
-            (out / name).write_bytes(table)
-
-    with ThreadPoolExecutor(1) as writer:  # rendering releases the interpreter lock
-        written = writer.submit(write_tables)
-        write_reports(findings, subject, request, out)
-        written.result()
-    if "pdf" in request.kinds:  # with the PDFs as written, and a conclusion in the first language
-        pdfs = {language: (out / f"report.{language}.pdf").read_bytes() for language in request.languages}
-        conclusion = (out / f"answer.{request.languages[0]}.txt").read_text("utf-8")
-        (out / FHIR).write_bytes(encode_fhir(results, pdfs, conclusion, request.version))
 
 
 def write_elevation_csv(parquet: Path, _request: ReportRequest, out: Path, on_stage: OnStage) -> None:
     """Write the angles of the file ``parquet`` as ``elevation.csv.gz`` to ``out``."""
     on_stage("rendering", 0.0)
     (out / "elevation.csv.gz").write_bytes(encode_elevation_csv(parquet))
-
-
-def describe_subject(
-    request: ReportRequest, findings: Findings, software: Software | None = None
-) -> ReportSubject:
-    """Build the subject of a report: the person's arm, and the software of the analysis, by default ours."""
-    subject = ReportSubject(
-        file_name=request.file_name,
-        subject=request.subject,
-        side=request.side,
-        software=software or Software(software_version(), software_revision()),
-        version=request.version,
-        changes=request.changes,
-        reason=request.reason,
-        columns=request.profile,
-        conclusion=request.conclusion,
-    )
-    return replace(subject, report_id=identify_report(build_settings(request), findings, subject))
-
-
-def build_settings(request: ReportRequest) -> AnalysisSettings:
-    """Return the settings of a request as a person gave them, without what the file states."""
-    return AnalysisSettings(
-        request.method,
-        request.pose,
-        request.calibration_windows_s,
-        request.select_diary(),
-        request.arm_axis,
-        request.slip_times_s,
-        request.no_slip_times_s,
-        request.pose_held,
-    )
 
 
 def _analyse_file(

@@ -188,7 +188,7 @@ def _rewrite(task: Task, before: Marker, go_on: GoOn) -> Outcome:
     language = task.request.languages[0]
     request = replace(task.request, version=before.version, changes=before.changes)
     with open_staging(task.folder) as staging:
-        outcome = _attempt(task, request, staging, load_and_set_again, go_on, task.folder)
+        outcome = _attempt(task, request, staging, load_and_set_again, go_on, task.folder / "results.json")
         if outcome.code:
             return outcome
         if language == before.language:
@@ -208,13 +208,13 @@ def _attempt(
     staging: Path,
     make: MakeReport,
     go_on: GoOn,
-    finished: Path | None = None,
+    results: Path | None = None,
 ) -> Outcome:
-    """Make an attempt from the recording, or from the folder of the finished analysis."""
+    """Make an attempt from the recording, or from the results of a finished analysis."""
     from app.settings import Settings  # noqa: PLC0415  loads pydantic while numpy is loaded elsewhere
 
     limits = choose_limits(Settings(), task.log.stat().st_size)
-    outcome = run_attempt(Attempt(finished or task.log, request, staging, make, limits), go_on)
+    outcome = run_attempt(Attempt(results or task.log, request, staging, make, limits), go_on)
     if isinstance(outcome, Refused):
         return Outcome(task, code=outcome.code, facts=outcome.facts)
     if isinstance(outcome, Unstarted):

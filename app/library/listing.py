@@ -218,7 +218,8 @@ class Library(RowStore):
 
     def find_durations(self) -> tuple[AnalysisDuration, ...]:
         """Return the durations of the last analyses, from which the remaining time of others is estimated."""
-        query = select_jobs().where(analyses.c.state == JobState.SUCCEEDED).order_by(*_newest_first())
+        measured = (analyses.c.state == JobState.SUCCEEDED, analyses.c.priority >= 0)
+        query = select_jobs().where(*measured).order_by(*_newest_first())
         jobs = [read_job(row) for row in self._read_all(query.limit(DURATIONS_USED))]
         return tuple(
             AnalysisDuration(job.file_name, job.size_bytes, (job.ended_at - job.started_at).total_seconds())

@@ -372,7 +372,7 @@ def _analyse_again(services: Services, entries: Sequence[Entry], change: Mapping
     check_queue(services, len(asked))
     for job, request in asked if change.keys() & {"side", "subject"} else ():
         update_description(services, job, request, tuple(change))
-    return services.store.repeat_all(asked)
+    return services.store.repeat_all(asked, is_fresh=not change)
 
 
 # The trash: delete, restore, delete permanently.

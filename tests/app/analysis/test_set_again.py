@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from app.analysis.run import MEASURED, make_report, set_report_again
+from app.analysis.run import make_report
+from app.report.products import MEASURED, set_report_again
 from app.request import SAID, Conclusion, ReportRequest
 from app.store.decoded import DecodedCache
 from app.store.folder import KnownFiles
@@ -54,7 +55,7 @@ def test_a_report_set_again_has_the_bytes_of_a_full_analysis(
     relabelled = replace(ASKED, **LABELS[label])
     (tmp_path / "set").mkdir()
     (tmp_path / "full").mkdir()
-    set_report_again(finished, relabelled, tmp_path / "set")
+    set_report_again(finished / "results.json", relabelled, tmp_path / "set")
 
     full = read_all(analyse(recording, relabelled, tmp_path / "full"))
 

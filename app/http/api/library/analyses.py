@@ -161,7 +161,7 @@ def create_analyses(
     store, storage, pairs = services.store, services.storage, []
     for row, request in asked:
         own = (row.id, row.sha256)
-        add = partial(store.add_analysis, own, request, flow)
+        add = partial(store.add_analysis, own, request, flow, is_fresh=body.again)
         pairs.append(find_or_add(store, storage, own, request, flow, add, again=body.again))
     for row in rows:  # store subject and side on recordings that do not have them yet
         about, settings = row.about, body.settings

@@ -471,7 +471,7 @@ def retry(analysis_id: str, page: UsedPage) -> Response:
     store = page.services.store
     again = retry_job(store, page.services.storage, analysis_id, "web")
     if again.state is JobState.SUCCEEDED:  # the report lacks files that this version writes
-        again = store.add_correction(again, again.request)
+        again = store.add_correction(again, again.request, is_fresh=True)
     return page.go(f"/analyses/{again.id}")
 
 
