@@ -560,20 +560,21 @@ def _queue_again(connection: Connection, job: Job, asked: ReportRequest, *, is_f
 
 
 def _update_studies(connection: Connection, analysis_id: str, *, is_made: bool = False) -> None:
-    """Update the studies of a recording: at once or, if the report only says something else, once it is made.
+    """Update the studies of a recording: at once, or once a report that only says something else is made.
 
-    Until then they contain the earlier report.
+    Until then they contain the earlier report, if there is one.
     """
     row = connection.execute(select_jobs().where(analyses.c.id == analysis_id)).one_or_none()
-    if row is None or read_job(row).is_said is not is_made:
+    if row is None or (is_made and row.priority != SAID_PRIORITY):
         return
-    if is_made:
-        newer = select(analyses.c.id).where(
-            analyses.c.recording_id == row.recording_id,
-            analyses.c.state.in_(COUNTED),
-            tuple_(analyses.c.created_at, analyses.c.id) > tuple_(row.created_at, analysis_id),
+    if row.priority == SAID_PRIORITY:
+        others = select(analyses.c.id).where(analyses.c.recording_id == row.recording_id)
+        place = (analyses.c.created_at, analyses.c.id)
+        is_later = tuple_(*place) > tuple_(row.created_at, analysis_id)  # and already in the studies
+        is_kept = (
+            analyses.c.state.in_(COUNTED) & is_later if is_made else analyses.c.state == JobState.SUCCEEDED
         )
-        if connection.execute(newer.limit(1)).first() is not None:
+        if connection.execute(others.where(is_kept).limit(1)).first() is not None:
             return
     update_studies(connection, analysis_id)
 

@@ -489,8 +489,7 @@ def conclude(analysis_id: str, page: UsedPage, subject: UsedSubject, form: UsedF
     """
     own_name, store = get_person_name(page.request, subject.id), page.services.store
     concluded = read_conclusion({**form, **({"name": [own_name]} if own_name else {})})
-    again = store.conclude(store.get(analysis_id), concluded)
-    return page.go(f"/analyses/{again.id}")
+    return page.go_to(store.conclude(store.get(analysis_id), concluded))
 
 
 @router.post("/analyses/{analysis_id}/dismiss")
@@ -502,7 +501,7 @@ def dismiss(analysis_id: str, page: UsedPage) -> Response:
         job = store.conclude(job, None)
     else:
         store.dismiss_draft(job.id)
-    return page.go(f"/analyses/{job.id}")
+    return page.go_to(job)
 
 
 def respond_with_page(request: Request, error: Refusal) -> HTMLResponse:
