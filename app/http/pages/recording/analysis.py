@@ -489,7 +489,9 @@ def conclude(analysis_id: str, page: UsedPage, subject: UsedSubject, form: UsedF
     """
     own_name, store = get_person_name(page.request, subject.id), page.services.store
     concluded = read_conclusion({**form, **({"name": [own_name]} if own_name else {})})
-    return page.go_to(store.conclude(store.get(analysis_id), concluded))
+    job = store.conclude(store.get(analysis_id), concluded)
+    page.services.drafts.drop(subject.id, f"conclusion:{job.recording_id}")
+    return page.go_to(job)
 
 
 @router.post("/analyses/{analysis_id}/dismiss")
