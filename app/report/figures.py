@@ -380,8 +380,15 @@ PERIODS: tuple[Column, ...] = (
     Column("excluded_as", kind="text"),
     Column("periods"),
     *(Column(name, kind="text") for name in ("path", "side")),
+    Column(EPISODES["longest_s"].name, {"threshold_deg": "60"}),
+    *map(Column, ("recovery_neutral_slow_percent", LESS_REST)),
+    *(
+        Column("{figure}_" + end, {"figure": name})
+        for name in ("time_above_60_percent", "entries_above_60_per_h", *PERIOD_FIGURES, LESS_REST)
+        for end in ("low", "high")
+    ),
 )
-"""Columns of ``periods.csv``: a row for each clock hour, period and task of the diary."""
+"""Columns of ``periods.csv``: a row for each clock hour, period and task of the diary. Append new ones."""
 
 
 # Units: the end of a figure's name determines its unit.

@@ -54,6 +54,14 @@ class ReportSubject:
 
 
 @dataclass(frozen=True, slots=True)
+class ReleaseStamp:
+    """Who released a report, and on which date (ISO 8601). No results contain it: a release changes none."""
+
+    name: str
+    date: str
+
+
+@dataclass(frozen=True, slots=True)
 class RecordingFacts:
     """The facts stated by the file; see :class:`fusion.recording.Recording`."""
 

@@ -151,6 +151,7 @@ class Profile:
     with several rises. ``sure``: the uncertainty of the time above 60 deg. ``next_steps``: each follows from
     a stated rule, the most important first. ``amendment``: on paper, states that the report replaces another;
     else empty. ``conclusion``: the clinician's, a long one only begun; None leaves space to write by hand.
+    ``released``: the stamp of a released report; else empty, which leaves a line to sign.
     """
 
     quality: str
@@ -166,6 +167,7 @@ class Profile:
     not_a_diagnosis: str
     amendment: str = ""
     conclusion: Note | None = None
+    released: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from app.report.export.all import export_results
 from app.report.export.fhir import encode_fhir
 from app.report.export.results import decode_results, identify_report, relabel_results
 from app.report.figures import load_results
-from app.report.findings import Findings, ReportSubject, Software
+from app.report.findings import Findings, ReleaseStamp, ReportSubject, Software
 from app.report.render.write import RESULTS, write_reports
 from app.request import ReportRequest
 from app.store.day_file import DAY_NAME
@@ -23,8 +23,12 @@ MEASURED = (ELEVATION, DAY_NAME)
 """Files of a finished analysis that depend on its figures only."""
 
 
-def set_report_again(results: Path, request: ReportRequest, out: Path) -> None:
+def set_report_again(
+    results: Path, request: ReportRequest, out: Path, release: ReleaseStamp | None = None
+) -> None:
     """Write a report with other words from the ``results.json`` of a finished analysis.
+
+    ``release`` is stamped on page 1.
 
     The request has the figures of that analysis (:meth:`ReportRequest.describe_figures`). The files have the
     bytes that a full analysis would write; those of :data:`MEASURED` stay as they are and are not written.
@@ -33,11 +37,16 @@ def set_report_again(results: Path, request: ReportRequest, out: Path) -> None:
     content = results.read_bytes()
     kept = decode_results(content)
     subject = describe_subject(request, kept.findings, kept.subject.software)
-    write_products(relabel_results(content, subject), kept.findings, subject, request, out)
+    write_products(relabel_results(content, subject), kept.findings, subject, request, out, release)
 
 
 def write_products(
-    content: bytes, findings: Findings, subject: ReportSubject, request: ReportRequest, out: Path
+    content: bytes,
+    findings: Findings,
+    subject: ReportSubject,
+    request: ReportRequest,
+    out: Path,
+    release: ReleaseStamp | None = None,
 ) -> None:
     """Write ``results.json``, which is ``content``, and every file derived from it."""
     (out / RESULTS).write_bytes(content)
@@ -49,7 +58,7 @@ def write_products(
 
     with ThreadPoolExecutor(1) as writer:  # rendering releases the interpreter lock
         written = writer.submit(write_tables)
-        write_reports(findings, subject, request, out)
+        write_reports(findings, subject, request, out, release)
         written.result()
     if "pdf" in request.kinds:  # with the PDFs as written, and a conclusion in the first language
         pdfs = {language: (out / f"report.{language}.pdf").read_bytes() for language in request.languages}

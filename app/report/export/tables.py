@@ -124,8 +124,7 @@ def summarise_results(results: Results) -> Row:
     """Return the row of one analysed recording."""
     shown = read_figures(results)
     for suffix in ("", "_pose"):
-        for name, (low, high) in read_ranges(results, suffix).items():
-            shown |= {f"{name}_low{suffix}": low, f"{name}_high{suffix}": high}
+        shown |= _name_ends(read_ranges(results, suffix), suffix)
     shown["warnings"] = " ".join(warning["code"] for warning in results["quality"]["warnings"])
     shown |= {place: find_place(results, place) for place in ("path", "folder")}
     return {column.name: shown.get(column.name) for column in SUMMARY}
@@ -146,10 +145,16 @@ def describe_periods(results: Results) -> list[Row]:
     who["path"] = find_place(results, "path")
     kinds = (("hour", "by_hour"), ("period", "by_period"), ("task", "by_task"))
     return [
-        {**part, **who, "kind": kind, "period_kind": part.get("kind")}
+        {**part, **_name_ends(part["intervals"]), **who, "kind": kind, "period_kind": part.get("kind")}
         for kind, key in kinds
         for part in results["exposure"][key]
     ]
+
+
+def _name_ends(ranges: Mapping[str, tuple[Cell, Cell]], suffix: str = "") -> Row:
+    """Return both ends of each range as cells: ``<figure>_low``, ``<figure>_high``."""
+    ends = (("low", 0), ("high", 1))
+    return {f"{name}_{end}{suffix}": pair[k] for name, pair in ranges.items() for end, k in ends}
 
 
 def encode_summary(rows: Iterable[Row], dialect: Dialect = INTERNATIONAL) -> bytes:

@@ -6,7 +6,7 @@ It does not need ``fusion``: a finished analysis can be rendered again, in anoth
 from pathlib import Path
 
 from app.report.export.results import decode_results
-from app.report.findings import Findings, FinishedAnalysis, ReportSubject
+from app.report.findings import Findings, FinishedAnalysis, ReleaseStamp, ReportSubject
 from app.report.model import Report, format_brief
 from app.report.render.html import render_html
 from app.report.render.pdf import render_pdf
@@ -16,11 +16,17 @@ from app.request import Paper, ReportKind, ReportRequest
 RESULTS = "results.json"
 
 
-def write_reports(findings: Findings, subject: ReportSubject, request: ReportRequest, out: Path) -> None:
+def write_reports(
+    findings: Findings,
+    subject: ReportSubject,
+    request: ReportRequest,
+    out: Path,
+    release: ReleaseStamp | None = None,
+) -> None:
     """Write ``report.<language>.<kind>`` and ``answer.<language>.txt`` beside the results in ``out``."""
     results = (out / RESULTS).read_bytes()
     for language in request.languages:
-        report = build_report(findings, subject, language)
+        report = build_report(findings, subject, language, release)
         attached = {RESULTS: results}
         write_report(report, request.kinds, request.paper, attached, out, has_appendix=request.appendix)
 

@@ -7,7 +7,7 @@ from datetime import datetime
 
 from app.report.charts.bars import build_bar
 from app.report.charts.day import WORST_WINDOW_S
-from app.report.findings import Findings, ReportSubject, Software
+from app.report.findings import Findings, ReleaseStamp, ReportSubject, Software
 from app.report.model import Note, Pair, Report
 from app.report.single.chapters import (
     Context,
@@ -56,8 +56,10 @@ MOST_ON_PAGE_1 = 400
 __all__ = ["Report", "ReportSubject", "Software", "build_report"]
 
 
-def build_report(findings: Findings, subject: ReportSubject, language: Language) -> Report:
-    """Build the report on the findings in one language."""
+def build_report(
+    findings: Findings, subject: ReportSubject, language: Language, release: ReleaseStamp | None = None
+) -> Report:
+    """Build the report on the findings in one language; page 1 has the stamp of a released report."""
     ranges = choose_ranges(findings)
     words = name_ranges(load_wording(language), ranges)
     clock = Clock(findings.recording.start, language)
@@ -92,7 +94,11 @@ def build_report(findings: Findings, subject: ReportSubject, language: Language)
         pose_state=format_pose_state(context),
         needs_pose=format_needs_pose(context),
         walking_note=format_walking_note(context),
-        profile=replace(build_profile(context), conclusion=_build_conclusion(context, MOST_ON_PAGE_1)),
+        profile=replace(
+            build_profile(context),
+            conclusion=_build_conclusion(context, MOST_ON_PAGE_1),
+            released=_format_release(context, release),
+        ),
         conclusion=_build_conclusion(context),
     )
 
@@ -226,6 +232,14 @@ def _build_conclusion(context: Context, most: int | None = None) -> Note | None:
     if most is not None and len(text) > most:
         paragraphs = (fill(shown["longer"], {"text": cut_text(text, most)}),)
     return Note(title, (*paragraphs, shown["typed"]))
+
+
+def _format_release(context: Context, release: ReleaseStamp | None) -> str:
+    """Return who released the report, and when; empty for a report that was not released."""
+    if release is None:
+        return ""
+    when = format_date(datetime.fromisoformat(release.date), context.language)
+    return fill(context.words["label"]["released"], {"name": clean_text(release.name), "date": when})
 
 
 def _format_amendment(context: Context) -> str:

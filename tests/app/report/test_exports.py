@@ -27,6 +27,7 @@ from app.report.export.results import encode_results
 from app.report.export.tables import (
     FRENCH_EXCEL,
     PERIOD_COLUMNS,
+    describe_periods,
     encode_dictionary,
     encode_summary,
     encode_table,
@@ -42,7 +43,14 @@ from app.request import ReportRequest
 from app.store.folder import KnownFiles
 from fusion.diary import DiaryEntry
 from fusion.exposure.types import Interval
-from tests.app.analysis_factory import START, make_analysis, make_exposure, make_quality, make_subject
+from tests.app.analysis_factory import (
+    START,
+    make_analysis,
+    make_exposure,
+    make_quality,
+    make_subject,
+    with_diary,
+)
 
 
 def results_of(subject: str = "S012", file_name: str = "a.gt3x") -> dict[str, Any]:
@@ -119,6 +127,27 @@ def test_every_column_of_every_table_is_explained_in_both_languages() -> None:
         "elevation.parquet": ["time_us", "elevation_cdeg", "valid", "analysed"],
     }
     assert all(row["english"] and row["french"] for row in rows)
+
+
+def test_periods_csv_has_the_rest_and_the_difference_of_a_task_with_the_range() -> None:
+    exposure = with_diary(make_exposure())
+    ranges = {"time_above_60_less_rest_percent": Interval(1.5, 4.0)}
+    task = replace(
+        exposure.by_task[0],
+        longest_above_60_s=42.0,
+        neutral_slow_percent=12.5,
+        less_rest_percent=2.5,
+        intervals=ranges,
+    )
+    results = json.loads(
+        encode_results(make_analysis(exposure=replace(exposure, by_task=(task,))), make_subject())
+    )
+
+    (row,) = (row for row in describe_periods(results) if row["kind"] == "task")
+    names = ("episodes_above_60_longest_s", "recovery_neutral_slow_percent")
+    assert [row[name] for name in names] == [42.0, 12.5]
+    main = "time_above_60_less_rest_percent"
+    assert [row[name] for name in (main, f"{main}_low", f"{main}_high")] == [2.5, 1.5, 4.0]
 
 
 @pytest.mark.parametrize(

@@ -8,16 +8,20 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from math import hypot
+from pathlib import Path
 
 import pytest
 from pypdf import PdfReader
 
-from app.report.findings import Findings
+from app.report.export.results import encode_results
+from app.report.findings import Findings, ReleaseStamp
 from app.report.model import Profile, Report, format_brief
+from app.report.products import set_report_again
+from app.report.render.html import render_html
 from app.report.render.pdf import render_pdf
 from app.report.single.report import build_report
 from app.report.words.wording import LANGUAGES, Language
-from app.request import Conclusion, Paper
+from app.request import Conclusion, Paper, ReportRequest
 from fusion.exposure.types import Entries, Exposure, Interval
 from fusion.quality import Quality, TimeAccount
 from fusion.recording import QualityFlag
@@ -336,6 +340,35 @@ def test_without_a_conclusion_page_1_has_space_for_one() -> None:
     first = read_first_page(report_of())
 
     assert flatten("Conclusion Name, date Released by") in first
+
+
+@pytest.mark.parametrize(
+    ("language", "stamp"),
+    [("en", "Released by A. Martin, 10 March 2026"), ("fr", "Validé par A. Martin, le 10 mars 2026")],
+)
+def test_a_released_report_has_the_stamp_on_page_1_in_place_of_the_line_to_sign(
+    language: Language, stamp: str
+) -> None:
+    release = ReleaseStamp("A. Martin", "2026-03-10")
+    report = build_report(make_analysis(), make_subject(), language, release)
+
+    first = read_first_page(report)
+    assert first.count(flatten(report.words["released_by"])) == 1
+    assert flatten(stamp) in first
+    assert f'<span class="released">{stamp}</span>' in plain(render_html(report).decode())
+
+
+def test_a_report_is_set_again_with_the_stamp_of_its_release(tmp_path: Path) -> None:
+    results = encode_results(make_analysis(), make_subject())
+    (tmp_path / "results.json").write_bytes(results)
+    (tmp_path / "again").mkdir()
+
+    request = ReportRequest("a.gt3x", languages=("en",))
+    stamp = ReleaseStamp("A. Martin", "2026-03-10")
+    set_report_again(tmp_path / "results.json", request, tmp_path / "again", stamp)
+
+    page = PdfReader(tmp_path / "again/report.en.pdf").pages[0].extract_text()
+    assert flatten("Released by A. Martin, 10 March 2026") in flatten(page)
 
 
 def test_a_long_conclusion_begins_on_page_1_and_is_whole_behind_it() -> None:
