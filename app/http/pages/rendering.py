@@ -304,13 +304,6 @@ def add_navigation(
     return HTMLResponse(whole, headers={"Content-Security-Policy": policy, "Cache-Control": "no-store"})
 
 
-def stamp_release(report: str, told: str) -> str:
-    """Write on page 1 of a report who released it, in place of the line to sign; the file does not change."""
-    start, end = '<span class="released">', "</span>"
-    before, found, behind = report.partition(start)
-    return f"{before}{start}{escape(told)}{end}{behind.partition(end)[2]}" if found else report
-
-
 # Forms of short text fields (urlencoded).
 
 MAX_BYTES = 4 << 20

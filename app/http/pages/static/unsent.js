@@ -61,6 +61,7 @@ export class Unsent {
     const isSaved = text === this.asServed ? await this.send("DELETE") : await this.send("PUT", text);
     this.isSaving = false;
     this.isKept = isSaved;
+    this.form.toggleAttribute("data-unsaved", !isSaved);
     if (isSaved) this.saved = text;
     if (this.serialize() !== text || !isSaved) this.timer = setTimeout(() => this.save(), isSaved ? 0 : 5 * PAUSE_MS);
   }
