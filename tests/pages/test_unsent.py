@@ -48,7 +48,7 @@ def find_recording(page: Page) -> str:
 
 def find_draft(page: Page, server: RunningServer, form: str) -> str | None:
     """Return the text of a draft on the server."""
-    answer = page.request.get(f"{server.address}/drafts/{form}")
+    answer = page.request.get(f"{server.address}drafts/{form}")
     return answer.json()["text"] if answer.status == 200 else None
 
 
@@ -192,7 +192,7 @@ def test_a_correction_is_discarded_down_to_the_settings_of_the_analysis(
 def test_what_an_earlier_release_kept_is_left_aside(
     page: Page, server: RunningServer, report_id: str
 ) -> None:
-    page.request.put(f"{server.address}/drafts/correction/{report_id}", data="side=left")
+    page.request.put(f"{server.address}drafts/correction/{report_id}", data="side=left")
 
     open_analysis(page, server, report_id)
     wait_for_curve(page)
@@ -223,13 +223,13 @@ def test_another_browser_shows_what_a_crashed_one_had_typed(
     typed = f"{language} {width}"
     crashed, other = (browser.new_context(viewport={"width": width, "height": 900}) for _ in range(2))
     page = crashed.new_page()
-    page.goto(f"{server.address}/analyses/{report_id}?lang={language}")
+    page.goto(f"{server.address}analyses/{report_id}?lang={language}")
     with page.expect_response(lambda answer: answer.request.method == "PUT"):
         page.get_by_label(label).fill(typed)
     crashed.close()
 
     again = other.new_page()
-    again.goto(f"{server.address}/analyses/{report_id}?lang={language}")
+    again.goto(f"{server.address}analyses/{report_id}?lang={language}")
 
     expect(again.get_by_label(label)).to_have_value(typed)
     expect(again.locator("#conclude [data-unsent]")).to_be_visible()

@@ -288,7 +288,7 @@ def test_the_arm_of_a_report_is_changed_by_a_new_analysis_without_its_conclusion
 
     told = do(client, "side", job, side="left")
 
-    assert "1 recording is being analysed again with this arm" in told
+    assert "The arm of 1 recording was changed." in told
     (entry,) = library.find_page(LibraryFilter(), 10)
     assert entry.job.id == job.id
     assert entry.attempt is not None
