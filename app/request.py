@@ -117,6 +117,13 @@ class Reference:
 
 
 LONGEST_CONCLUSION = 1000
+SAID = frozenset(
+    {
+        *("subject", "side", "conclusion", "draft", "version", "changes", "reason"),
+        *("languages", "kinds", "paper", "appendix"),
+    }
+)
+"""Fields of a request that state whose report it is and how it reads, but measure nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,10 +216,20 @@ class ReportRequest:
         return cls(calibration_windows_s=windows, diary=diary, **values)
 
     def describe_settings(self) -> dict[str, object]:
-        """Return the settings that affect the figures, without languages and output formats."""
+        """Return the settings that distinguish versions, without languages and output formats."""
         ignored = {"file_name", "languages", "kinds", "paper", "appendix", "joined"}
         ignored |= {"version", "changes", "reason", "draft"}
         return {name: value for name, value in asdict(self).items() if name not in ignored}
+
+    def describe_figures(self, *, is_capture: bool) -> dict[str, object]:
+        """Return the settings that affect the figures; all others (:data:`SAID`) are only said.
+
+        ``is_capture``: the file is a motion capture, which may hold both arms, so that the arm also counts.
+        Of the diary only the rows of this recording count.
+        """
+        said = SAID - {"side"} if is_capture else SAID
+        figures = {name: value for name, value in asdict(self).items() if name not in said}
+        return figures | {"diary": [asdict(entry) for entry in self.select_diary()]}
 
     def select_diary(self) -> tuple[DiaryEntry, ...]:
         """Return the diary rows of this file, matched by full name, stem or subject."""

@@ -17,6 +17,7 @@ from app.errors import AppError, Busy, DatabaseAway, DiskFull, FolderUnusable, S
 from app.library.batches import BatchStore
 from app.library.claims import WayIn
 from app.library.database.connect import check_writable
+from app.library.drafts import DraftStore
 from app.library.governance import AggregateStore, ReleaseStore, RetentionStore
 from app.library.jobs import JobStore
 from app.library.listing import SavedViews
@@ -131,6 +132,7 @@ class Services:
         self.batches, self.mappings = BatchStore(*rows), MappingStore(*rows)
         self.views, self.side_files = SavedViews(*rows, storage), SideWriter(*rows, storage)
         self.webhooks, self.releases = WebhookStore(*rows), ReleaseStore(*rows)
+        self.drafts = DraftStore(*rows)
         self.retention, self.aggregates = RetentionStore(*rows), AggregateStore(*rows)
         self.upload_slots = UploadSlots(settings.max_uploads_at_once)
         self.quarantined: tuple[str, ...] = ()

@@ -15,11 +15,11 @@ import time
 from pathlib import Path
 from statistics import median
 
-from app.analysis.run import describe_subject
 from app.report.export.all import export_results
 from app.report.export.results import build_results, encode_results
 from app.report.figures import round_all
 from app.report.findings import Findings, ReportSubject, build_findings
+from app.report.products import describe_subject
 from app.report.render.html import render_html
 from app.report.render.pdf import render_pdf
 from app.report.render.write import RESULTS
@@ -32,10 +32,10 @@ from fusion.simulation import simulate_shift, write_shift
 _COLD = """
 import sys
 from pathlib import Path
-from app.report.render.write import rewrite_reports
+from app.report.products import set_report_again
 from app.request import ReportRequest
 folder = Path(sys.argv[1])
-rewrite_reports(folder, ReportRequest("", languages=("en",)), folder / "again")
+set_report_again(folder / "results.json", ReportRequest("", languages=("en",)), folder / "again")
 """
 
 
@@ -43,7 +43,7 @@ def store_shift(folder: Path, hours: float) -> tuple[Findings, ReportSubject]:
     """Simulate a shift, analyse it and store its results."""
     log = write_shift(folder, simulate_shift("gt9x", hours, seed=1), actilife_csv=False)[0]
     findings = build_findings(analyse(read_recording(io.BytesIO(log.read_bytes()), file_name=log.name)))
-    subject = describe_subject(ReportRequest(log.name, "S012", "right"))
+    subject = describe_subject(ReportRequest(log.name, "S012", "right"), findings)
     (folder / RESULTS).write_bytes(encode_results(findings, subject))
     (folder / "again").mkdir()
     return findings, subject

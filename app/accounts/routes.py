@@ -5,7 +5,7 @@ the trash is turned off, deleting also needs ``erase``
 (:func:`app.http.api.library.recordings.check_may_erase`).
 
 The act is what the response adds to the audit log (:mod:`app.http.middleware.access`). ``rows``: the change
-itself adds its lines, in its own transaction. ``none``: no personal data is read.
+itself adds its lines, in its own transaction. ``none``: no personal data is read except one's own draft.
 
 ``again``: the person must confirm the password first: to erase, to export the data of many recordings, to
 create lasting access to the data (a token, a webhook), or to manage accounts. The files of one recording,
@@ -144,6 +144,9 @@ _ROUTES: Mapping[Needed, str] = {
         GET    /api/v1/retention                                          list.read
         GET    /api/v1/retention/{kind}/due                               list.read
         GET    /retention                                                 list.read
+        GET    /drafts/{kind}/{place}                                     none
+        PUT    /drafts/{kind}/{place}                                     none
+        DELETE /drafts/{kind}/{place}                                     none
     """,
     "correct": """
         PATCH  /api/v1/recordings/{recording_id}                          rows

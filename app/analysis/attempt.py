@@ -127,11 +127,10 @@ def load_and_make_report(
         importlib.import_module("app.analysis.run").make_report(recording_path, request, out, on_stage, known)
 
 
-def load_and_render_again(
-    finished: Path, _recording_path: Path, request: ReportRequest, out: Path, on_stage: OnStage
-) -> None:
-    """Render the report of a finished analysis in another language, without a new analysis."""
-    importlib.import_module("app.analysis.run").make_report_again(finished, request, out, on_stage)
+def load_and_set_again(results: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Write a report with other words from the results of a finished analysis."""
+    on_stage("rendering", 0.0)
+    importlib.import_module("app.report.products").set_report_again(results, request, out)
 
 
 def choose_limits(settings: "Settings", size_bytes: int) -> Limits:

@@ -12,6 +12,7 @@ from typing import Any
 
 from app.analysis.attempt import Attempt, MakeReport, choose_limits, run_and_wait
 from app.analysis.fork_server import warm_up
+from app.report.findings import ReleaseStamp
 from app.request import Language, OnStage, ReportRequest
 from app.settings import Settings
 
@@ -32,6 +33,13 @@ def load_and_compare_live(
     """Compare the displayed angles of a live session with its report."""
     write = importlib.import_module("app.live.recorder").write_difference
     write(shown, elevation, request.languages[0], out)
+
+
+def load_and_set_released(
+    stamp: ReleaseStamp, results: Path, request: ReportRequest, out: Path, _on_stage: OnStage
+) -> None:
+    """Write the report of a finished analysis with the stamp of its release."""
+    importlib.import_module("app.report.products").set_report_again(results, request, out, stamp)
 
 
 def load_and_write_raw(
@@ -101,6 +109,12 @@ class Inspector:
         request = ReportRequest("", languages=(language,))
         return _read(self._run(elevation, request, partial(load_and_compare_live, shown), "difference.json"))
 
+    def set_released(self, results: Path, request: ReportRequest, stamp: ReleaseStamp) -> dict[str, bytes]:
+        """Return the files of a report that carry the stamp of its release, by name."""
+        with self._turns, tempfile.TemporaryDirectory(prefix=PREFIX, dir=self.folder) as folder:
+            self._make(results, request, partial(load_and_set_released, stamp), Path(folder))
+            return {path.name: path.read_bytes() for path in Path(folder).iterdir()}
+
     def write_raw(self, early: Path, raw: Path) -> None:
         """Write the raw file of an interrupted live session. Raises RecordedProblem, Crashed."""
         self._run(early, ReportRequest(""), partial(load_and_write_raw, raw))
@@ -108,10 +122,12 @@ class Inspector:
     def _run(self, recording_path: Path, request: ReportRequest, make: MakeReport, name: str = "") -> bytes:
         """Return the content of the file that the child wrote; none if it has no name."""
         with self._turns, tempfile.TemporaryDirectory(prefix=PREFIX, dir=self.folder) as folder:
-            out = Path(folder)
-            limits = choose_limits(self.settings, recording_path.stat().st_size)
-            run_and_wait(Attempt(recording_path, request, out, make, limits))
-            return (out / name).read_bytes() if name else b""
+            self._make(recording_path, request, make, Path(folder))
+            return (Path(folder) / name).read_bytes() if name else b""
+
+    def _make(self, path: Path, request: ReportRequest, make: MakeReport, out: Path) -> None:
+        limits = choose_limits(self.settings, path.stat().st_size)
+        run_and_wait(Attempt(path, request, out, make, limits))
 
 
 def _read(body: bytes) -> dict[str, Any]:

@@ -10,16 +10,13 @@ import numpy as np
 
 from app.analysis.inspect import read_joined
 from app.errors import BadParameter
-from app.report.export.all import encode_elevation_csv, export_results, write_elevation
-from app.report.export.fhir import encode_fhir
-from app.report.export.results import encode_results, identify_report
-from app.report.figures import load_results
-from app.report.findings import ReportSubject, Software, build_findings
-from app.report.render.write import RESULTS, rewrite_reports, write_reports
+from app.report.export.all import encode_elevation_csv, write_elevation
+from app.report.export.results import encode_results
+from app.report.findings import build_findings
+from app.report.products import ELEVATION, build_settings, describe_subject, write_products
 from app.request import OnStage, ReportRequest, Stage
 from app.store.day_file import DAY_NAME, DaySegment, write_day
 from app.store.folder import NOTHING_KNOWN, KnownFiles, sync_file
-from app.version import software_revision, software_version
 from fusion.angle_files import AngleFile, AngleFileOptions, holds_samples, read_angle_file, recognise_layout
 from fusion.caveats import Caveat
 from fusion.conventions import SAID_S, awaits_pose
@@ -33,7 +30,6 @@ from fusion.recording import MICROSECONDS, Span
 from fusion.sensor.model import view_segment
 from fusion.sensor.self_calibration import calibrate_accelerometer
 from fusion.sensor.stillness import find_still_moments, reduce_run
-from fusion.settings import AnalysisSettings
 
 # The day of an analysis, for the page on which a person reviews and corrects it.
 
@@ -102,8 +98,6 @@ def _bound(span: Span) -> list[float]:
     return [span.start_us / MICROSECONDS, span.end_us / MICROSECONDS]
 
 
-FHIR = "fhir.json"
-
 # Progress at the start of each stage, from the share of time that each stage takes on a long shift.
 _BEGINS: dict[Stage, float] = {
     "reading": 0.0,
@@ -142,30 +136,18 @@ def make_report(
     """
     analysis = _analyse_file(recording_path, request, known, lambda stage: on_stage(stage, _BEGINS[stage]))
     on_stage("rendering", _BEGINS["rendering"])
-    findings, subject = build_findings(analysis), describe_subject(request)
-    subject = replace(subject, report_id=identify_report(analysis.settings, findings, subject))
-    content = encode_results(findings, subject)
-    (out / RESULTS).write_bytes(content)
-    results = load_results(content)
+    findings = build_findings(analysis)
+    subject = describe_subject(request, findings)
 
-    def write_angle(path: Path) -> None:
+    def write_angle() -> None:
         """Write the angles to disk while the pages are rendered."""
-        write_elevation(analysis.elevation, path, analysis.exclusions)
-        sync_file(path)
-
-    def write_tables() -> None:
-        for name, table in export_results(results).items():
-            (out / name).write_bytes(table)
+        write_elevation(analysis.elevation, out / ELEVATION, analysis.exclusions)
+        sync_file(out / ELEVATION)
 
     with ThreadPoolExecutor(1) as writer:  # both release the interpreter lock
-        written = [writer.submit(write_angle, out / "elevation.parquet"), writer.submit(write_tables)]
-        write_reports(findings, subject, request, out)
-        for work in written:
-            work.result()
-    if "pdf" in request.kinds:  # with the PDFs as written, and a conclusion in the first language
-        pdfs = {language: (out / f"report.{language}.pdf").read_bytes() for language in request.languages}
-        conclusion = (out / f"answer.{request.languages[0]}.txt").read_text("utf-8")
-        (out / FHIR).write_bytes(encode_fhir(results, pdfs, conclusion, request.version))
+        written = writer.submit(write_angle)
+        write_products(encode_results(findings, subject), findings, subject, request, out)
+        written.result()
     if known.cache is not None:
         write_day_of(analysis, out / DAY_NAME)
 
@@ -174,30 +156,6 @@ def write_elevation_csv(parquet: Path, _request: ReportRequest, out: Path, on_st
     """Write the angles of the file ``parquet`` as ``elevation.csv.gz`` to ``out``."""
     on_stage("rendering", 0.0)
     (out / "elevation.csv.gz").write_bytes(encode_elevation_csv(parquet))
-
-
-def make_report_again(
-    finished: Path, request: ReportRequest, out: Path, on_stage: OnStage = ignore_stage
-) -> None:
-    """Write the reports of the finished analysis in the folder ``finished`` in the requested languages."""
-    on_stage("rendering", _BEGINS["rendering"])
-    rewrite_reports(finished, request, out)
-
-
-def describe_subject(request: ReportRequest) -> ReportSubject:
-    """Build the subject of a report: the person's arm, and the software of the analysis."""
-    software = Software(software_version(), software_revision())
-    return ReportSubject(
-        file_name=request.file_name,
-        subject=request.subject,
-        side=request.side,
-        software=software,
-        version=request.version,
-        changes=request.changes,
-        reason=request.reason,
-        columns=request.profile,
-        conclusion=request.conclusion,
-    )
 
 
 def _analyse_file(
@@ -218,22 +176,12 @@ def _analyse_file(
         windows_s = windows_s or find_diary_poses(entries, captured.start, duration_us)
         return analyse_angle_file(captured, begin, diary, windows_s)
     recording = read_joined(recording_path, request, known)
-    settings = AnalysisSettings(
-        request.method,
-        request.pose,
-        windows_s,
-        entries,
-        request.arm_axis,
-        request.slip_times_s,
-        request.no_slip_times_s,
-        request.pose_held,
-    )
     duration_s = recording.duration_us / MICROSECONDS
     for name, times_s in (("slip_at", request.slip_times_s), ("no_slip_at", request.no_slip_times_s)):
         for time_s in times_s:
             if time_s > duration_s:
                 raise BadParameter(name=name, value=f"{time_s:g}", allowed=f"0 … {duration_s:g}")
-    return analyse(recording, settings, begin)
+    return analyse(recording, build_settings(request), begin)
 
 
 def _read_capture(recording_path: Path, request: ReportRequest) -> AngleFile | None:

@@ -19,7 +19,7 @@ from app.analysis.attempt import (
     Unstarted,
     choose_limits,
     load_and_make_report,
-    load_and_render_again,
+    load_and_set_again,
     run_attempt,
 )
 from app.batch.folder import (
@@ -186,8 +186,9 @@ def _do(task: Task, before: Marker | None, asked: Marker | None, go_on: GoOn) ->
 def _rewrite(task: Task, before: Marker, go_on: GoOn) -> Outcome:
     """Render a finished analysis in another language, format or paper size without analysing it again."""
     language = task.request.languages[0]
+    request = replace(task.request, version=before.version, changes=before.changes)
     with open_staging(task.folder) as staging:
-        outcome = _attempt(task, task.request, staging, partial(load_and_render_again, task.folder), go_on)
+        outcome = _attempt(task, request, staging, load_and_set_again, go_on, task.folder / "results.json")
         if outcome.code:
             return outcome
         if language == before.language:
@@ -201,11 +202,19 @@ def _rewrite(task: Task, before: Marker, go_on: GoOn) -> Outcome:
     return replace(outcome, answer=_read_answer(task), repeated=True, version=before.version)
 
 
-def _attempt(task: Task, request: ReportRequest, staging: Path, make: MakeReport, go_on: GoOn) -> Outcome:
+def _attempt(
+    task: Task,
+    request: ReportRequest,
+    staging: Path,
+    make: MakeReport,
+    go_on: GoOn,
+    results: Path | None = None,
+) -> Outcome:
+    """Make an attempt from the recording, or from the results of a finished analysis."""
     from app.settings import Settings  # noqa: PLC0415  loads pydantic while numpy is loaded elsewhere
 
     limits = choose_limits(Settings(), task.log.stat().st_size)
-    outcome = run_attempt(Attempt(task.log, request, staging, make, limits), go_on)
+    outcome = run_attempt(Attempt(results or task.log, request, staging, make, limits), go_on)
     if isinstance(outcome, Refused):
         return Outcome(task, code=outcome.code, facts=outcome.facts)
     if isinstance(outcome, Unstarted):

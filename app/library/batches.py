@@ -82,7 +82,8 @@ class BatchStore(RowStore):
             counts = {"item_count": len(asked), "duplicate_count": len(items) - len(wanted)}
             connection.execute(insert(batches).values(row | counts))
             plain = [(recording.id, recording.sha256, request) for recording, request in wanted.values()]
-            known |= dict(zip(wanted, enqueue_all(connection, plain, "api", batch_id), strict=True))
+            queued = enqueue_all(connection, plain, "api", batch_id, is_fresh=again)
+            known |= dict(zip(wanted, queued, strict=True))
             rows = [
                 {"batch_id": batch_id, "place": place, "analysis_id": known[key]}
                 for place, key in enumerate(asked)

@@ -4,13 +4,16 @@ A job requested on the page has priority. All other jobs wait in flows: each bat
 requests of each subject (a token, or the machine) are another. The jobs of a flow are numbered and the lowest
 number is next, so that the flows take turns. A new flow starts at the lowest waiting number, neither before
 nor after the others (start-time fair queueing: Goyal et al. 1996, with all jobs taken as equally long).
+
+A job that changes only what a report says (:data:`app.request.SAID`) needs no analysis. It comes before all
+others, as soon as the analysis with its figures is finished.
 """
 
 import secrets
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
-from sqlalchemy import ColumnElement, Connection, Float, exists, func, insert, select, update
+from sqlalchemy import ColumnElement, Connection, Float, exists, func, insert, or_, select, update
 from sqlalchemy.ext.compiler import compiles
 from sqlalchemy.sql.functions import FunctionElement
 
@@ -24,7 +27,7 @@ from app.library.webhooks import announce_end
 from app.request import ReportRequest
 
 WayIn = Literal["web", "api"]
-PAGE_PRIORITY, SCRIPT_PRIORITY = 0, 1
+SAID_PRIORITY, PAGE_PRIORITY, SCRIPT_PRIORITY = -1, 0, 1
 SLOW_TIMEOUTS, SLOW_S = 2, 3600.0
 """A subject with this many time-outs within this time waits for all others."""
 _ENDS: Mapping[JobState, Act] = {
@@ -113,9 +116,12 @@ def enqueue(
     request: ReportRequest,
     way_in: WayIn,
     batch_id: str | None = None,
+    *,
+    is_fresh: bool = False,
 ) -> str:
     """Add a new job of ``recording`` (its id and SHA-256); return the job's id."""
-    (analysis_id,) = enqueue_all(connection, [(*recording, request)], way_in, batch_id)
+    items = [(*recording, request)]
+    (analysis_id,) = enqueue_all(connection, items, way_in, batch_id, is_fresh=is_fresh)
     return analysis_id
 
 
@@ -124,9 +130,15 @@ def enqueue_all(
     items: Sequence[tuple[str, str, ReportRequest]],
     way_in: WayIn,
     batch_id: str | None = None,
+    *,
+    is_fresh: bool = False,
 ) -> list[str]:
-    """Add several new jobs (recording, its SHA-256, request); return their ids in order."""
+    """Add several new jobs (recording, its SHA-256, request); return their ids in order.
+
+    ``is_fresh``: read every recording again, also if an analysis already has the figures.
+    """
     requests = number_versions(connection, items)
+    usual = PAGE_PRIORITY if way_in == "web" else SCRIPT_PRIORITY
     first = 0 if way_in == "web" else _find_turn(connection, batch_id)
     rows: list[dict[str, Any]] = [
         {
@@ -139,35 +151,42 @@ def enqueue_all(
             "progress": 0.0,
             "attempts": 0,
             "created_at": format_now(),
-            "priority": PAGE_PRIORITY if way_in == "web" else SCRIPT_PRIORITY,
+            "priority": SAID_PRIORITY if is_said and not is_fresh else usual,
             "turn": first + place,
             "batch_id": batch_id,
             "asked_by": get_actor(),
         }
-        for place, ((recording_id, sha256, _), request) in enumerate(zip(items, requests, strict=True))
+        for place, ((recording_id, sha256, _), (request, is_said)) in enumerate(
+            zip(items, requests, strict=True)
+        )
     ]
     if rows:
         connection.execute(insert(analyses), rows)
         increment_revision(connection, *(recording_id for recording_id, _, _ in items))
     batch = {"batch": batch_id} if batch_id else {}
-    for row in rows:
-        record(connection, "analysis.asked", row["recording_id"], row["id"], other=batch)
+    for row, (request, _) in zip(rows, requests, strict=True):
+        changes = {"changes": "+".join(request.changes)} if request.changes else {}
+        record(connection, "analysis.asked", row["recording_id"], row["id"], other=batch | changes)
     return [str(row["id"]) for row in rows]
 
 
-def find_next(connection: Connection) -> str | None:
+def find_next(connection: Connection, *, is_said: bool | None = None) -> str | None:
     """Find the next waiting job and lock it for this transaction; None if no job may start.
 
-    The analyses of one recording run one after another: each report states which one it replaces. Subjects
-    whose analyses timed out repeatedly in the last hour come after all others.
+    ``is_said``: only a job that needs no analysis, or only one that needs one. The analyses of one recording
+    run one after another: each report states which one it replaces. Subjects whose analyses timed out
+    repeatedly in the last hour come after all others.
     """
-    first = _find_next(connection)
+    if is_said:
+        return _find_next(connection, analyses.c.priority == SAID_PRIORITY)
+    lane = () if is_said is None else (analyses.c.priority != SAID_PRIORITY,)
+    first = _find_next(connection, *lane)
     if first is None or not (
         slow := _find_slow_subjects(connection)
     ):  # no job waits, so slow subjects need not be looked up
         return first
     others = analyses.c.asked_by.is_(None) | analyses.c.asked_by.not_in(slow)
-    return _find_next(connection, others) or first
+    return _find_next(connection, others, *lane) or first
 
 
 def _find_slow_subjects(connection: Connection) -> Sequence[str]:
@@ -182,6 +201,7 @@ def _find_next(connection: Connection, *which: ColumnElement[bool]) -> str | Non
         select(analyses.c.id, analyses.c.recording_id)
         .join(recordings, analyses.c.recording_id == recordings.c.id)
         .where(analyses.c.state == JobState.QUEUED, ~_is_running(analyses.c.recording_id), *which)
+        .where(or_(analyses.c.priority != SAID_PRIORITY, ~_awaits_figures()))
         .order_by(analyses.c.priority, analyses.c.turn, analyses.c.created_at, analyses.c.id)
         .limit(1)
         .with_for_update(key_share=True, skip_locked=True)
@@ -197,6 +217,13 @@ def _is_running(recording_id: ColumnElement[str] | str) -> ColumnElement[bool]:
     """Return the condition that an analysis of a recording is running."""
     other = analyses.alias()
     return exists().where(other.c.recording_id == recording_id, other.c.state == JobState.RUNNING)
+
+
+def _awaits_figures() -> ColumnElement[bool]:
+    """Return the condition that an earlier analysis of the same recording has not started yet."""
+    other = analyses.alias()
+    is_before = (other.c.recording_id == analyses.c.recording_id, other.c.created_at < analyses.c.created_at)
+    return exists().where(*is_before, other.c.state == JobState.QUEUED, other.c.priority != SAID_PRIORITY)
 
 
 def _find_turn(connection: Connection, batch_id: str | None) -> int:

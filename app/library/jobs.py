@@ -24,6 +24,9 @@ from app.errors import Interrupted, NotHere, StaleVersion, StoreMismatch
 from app.library.audit_log import Act, record
 from app.library.batches import join_study, update_studies
 from app.library.claims import (
+    PAGE_PRIORITY,
+    SAID_PRIORITY,
+    SCRIPT_PRIORITY,
     DatabaseClock,
     WayIn,
     cancel_job,
@@ -55,6 +58,7 @@ from app.library.versions import (
     build_item,
     drop_drafts,
     drop_outdated_conclusion,
+    find_source,
     identify_work,
     renumber,
     select_same,
@@ -140,10 +144,17 @@ class JobStore(RowStore):
                 join_study(connection, study, analysis_id)
         return self.get(analysis_id)
 
-    def add_analysis(self, recording: tuple[str, str], request: ReportRequest, way_in: WayIn = "api") -> Job:
-        """Queue an analysis of a stored recording (its id and SHA-256)."""
+    def add_analysis(
+        self,
+        recording: tuple[str, str],
+        request: ReportRequest,
+        way_in: WayIn = "api",
+        *,
+        is_fresh: bool = False,
+    ) -> Job:
+        """Queue an analysis of a stored recording (its id and SHA-256); ``is_fresh``: read it again."""
         with self._engine.begin() as connection:
-            analysis_id = enqueue(connection, recording, request, way_in)
+            analysis_id = enqueue(connection, recording, request, way_in, is_fresh=is_fresh)
         return self.get(analysis_id)
 
     def correct(self, job: Job, asked: ReportRequest) -> Job:
@@ -158,10 +169,10 @@ class JobStore(RowStore):
             analysis_id = _queue_again(connection, job, asked)
         return self.get(analysis_id)
 
-    def add_correction(self, job: Job, asked: ReportRequest) -> Job:
+    def add_correction(self, job: Job, asked: ReportRequest, *, is_fresh: bool = False) -> Job:
         """Queue another analysis of a recording; it replaces the earlier one in every study."""
         with self._engine.begin() as connection:
-            analysis_id = _queue_again(connection, job, asked)
+            analysis_id = _queue_again(connection, job, asked, is_fresh=is_fresh)
         return self.get(analysis_id)
 
     def conclude(self, job: Job, conclusion: Conclusion | None) -> Job:
@@ -180,7 +191,7 @@ class JobStore(RowStore):
                 drop_drafts(connection, job.recording_id)
             act: Act = "conclusion.dismissed" if conclusion is None else "report.concluded"
             record(connection, act, job.recording_id, analysis_id)
-            update_studies(connection, analysis_id)
+            _update_studies(connection, analysis_id)
         return self.get(analysis_id)
 
     def dismiss_draft(self, analysis_id: str) -> None:
@@ -215,29 +226,32 @@ class JobStore(RowStore):
         return self.repeat(job, way_in) if job.state in (JobState.FAILED, JobState.CANCELLED) else job
 
     def repeat(self, job: Job, way_in: WayIn) -> Job:
-        """Queue a finished analysis again, once; the new one replaces it."""
+        """Queue an analysis again, once; the new one replaces it. A finished one is read again."""
         mine = analyses.c.id == job.id
         with self._engine.begin() as connection:
             repeated = select(analyses.c.replaced_by).where(mine).with_for_update()
             if connection.execute(repeated).scalar() is None:
                 item = build_item(connection, job, job.request)
-                (again,) = enqueue_all(connection, [item], way_in, job.batch_id)
+                is_fresh = job.state is JobState.SUCCEEDED
+                (again,) = enqueue_all(connection, [item], way_in, job.batch_id, is_fresh=is_fresh)
                 replace_job(connection, job.id, again)
         return self.get(str(self.get(job.id).replaced_by))
 
-    def repeat_all(self, asked: Sequence[tuple[Job, ReportRequest]]) -> int:
+    def repeat_all(self, asked: Sequence[tuple[Job, ReportRequest]], *, is_fresh: bool = False) -> int:
         """Queue analyses of recordings again, each with its request, in one commit; return their number.
 
         A failed or cancelled analysis is replaced, also in its batch. A report stays until the new one is
-        made. Every study contains the new analyses at once. The jobs take turns with all other waiting jobs;
-        a file dropped on the page goes first.
+        made. Every study contains the new analyses at once, or a report with other words once it is made.
+        The jobs take turns with all other waiting jobs; a file dropped on the page goes first.
+        ``is_fresh``: read every recording again.
         """
         with self._engine.begin() as connection:
             items = [build_item(connection, job, request) for job, request in asked]
-            for (job, _), again in zip(asked, enqueue_all(connection, items, "api"), strict=True):
+            queued = enqueue_all(connection, items, "api", is_fresh=is_fresh)
+            for (job, _), again in zip(asked, queued, strict=True):
                 if job.state in (JobState.FAILED, JobState.CANCELLED):
                     replace_job(connection, job.id, again)
-                update_studies(connection, again)
+                _update_studies(connection, again)
         return len(asked)
 
     def withdraw(self, analysis_id: str) -> Job:
@@ -306,10 +320,15 @@ class JobStore(RowStore):
         """Count the waiting jobs."""
         return int(self._read_value(select(func.count()).where(analyses.c.state == JobState.QUEUED)))
 
-    def claim(self) -> Job | None:
-        """Claim the next job (:mod:`app.library.claims`); None if no job waits."""
+    def is_said_waiting(self) -> bool:
+        """Return whether a job that needs no analysis waits; it only reads."""
+        waits = (analyses.c.state == JobState.QUEUED, analyses.c.priority == SAID_PRIORITY)
+        return self._read_value(select(analyses.c.id).where(*waits).limit(1)) is not None
+
+    def claim(self, *, is_said: bool | None = None) -> Job | None:
+        """Claim the next job (:func:`app.library.claims.find_next`); None if no job waits."""
         with self._engine.begin() as connection:
-            analysis_id = find_next(connection)
+            analysis_id = find_next(connection, is_said=is_said)
             if analysis_id is None:
                 return None
             renumber(connection, analysis_id)
@@ -373,6 +392,7 @@ class JobStore(RowStore):
                 return False
             connection.execute(insert(result_files), rows)
             apply_description(connection, analysis_id)
+            _update_studies(connection, analysis_id, is_made=True)
             if headline is not None:
                 connection.execute(insert(answers).values(analysis_id=analysis_id, **asdict(headline)))
         return True
@@ -394,6 +414,18 @@ class JobStore(RowStore):
         back = {**_BACK, "attempts": analyses.c.attempts - 1} if forgiven else _BACK
         with self._engine.begin() as connection:
             return change_state(connection, analysis_id, JobState.QUEUED, back, token)
+
+    def measure(self, job: Job) -> bool:
+        """Put a job back to be analysed: the figures for its report are missing or damaged."""
+        usual = case((analyses.c.way_in == "web", PAGE_PRIORITY), else_=SCRIPT_PRIORITY)
+        back = {**_BACK, "attempts": analyses.c.attempts - 1, "priority": usual}
+        with self._engine.begin() as connection:
+            return change_state(connection, job.id, JobState.QUEUED, back, job.token)
+
+    def find_source(self, job: Job) -> Job | None:
+        """Find the finished analysis with the figures of a job (:func:`app.library.versions.find_source`)."""
+        with self._reader.connect() as connection:
+            return find_source(connection, job)
 
     def interrupt(self, analysis_id: str, token: str) -> bool:
         """Put back a job whose worker or computer has stopped, without counting the attempt.
@@ -520,10 +552,31 @@ def _find_newer(connection: Connection, job: Job, asked: ReportRequest) -> Job |
     return None
 
 
-def _queue_again(connection: Connection, job: Job, asked: ReportRequest) -> str:
-    (analysis_id,) = enqueue_all(connection, [build_item(connection, job, asked)], "web")
-    update_studies(connection, analysis_id)
+def _queue_again(connection: Connection, job: Job, asked: ReportRequest, *, is_fresh: bool = False) -> str:
+    items = [build_item(connection, job, asked)]
+    (analysis_id,) = enqueue_all(connection, items, "web", is_fresh=is_fresh)
+    _update_studies(connection, analysis_id)
     return analysis_id
+
+
+def _update_studies(connection: Connection, analysis_id: str, *, is_made: bool = False) -> None:
+    """Update the studies of a recording: at once, or once a report that only says something else is made.
+
+    Until then they contain the earlier report, if there is one.
+    """
+    row = connection.execute(select_jobs().where(analyses.c.id == analysis_id)).one_or_none()
+    if row is None or (is_made and row.priority != SAID_PRIORITY):
+        return
+    if row.priority == SAID_PRIORITY:
+        others = select(analyses.c.id).where(analyses.c.recording_id == row.recording_id)
+        place = (analyses.c.created_at, analyses.c.id)
+        is_later = tuple_(*place) > tuple_(row.created_at, analysis_id)  # and already in the studies
+        is_kept = (
+            analyses.c.state.in_(COUNTED) & is_later if is_made else analyses.c.state == JobState.SUCCEEDED
+        )
+        if connection.execute(others.where(is_kept).limit(1)).first() is not None:
+            return
+    update_studies(connection, analysis_id)
 
 
 def _write_end(code: str, facts: Mapping[str, Fact]) -> dict[str, object]:

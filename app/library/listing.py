@@ -26,6 +26,7 @@ from sqlalchemy import (
     or_,
     select,
     true,
+    tuple_,
     update,
 )
 
@@ -207,7 +208,7 @@ class Library(RowStore):
 
     def find_page(self, wanted: LibraryFilter, limit: int, skip: int = 0) -> tuple[Entry, ...]:
         """Return a page of the recordings, in the order of the filter."""
-        query = _select(wanted, is_walked=wanted == LibraryFilter()).order_by(*_choose_order(wanted))
+        query = _select(wanted).order_by(*_choose_order(wanted))
         return self._read(query.limit(limit).offset(skip))
 
     def find_chosen(self, recording_ids: Collection[str], batch: str = "") -> tuple[Entry, ...]:
@@ -218,7 +219,8 @@ class Library(RowStore):
 
     def find_durations(self) -> tuple[AnalysisDuration, ...]:
         """Return the durations of the last analyses, from which the remaining time of others is estimated."""
-        query = select_jobs().where(analyses.c.state == JobState.SUCCEEDED).order_by(*_newest_first())
+        measured = (analyses.c.state == JobState.SUCCEEDED, analyses.c.priority >= 0)
+        query = select_jobs().where(*measured).order_by(analyses.c.created_at.desc(), analyses.c.id.desc())
         jobs = [read_job(row) for row in self._read_all(query.limit(DURATIONS_USED))]
         return tuple(
             AnalysisDuration(job.file_name, job.size_bytes, (job.ended_at - job.started_at).total_seconds())
@@ -255,12 +257,11 @@ class Library(RowStore):
         """Find the analyses shown before and after one, in the order of the list."""
         if wanted.order != "newest" or wanted.is_reversed:
             return self._find_in_order(job, wanted)
-        place = (analyses.c.created_at, analyses.c.id)
-        moment, own_id = self._find_place(job, wanted)
-        newer = or_(place[0] > moment, and_(place[0] == moment, place[1] > own_id))
-        older = or_(place[0] < moment, and_(place[0] == moment, place[1] < own_id))
-        before = _select(wanted).where(newer).order_by(place[0].asc(), place[1].asc()).limit(1)
-        after = _select(wanted).where(older).order_by(*_newest_first()).limit(1)
+        place = _PLACE if wanted.batch else _PLACE[:2]  # a batch may hold several analyses of a recording
+        (here,) = self._read_all(_select_places(place).where(analyses.c.id == job.id))
+        is_newer, is_older = tuple_(*place) > tuple_(*here), tuple_(*place) < tuple_(*here)
+        before = _select(wanted).where(is_newer).order_by(*(column.asc() for column in place)).limit(1)
+        after = _select(wanted).where(is_older).order_by(*_newest_first()).limit(1)
         with self._reader.connect() as connection:
             first, second = (connection.execute(query).first() for query in (before, after))
         return _read_shown_id(first), _read_shown_id(second)
@@ -272,16 +273,6 @@ class Library(RowStore):
         if here is None:
             return None, None
         return (shown[here - 1] if here else None), (shown[here + 1] if here + 1 < len(shown) else None)
-
-    def _find_place(self, job: Job, wanted: LibraryFilter) -> tuple[str, str]:
-        """Return the position of the row that shows a job: that of the newest analysis of its recording."""
-        if wanted.batch:
-            return job.created_at.isoformat(timespec="microseconds"), job.id
-        newest = select(analyses.c.created_at, analyses.c.id).where(
-            analyses.c.recording_id == job.recording_id, analyses.c.replaced_by.is_(None)
-        )
-        (row,) = self._read_all(newest.order_by(*_newest_first()).limit(1))
-        return row.created_at, row.id
 
     def _read(self, query: Select[Any]) -> tuple[Entry, ...]:
         with self._reader.connect() as connection:
@@ -315,8 +306,7 @@ _WORD_ORDERS: Mapping[str, tuple[ColumnElement[Any], ...]] = {
 def _choose_order(wanted: LibraryFilter) -> tuple[ColumnElement[Any], ...]:
     """Return the columns to sort by; rows without a value come last in both directions."""
     if wanted.order == "newest":
-        oldest_first = (analyses.c.created_at.asc(), analyses.c.id.asc())
-        return oldest_first if wanted.is_reversed else _newest_first()
+        return tuple(column.asc() for column in _PLACE) if wanted.is_reversed else _newest_first()
     words = _WORD_ORDERS.get(wanted.order)
     if words is not None:
         unnamed = (case((recordings.c.subject == "", 1), else_=0),) if wanted.order == "subject" else ()
@@ -329,24 +319,34 @@ def _choose_order(wanted: LibraryFilter) -> tuple[ColumnElement[Any], ...]:
     return turned, *_newest_first()
 
 
-def _newest_first() -> tuple[ColumnElement[Any], ColumnElement[Any]]:
-    return analyses.c.created_at.desc(), analyses.c.id.desc()
+_PLACE: tuple[ColumnElement[Any], ...] = (
+    *(recordings.c.created_at, recordings.c.id),
+    *(analyses.c.created_at, analyses.c.id),
+)
+"""The place of a row: that of its recording, so that no row moves when its report is made again."""
 
 
-def _select(wanted: LibraryFilter, *, is_walked: bool = False) -> Select[Any]:
+def _newest_first() -> tuple[ColumnElement[Any], ...]:
+    return tuple(column.desc() for column in _PLACE)
+
+
+def _select_places(place: Sequence[ColumnElement[Any]]) -> Select[Any]:
+    return select(*place).join_from(analyses, recordings, analyses.c.recording_id == recordings.c.id)
+
+
+def _select(wanted: LibraryFilter) -> Select[Any]:
     about = (recordings.c.file_name, recordings.c.size_bytes, recordings.c.sha256, recordings.c.tags)
     headline = (answers.c[field.name] for field in fields(HeadlineFigures))
-    is_shown: tuple[ColumnElement[bool], ...] = (analyses.c.id == _select_newest(analyses.alias()),)
+    newest = _select_newest(analyses.alias(), of=recordings.c.id)
+    is_shown: tuple[ColumnElement[bool], ...] = (analyses.c.id == newest,)
     if wanted.batch:
         is_shown = (analyses.c.id.in_(select_items(wanted.batch)),)
     report_id = _select_report(is_own=bool(wanted.batch))
-    # coalesce hides the index of the trash, so that SQLite reads the analyses by age
-    state = func.coalesce(recordings.c.state, "") if is_walked else recordings.c.state
     query = (
         select(analyses, *about, *headline, report_id.label("report_id"))
         .join(recordings, analyses.c.recording_id == recordings.c.id)
         .outerjoin(answers, answers.c.analysis_id == report_id)
-        .where(state == STORED, *is_shown)
+        .where(recordings.c.state == STORED, *is_shown)
     )
     return query.where(*_build_conditions(wanted, report_id))
 
@@ -354,13 +354,14 @@ def _select(wanted: LibraryFilter, *, is_walked: bool = False) -> Select[Any]:
 def _select_report(*, is_own: bool) -> ColumnElement[Any]:
     """Select the analysis of the current report: this one, or the newest successful one unless ``is_own``."""
     other = analyses.alias()
-    newest = None if is_own else _select_newest(other, other.c.state == JobState.SUCCEEDED)
+    is_made = other.c.state == JobState.SUCCEEDED
+    newest = None if is_own else _select_newest(other, is_made, of=analyses.c.recording_id)
     return case((analyses.c.state == JobState.SUCCEEDED, analyses.c.id), else_=newest)
 
 
-def _select_newest(other: Any, *conditions: ColumnElement[bool]) -> Any:
-    """Select the newest analysis of the same recording that was not replaced and meets the conditions."""
-    same = (other.c.recording_id == analyses.c.recording_id, other.c.replaced_by.is_(None), *conditions)
+def _select_newest(other: Any, *conditions: ColumnElement[bool], of: ColumnElement[str]) -> Any:
+    """Select the newest analysis of a recording that was not replaced and meets the conditions."""
+    same = (other.c.recording_id == of, other.c.replaced_by.is_(None), *conditions)
     newest_first = other.c.created_at.desc(), other.c.id.desc()
     return select(other.c.id).where(*same).order_by(*newest_first).limit(1).scalar_subquery()
 

@@ -73,6 +73,12 @@ class Job:
     put_backs: int = 0
     interruptions: int = 0
     asked_by: str = ""
+    priority: int = 1
+
+    @property
+    def is_said(self) -> bool:
+        """Whether only what the report says changes, so that no analysis is needed."""
+        return self.priority < 0
 
     @property
     def is_over(self) -> bool:

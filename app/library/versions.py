@@ -16,8 +16,8 @@ from typing import Any
 
 from sqlalchemy import Connection, Select, select, update
 
-from app.library.database.tables import analyses, recordings
-from app.library.rows import Job, JobState, select_jobs
+from app.library.database.tables import analyses, answers, recordings
+from app.library.rows import Job, JobState, read_job, select_jobs
 from app.request import Conclusion, ConclusionDraft, ReportRequest, compare_settings
 from app.version import identify_engine
 
@@ -46,31 +46,41 @@ class _History:
     """The reports of one recording, added in the order in which they were requested.
 
     ``ours``: this engine's reports by their settings; ``last``: the highest version; ``newest``: requested
-    last; ``concluded``: the report of each conclusion, and whether it is this engine's.
+    last; ``concluded``: the report of each conclusion, and whether it is this engine's. ``measured``: this
+    engine's requests; ``is_capture``: the file is known to be a motion capture.
     """
 
     ours: dict[str, ReportRequest] = field(default_factory=dict)
     last: ReportRequest | None = None
     newest: ReportRequest | None = None
     concluded: dict[Conclusion, tuple[ReportRequest, bool]] = field(default_factory=dict)
+    measured: list[ReportRequest] = field(default_factory=list)
+    is_capture: bool = False
 
     def add(self, request: ReportRequest, *, is_ours: bool) -> None:
         if request.reference is not None:
             return
         if is_ours:
             self.ours.setdefault(_write_settings(request), request)
+            self.measured.append(request)
         if self.last is None or request.version > self.last.version:
             self.last = request
         if request.conclusion is not None:
             self.concluded[request.conclusion] = request, is_ours
         self.newest = request
 
+    def has_figures(self, request: ReportRequest) -> bool:
+        """Return whether another request has, or will have, the figures of this one."""
+        wanted = request.describe_figures(is_capture=self.is_capture)
+        every = (one.describe_figures(is_capture=self.is_capture) for one in self.measured)
+        return request.reference is None and wanted in every
 
-def number_versions(connection: Connection, items: Sequence[Item]) -> list[ReportRequest]:
-    """Return the requests with their versions and drafts.
+
+def number_versions(connection: Connection, items: Sequence[Item]) -> list[tuple[ReportRequest, bool]]:
+    """Return the requests with their versions and drafts, and whether each is only said.
 
     Each states the version of its report, the differences from the previous version, and a draft of the
-    conclusion that is no longer valid.
+    conclusion that is no longer valid. A report is only said if another analysis has its figures.
     """
     digests = {recording_id: sha256 for recording_id, sha256, _ in items}
     histories = _read_histories(connection, digests, COUNTED)
@@ -81,9 +91,25 @@ def number_versions(connection: Connection, items: Sequence[Item]) -> list[Repor
         if not request.reference:
             asked = _number(history, request)
             asked = replace(asked, draft=_find_draft(history, asked))
+        numbered.append((asked, history.has_figures(asked)))
         history.add(asked, is_ours=True)
-        numbered.append(asked)
     return numbered
+
+
+def find_source(connection: Connection, job: Job) -> Job | None:
+    """Find the newest finished analysis of this engine that has the figures of a job."""
+    query = select_jobs().join(answers, answers.c.analysis_id == analyses.c.id)
+    query = query.add_columns(analyses.c.key, answers.c.method)
+    mine = (analyses.c.recording_id == job.recording_id, analyses.c.state == JobState.SUCCEEDED)
+    newest_first = (analyses.c.created_at.desc(), analyses.c.id.desc())
+    for row in connection.execute(query.where(*mine).order_by(*newest_first)):
+        one, is_capture = read_job(row), not row.method
+        if one.replaced_by is None and one.request.reference is None:
+            is_ours = row.key == identify_work(one.sha256, one.request)
+            wanted, found = (each.request.describe_figures(is_capture=is_capture) for each in (job, one))
+            if is_ours and wanted == found:
+                return one
+    return None
 
 
 def renumber(connection: Connection, analysis_id: str) -> None:
@@ -107,15 +133,17 @@ def _read_histories(
 ) -> dict[str, _History]:
     """Return the reports of some recordings, in the order in which they were requested."""
     histories = {recording_id: _History() for recording_id in digests}
-    columns = (analyses.c.recording_id, analyses.c.key, analyses.c.request)
+    columns = (analyses.c.recording_id, analyses.c.key, analyses.c.request, answers.c.method)
+    joined = select(*columns).outerjoin(answers, answers.c.analysis_id == analyses.c.id)
     ordered = sorted(digests)
     for first in range(0, len(ordered), KEYS_PER_QUERY):
         some = ordered[first : first + KEYS_PER_QUERY]
-        query = select(*columns).where(analyses.c.recording_id.in_(some), analyses.c.state.in_(states))
+        query = joined.where(analyses.c.recording_id.in_(some), analyses.c.state.in_(states))
         for row in connection.execute(query.order_by(analyses.c.created_at, analyses.c.id)):
             request = ReportRequest.from_json(row.request)
             is_ours = row.key == identify_work(digests[row.recording_id], request)
             histories[row.recording_id].add(request, is_ours=is_ours)
+            histories[row.recording_id].is_capture |= row.method == ""
     return histories
 
 

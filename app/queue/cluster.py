@@ -23,7 +23,14 @@ from app.analysis.attempt import MakeReport
 from app.analysis.fork_server import warm_up_and_wait
 from app.library.database.connect import connect, lock_tables
 from app.queue.leader import REVIVAL, Leader
-from app.queue.worker import TROUBLE_S, WorkerContext, open_worker_context, return_expired, run_next_patiently
+from app.queue.worker import (
+    TROUBLE_S,
+    WorkerContext,
+    open_worker_context,
+    return_expired,
+    run_next_patiently,
+    setting_reports,
+)
 from app.settings import Settings
 
 QUEUE, TASK = "analyses", "run_next"
@@ -73,7 +80,8 @@ def run_cluster_worker(
     worker = open_worker_context(settings, make)
     warm_up_and_wait()
     try:
-        asyncio.run(_work(worker, parent_pid))
+        with setting_reports(worker):
+            asyncio.run(_work(worker, parent_pid))
     finally:
         worker.store.close()
 
@@ -98,7 +106,7 @@ async def _listen_on(worker: WorkerContext) -> None:
     address = make_url(worker.settings.database_url).set(drivername="postgresql")
     connector = PsycopgConnector(conninfo=address.render_as_string(hide_password=False))
     engine = App(connector=connector)  # it does one job at a time
-    engine.task(name=TASK, queue=QUEUE)(partial(run_next_patiently, worker))
+    engine.task(name=TASK, queue=QUEUE)(partial(run_next_patiently, worker, is_said=False))
     while True:
         try:
             await asyncio.to_thread(install, worker.settings.database_url)

@@ -1,6 +1,7 @@
 """The worker: claims a job, runs it in a child process, publishes the result, claims the next."""
 
 import argparse
+import importlib
 import logging
 import os
 import signal
@@ -50,13 +51,19 @@ from app.store.folder import (
     borrow_result,
     check_folder,
     check_free,
+    describe_files,
+    format_result_name,
     load_extra,
     open_storage,
+    translate_disk_full,
 )
 from app.store.permissions import restrict_new_files
 from app.store.reserve import RESERVE_BYTES
 
 IDLE_S = 0.25
+SAID_IDLE_S = 0.1
+"""Pause between two looks for a new label, which a person awaits; a look only reads."""
+RESULTS = "results.json"
 RENEWAL_S = 1.0
 TROUBLE_S = 2.0
 LONGEST_PAUSE_S = 60.0
@@ -141,10 +148,13 @@ def open_worker_context(settings: Settings, make: MakeReport | None = None) -> W
     return WorkerContext(store, storage, settings, threading.Event(), cache, make)
 
 
-def run_next(worker: WorkerContext) -> bool:
-    """Do one job, from claim to published report; return False if none waits."""
+def run_next(worker: WorkerContext, *, is_said: bool | None = None) -> bool:
+    """Do one job, from claim to published report; return False if none waits.
+
+    ``is_said``: see :func:`app.library.claims.find_next`.
+    """
     return_expired(worker)
-    job = worker.store.claim()
+    job = worker.store.claim(is_said=is_said)
     if job is None or job.token is None:
         return False
     started_s, lease = time.monotonic(), Lease(worker.store, job.id, job.token)
@@ -176,10 +186,38 @@ def run_worker(settings: Settings, make: MakeReport | None = None, parent_pid: i
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: worker.stopping.set())
     warm_up_and_wait()
-    while not worker.stopping.is_set() and (parent_pid is None or os.getppid() == parent_pid):
-        if not run_next_patiently(worker):
-            worker.stopping.wait(IDLE_S)
+    with setting_reports(worker):
+        while not worker.stopping.is_set() and (parent_pid is None or os.getppid() == parent_pid):
+            if not run_next_patiently(worker, is_said=False):
+                worker.stopping.wait(IDLE_S)
     worker.store.close()
+
+
+@contextmanager
+def setting_reports(worker: WorkerContext) -> Iterator[None]:
+    """Set reports again in a thread, while analyses run in child processes: a new label never waits for them.
+
+    A report is rendered in this process, which keeps what it has loaded: its results are our own file, and no
+    stranger's bytes are read.
+    """
+
+    def work() -> None:
+        while not worker.stopping.wait(SAID_IDLE_S):
+            try:
+                while worker.store.is_said_waiting() and not worker.stopping.is_set():
+                    if not run_next_patiently(worker, is_said=True):
+                        break  # it awaits its figures, or another worker has it
+            except Exception:  # as a process that ends would be: tried again, and the row counts
+                logger.exception("no report was set again; trying again")
+                worker.stopping.wait(TROUBLE_S)
+
+    thread = threading.Thread(target=work, name="set-again", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        worker.stopping.set()
+        thread.join(DEATH_GRACE_S)
 
 
 def run_by_settings(settings: Settings, parent_pid: int | None = None) -> None:
@@ -195,10 +233,10 @@ def run_by_settings(settings: Settings, parent_pid: int | None = None) -> None:
             cluster.run_cluster_worker(settings, parent_pid=parent_pid)
 
 
-def run_next_patiently(worker: WorkerContext) -> bool:
+def run_next_patiently(worker: WorkerContext, *, is_said: bool | None = None) -> bool:
     """Do one job; wait if the database does not respond. The row remains authoritative meanwhile."""
     try:
-        return run_next(worker)
+        return run_next(worker, is_said=is_said)
     except OperationalError:
         logger.exception("the database does not respond; trying again")
         worker.stopping.wait(TROUBLE_S)
@@ -242,6 +280,8 @@ def _attempt(worker: WorkerContext, job: Job, token: str, lease: Lease) -> Outco
     check_free(worker.storage.root, RESERVE_BYTES)  # the last of the disk is for reading and deleting
     out = worker.storage.open_attempt(job.id, token)
     limits = choose_limits(worker.settings, job.size_bytes)
+    if job.is_said and worker.make is None:
+        return _set_again(worker, job, out, lease) or _measure(worker, job)
     # The digest was just verified: the child need not compute it again.
     digests = () if job.request.joined else (job.sha256,)
     known = KnownFiles(digests, replace(worker.cache, recording_id=job.recording_id))
@@ -263,6 +303,40 @@ def _attempt(worker: WorkerContext, job: Job, token: str, lease: Lease) -> Outco
             return outcome
         named = replace(asked, reference=request.reference)
         return run_attempt(replace(attempt, request=named), on_progress)
+
+
+def _set_again(worker: WorkerContext, job: Job, out: Path, lease: Lease) -> Finished | None:
+    """Make the report from the analysis that has its figures; None if there is none or it is damaged."""
+    source = worker.store.find_source(job)
+    files = {file.name: file for file in worker.store.find_files(source.id)} if source else {}
+    if source is None or RESULTS not in files:
+        return None
+    products = importlib.import_module("app.report.products")
+    limit_s = choose_limits(worker.settings, job.size_bytes).wall_s
+    try:
+        own_results = borrow_result(worker.storage, source.id, str(source.token), files[RESULTS])
+        with own_results as results, translate_disk_full():
+            act = partial(products.set_report_again, results, job.request, out)
+            lease.keep_during(act, limit_s)
+        shared = [files[name] for name in products.MEASURED if name in files]
+        made = describe_files(out)
+        for file in shared:
+            kept = format_result_name(source.id, str(source.token), file.name)
+            own = format_result_name(job.id, str(job.token), file.name)
+            lease.keep_during(partial(worker.storage.share, kept, own), limit_s)
+    except AppError as trouble:
+        if isinstance(trouble, ResultDamaged):
+            return None
+        raise
+    except Exception:  # a full analysis then makes the report, or states why it cannot
+        logger.exception("%s: the report was not set again from %s", job.id, source.id)
+        return None
+    return Finished((*made, *shared))
+
+
+def _measure(worker: WorkerContext, job: Job) -> Stopped:
+    worker.store.measure(job)
+    return Stopped()
 
 
 def _renew_unless_stopping(worker: WorkerContext, lease: Lease, stage: str | None, fraction: float) -> bool:
@@ -315,7 +389,7 @@ def _read_headline(
     worker: WorkerContext, analysis_id: str, token: str, made: Finished
 ) -> HeadlineFigures | None:
     """Return the headline figures of a finished attempt; a comparison with a reference has none."""
-    file = next((file for file in made.files if file.name == "results.json"), None)
+    file = next((file for file in made.files if file.name == RESULTS), None)
     if file is None:
         return None
     try:

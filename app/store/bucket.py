@@ -164,6 +164,11 @@ class BucketStorage(Storage):
             self.put(path, format_result_name(analysis_id, token, path.name))
         shutil.rmtree(folder.parent, ignore_errors=True)
 
+    def share(self, kept: str, name: str) -> None:
+        """Copy an object inside the bucket. Raises FileNotFoundError."""
+        with translate_store_errors():
+            obstore.copy(self.bucket, kept, name)
+
     def drop_attempt(self, analysis_id: str, token: str) -> None:
         """Remove the files of a discarded attempt, here and in the bucket."""
         Storage.drop_attempt(self, analysis_id, token)

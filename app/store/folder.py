@@ -362,6 +362,11 @@ class Storage:
             for changed in (folder, folder.parent, folder.parent.parent):
                 sync_folder(changed)
 
+    def share(self, kept: str, name: str) -> None:
+        """Store a file, which never changes, also under another name. Raises FileNotFoundError."""
+        with translate_disk_full(), suppress(FileExistsError):
+            os.link(self.root / kept, self.root / name)
+
     def drop_attempt(self, analysis_id: str, token: str) -> None:
         """Remove the files of a discarded attempt."""
         shutil.rmtree(self.attempt(analysis_id, token), ignore_errors=True)

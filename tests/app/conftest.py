@@ -12,6 +12,7 @@ import uvicorn
 from fastapi.testclient import TestClient
 
 from app.analysis.attempt import MakeReport
+from app.http.pages import rendering
 from app.library.jobs import JobStore
 from app.library.rows import Job
 from app.main import configure_server, create_app
@@ -68,6 +69,7 @@ def short_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(worker, "TROUBLE_S", 0.2)
     monkeypatch.setattr(worker, "DEATH_GRACE_S", 0.05)
     monkeypatch.setattr(verify, "RECHECK_PAUSE_S", 0.01)
+    monkeypatch.setattr(rendering, "SET_S", 0.0)
 
 
 @pytest.fixture

@@ -113,13 +113,13 @@ def test_the_chosen_are_deleted_and_taken_back(listed: Page) -> None:
     expect(listed.locator("#rows .row")).to_have_count(4)
 
 
-def test_the_arm_of_many_is_set_and_they_are_analysed_again(listed: Page) -> None:
+def test_the_arm_of_many_is_set_in_one_step(listed: Page) -> None:
     find_box(listed, 2).click()
     find_box(listed, 3).click()
     listed.locator("#acts").get_by_label("Arm").select_option("left")
     listed.get_by_role("button", name="Set arm").click()
 
-    expect(listed.locator("#acted")).to_contain_text("2 recordings are being analysed again with this arm")
+    expect(listed.locator("#acted")).to_contain_text("The arm of 2 recordings was changed.")
     sides = listed.locator("#rows .row .side")
     expect(sides).to_have_text(["–", "–", "left", "left"])
     expect(listed.locator("#rows [data-active]")).to_have_count(0, timeout=END_MS)

@@ -39,7 +39,7 @@ def test_a_folder_is_a_study_all_at_a_glance_with_a_list_of_participants(
 
     dropped.set_input_files("#list", listed)
 
-    expect(dropped.locator("#list-told")).to_have_text("Analysed again: 1. Not in this study: elsewhere.csv.")
+    expect(dropped.locator("#list-told")).to_have_text("Changed: 1. Not in this study: elsewhere.csv.")
     expect(squares.get_by_text("S91: No report")).to_have_count(1, timeout=END_MS)
 
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Dialog, Page, expect
+from playwright.sync_api import Browser, Dialog, Page, expect
 
 from app.accounts.accounts import AccountStore
 from app.accounts.passwords import hash_password
@@ -33,6 +33,23 @@ def leave_and_return(page: Page, server: RunningServer, analysis_id: str) -> Non
     open_home(page, server)
     open_analysis(page, server, analysis_id)
     wait_for_curve(page)
+
+
+def type_and_wait(page: Page) -> None:
+    """Type a conclusion, and wait until the server has it."""
+    with page.expect_response(lambda answer: answer.request.method == "PUT"):
+        page.get_by_label("What you conclude").fill(TYPED)
+
+
+def find_recording(page: Page) -> str:
+    """Return the recording of the open page."""
+    return str(page.locator("#conclude").get_attribute("data-keep")).removeprefix("conclusion:")
+
+
+def find_draft(page: Page, server: RunningServer, form: str) -> str | None:
+    """Return the text of a draft on the server."""
+    answer = page.request.get(f"{server.address}drafts/{form}")
+    return answer.json()["text"] if answer.status == 200 else None
 
 
 def note_questions(page: Page) -> list[str]:
@@ -94,7 +111,7 @@ def test_a_conclusion_that_was_sent_is_kept_no_longer(
     page.get_by_role("button", name="Add to the report").click()
 
     expect(page.locator(".meta").first).to_contain_text("version 2", timeout=END_MS)
-    assert page.evaluate("localStorage.getItem('acromion.unsent')") == "{}"
+    assert find_draft(page, server, f"conclusion/{find_recording(page)}") is None
 
 
 def test_a_conclusion_that_the_server_refuses_stays_with_the_reason(
@@ -168,49 +185,55 @@ def test_a_correction_is_discarded_down_to_the_settings_of_the_analysis(
 
     expect(page.get_by_role("radio", name="right")).to_be_checked()
     expect(page.locator("#periods tr")).to_have_count(0)
-    assert page.evaluate("localStorage.getItem('acromion.unsent')") == "{}"
+    leave_and_return(page, server, report_id)
+    expect(page.get_by_role("radio", name="right")).to_be_checked()
 
 
 def test_what_an_earlier_release_kept_is_left_aside(
     page: Page, server: RunningServer, report_id: str
 ) -> None:
-    open_analysis(page, server, report_id)
-    page.evaluate(
-        """name => localStorage.setItem("acromion.unsent",
-        JSON.stringify({ [name]: { at: Date.now(), text: "side=left" } }))""",
-        f"machine correction:{report_id}",
-    )
+    page.request.put(f"{server.address}drafts/correction/{report_id}", data="side=left")
 
-    leave_and_return(page, server, report_id)
+    open_analysis(page, server, report_id)
+    wait_for_curve(page)
 
     expect(page.get_by_role("radio", name="right")).to_be_checked()
     expect(page.locator("#correction [data-unsent]")).to_be_hidden()
 
 
-def test_after_two_weeks_nothing_is_kept(page: Page, server: RunningServer, report_id: str) -> None:
-    open_analysis(page, server, report_id)
-    page.get_by_label("What you conclude").fill(TYPED)
-    page.evaluate(
-        """() => { const kept = localStorage.getItem("acromion.unsent");
-        localStorage.setItem("acromion.unsent", kept.replace(/"at":[0-9]+/, '"at":1')); }"""
-    )
-
-    leave_and_return(page, server, report_id)
-
-    expect(page.get_by_label("What you conclude")).to_have_value("")
-
-
-def test_a_browser_that_keeps_nothing_asks_before_the_page_is_left(
+def test_a_server_that_keeps_nothing_is_a_reason_to_ask_before_the_page_is_left(
     page: Page, server: RunningServer, report_id: str
 ) -> None:
     asked = note_questions(page)
-    page.add_init_script("Storage.prototype.setItem = () => { throw new Error('denied'); }")
+    page.route("**/drafts/**", lambda route: route.abort())
     open_analysis(page, server, report_id)
     page.get_by_label("What you conclude").press_sequentially("typed")
+    expect(page.locator("#conclude[data-unsaved]")).to_be_attached()
 
     page.goto(server.address)
 
     assert asked == ["beforeunload"]
+
+
+@pytest.mark.parametrize("width", [1440, 1000, 390])
+@pytest.mark.parametrize(("language", "label"), [("en", "What you conclude"), ("fr", "Votre conclusion")])
+def test_another_browser_shows_what_a_crashed_one_had_typed(
+    browser: Browser, server: RunningServer, report_id: str, width: int, language: str, label: str
+) -> None:
+    typed = f"{language} {width}"
+    crashed, other = (browser.new_context(viewport={"width": width, "height": 900}) for _ in range(2))
+    page = crashed.new_page()
+    page.goto(f"{server.address}analyses/{report_id}?lang={language}")
+    with page.expect_response(lambda answer: answer.request.method == "PUT"):
+        page.get_by_label(label).fill(typed)
+    crashed.close()
+
+    again = other.new_page()
+    again.goto(f"{server.address}analyses/{report_id}?lang={language}")
+
+    expect(again.get_by_label(label)).to_have_value(typed)
+    expect(again.locator("#conclude [data-unsent]")).to_be_visible()
+    other.close()
 
 
 # With accounts.
@@ -281,17 +304,14 @@ def test_no_other_person_sees_what_was_typed(
     expect(page.get_by_label("What you conclude")).to_have_value(TYPED)
 
 
-def test_signing_out_deletes_what_was_typed(
+def test_nothing_that_was_typed_stays_in_the_browser(
     page: Page, clinic: RunningServer, shared_id: str, unused_codes: SignIn
 ) -> None:
     log_in(page, clinic, "clara")
     open_analysis(page, clinic, shared_id)
-    page.get_by_label("What you conclude").fill(TYPED)
+    type_and_wait(page)
 
-    page.locator(".signed-in button").click()
-
-    expect(page.get_by_label("User name")).to_be_visible()
-    assert page.evaluate("localStorage.getItem('acromion.unsent')") is None
+    assert TYPED not in str(page.evaluate("JSON.stringify({ ...localStorage, ...sessionStorage })"))
 
 
 def test_a_conclusion_sent_after_the_session_ended_is_there_after_signing_in(
@@ -299,7 +319,7 @@ def test_a_conclusion_sent_after_the_session_ended_is_there_after_signing_in(
 ) -> None:
     log_in(page, clinic, "clara")
     open_analysis(page, clinic, shared_id)
-    page.get_by_label("What you conclude").fill(TYPED)
+    type_and_wait(page)
     page.context.clear_cookies()
 
     page.get_by_role("button", name="Add to the report").click()

@@ -68,7 +68,7 @@ def get_release(analysis_id: str, services: UsedServices) -> ReleaseView:
 
 @router.post("/analyses/{analysis_id}/release", tags=["analyses"])
 def release_report(analysis_id: str, services: UsedServices, subject: UsedSubject) -> ReleaseView:
-    """Release a report in your name. The release does not change the files or apply to later versions."""
+    """Release a report in your name: page 1 of its downloads has a stamp. Later versions are not released."""
     job = services.store.get(analysis_id)
     return view_release(job.id, services.releases.release(job, subject.id))
 

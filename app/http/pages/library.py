@@ -372,7 +372,7 @@ def _analyse_again(services: Services, entries: Sequence[Entry], change: Mapping
     check_queue(services, len(asked))
     for job, request in asked if change.keys() & {"side", "subject"} else ():
         update_description(services, job, request, tuple(change))
-    return services.store.repeat_all(asked)
+    return services.store.repeat_all(asked, is_fresh=not change)
 
 
 # The trash: delete, restore, delete permanently.
@@ -494,13 +494,13 @@ def retry_batch(batch_id: str, page: UsedPage) -> Response:
 def import_participants(
     batch_id: str, services: UsedServices, content: Annotated[bytes, Depends(read_body)]
 ) -> dict[str, Any]:
-    """Read a list of participants, and analyse again every recording whose subject or side it changes.
+    """Read a list of participants, and set every report again whose subject or side it changes.
 
-    Return how many are analysed again (``changed``), and the listed files that the study does not contain
-    (``unknown``).
+    Return how many change (``changed``), and the listed files that the study does not contain (``unknown``).
     """
-    every = services.batches.find_jobs(services.batches.get(batch_id).id)
-    jobs = [job for job in every if job.request.reference is None]
+    ids = {job.recording_id for job in services.batches.find_jobs(services.batches.get(batch_id).id)}
+    newest = (entry.attempt or entry.job for entry in Library(services.store.reader).find_chosen(ids))
+    jobs = [job for job in newest if job.request.reference is None]
     tasks = [Task(Path(job.recording_id, job.file_name), job.request, Path()) for job in jobs]
     assigned, unknown = assign_participants(tasks, content, None)
     changed = [

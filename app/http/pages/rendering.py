@@ -3,6 +3,7 @@
 import gzip
 import hashlib
 import re
+import time
 from base64 import b64encode
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -26,6 +27,7 @@ from app.accounts.subjects import Permission, Subject
 from app.errors import BadParameter, NotHere
 from app.http.middleware.guard import REPORT_POLICY, get_logins
 from app.http.middleware.problems import drop_secrets
+from app.library.rows import Job
 from app.report.render.html import mark_drawing_safe
 from app.report.words.numbers import (
     format_angle,
@@ -144,6 +146,10 @@ class _Wording:
         return load_wording(self._language, cast("Part", part))
 
 
+SET_S, SET_PAUSE_S = 2.0, 0.05
+"""How long a request waits for a report that is only set again, and between two looks."""
+
+
 @dataclass(frozen=True, slots=True)
 class Page:
     """A request for a page: its language, and the services behind it."""
@@ -170,6 +176,17 @@ class Page:
     def words(self, part: Part = "page") -> Words:
         """Return one part of the words."""
         return load_wording(self.language, part)
+
+    def go_to(self, job: Job, query: str = "") -> Response:
+        """Open an analysis; if only its label changes, wait until its report is set again.
+
+        Without a free worker the page of the analysis shows its progress.
+        """
+        end_s = time.monotonic() + SET_S
+        while job.is_said and not job.is_over and time.monotonic() < end_s:
+            time.sleep(SET_PAUSE_S)
+            job = self.services.store.get(job.id)
+        return self.go(f"/analyses/{job.id}{query}")
 
     def go(self, place: str) -> Response:
         """Redirect the browser to a page of this server."""
@@ -285,13 +302,6 @@ def add_navigation(
     # allow the PDF download; otherwise as strict as for the file
     policy = f"{REPORT_POLICY} allow-downloads"
     return HTMLResponse(whole, headers={"Content-Security-Policy": policy, "Cache-Control": "no-store"})
-
-
-def stamp_release(report: str, told: str) -> str:
-    """Write on page 1 of a report who released it, in place of the line to sign; the file does not change."""
-    start, end = '<span class="released">', "</span>"
-    before, found, behind = report.partition(start)
-    return f"{before}{start}{escape(told)}{end}{behind.partition(end)[2]}" if found else report
 
 
 # Forms of short text fields (urlencoded).

@@ -337,7 +337,8 @@ class ShownEntry:
 
     ``when`` is the start of the recording or, if unknown (``is_added``), when it was added. ``figures`` is
     None without a report. ``attempt`` is a newer analysis that is running or failed; the row keeps its
-    report. ``tags``: each with the query that lists its recordings.
+    report. If only its label changes (``is_set``), the row has the new name and arm at once, and no progress.
+    ``tags``: each with the query that lists its recordings.
     """
 
     row: JobRow
@@ -349,6 +350,7 @@ class ShownEntry:
     figures: Mapping[str, Any] | None
     tags: tuple[tuple[str, str], ...]
     attempt: JobRow | None
+    is_set: bool = False
 
     @property
     def active(self) -> JobRow | None:
@@ -470,6 +472,8 @@ def build_entry(entry: Entry, language: Language, took: Sequence[AnalysisDuratio
     job, words, attempt = entry.job, load_wording(language, "page"), entry.attempt
     if attempt is not None and attempt.state is JobState.CANCELLED:
         attempt = None
+    is_set = attempt is not None and attempt.is_said and not attempt.is_over
+    said = attempt.request if attempt is not None and is_set else job.request
     headline, start, figures = entry.headline, "", None
     if headline is not None:
         start = headline.start or ""
@@ -487,13 +491,14 @@ def build_entry(entry: Entry, language: Language, took: Sequence[AnalysisDuratio
     return ShownEntry(
         row=build_row(job, language, took),
         recording_id=job.recording_id,
-        name=job.request.subject or job.file_name,
+        name=said.subject or job.file_name,
         when=format_iso_moment(start, language) or format_time(job.created_at, language),
         is_added=not start,
-        arm=str(words["column"][f"side_{job.request.side}"]) if job.request.side else "",
+        arm=str(words["column"][f"side_{said.side}"]) if said.side else "",
         figures=figures,
         tags=tuple((tag, urlencode({"tag": tag})) for tag in entry.tags),
         attempt=build_row(attempt, language, took) if attempt else None,
+        is_set=is_set,
     )
 
 

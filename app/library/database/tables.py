@@ -14,7 +14,7 @@ from sqlalchemy import (
     Text,
 )
 
-REVISION = "b1"  # of these tables; changing them needs a migration in app/library/migrations
+REVISION = "b2"  # of these tables; changing them needs a migration in app/library/migrations
 
 metadata = MetaData()
 
@@ -261,6 +261,17 @@ aggregate_members = Table(
     metadata,
     Column("recording_id", ForeignKey("recordings.id", ondelete="CASCADE"), primary_key=True),
     Column("block_id", ForeignKey("aggregate_blocks.id"), nullable=False, index=True),
+)
+
+# What a person typed on the page of a recording and has not sent (app/library/drafts.py).
+drafts = Table(
+    "drafts",
+    metadata,
+    Column("person", String(40), primary_key=True),
+    Column("form", String(64), primary_key=True),
+    Column("recording_id", ForeignKey("recordings.id", ondelete="CASCADE"), nullable=False, index=True),
+    Column("text", Text, nullable=False),
+    Column("at", String(32), nullable=False),
 )
 
 # Accounts and their credentials (app/accounts).

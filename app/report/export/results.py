@@ -113,7 +113,23 @@ def build_results(findings: Findings, subject: ReportSubject) -> dict[str, objec
 
 def encode_results(findings: Findings, subject: ReportSubject) -> bytes:
     """Encode :func:`build_results` as UTF-8 JSON, lists of numbers on one line; always the same bytes."""
-    text = json.dumps(build_results(findings, subject), ensure_ascii=False, indent=2, allow_nan=False)
+    return _encode(build_results(findings, subject))
+
+
+def relabel_results(content: bytes, subject: ReportSubject) -> bytes:
+    """Return the output of :func:`encode_results` with what another subject says.
+
+    Every figure keeps its digits; the names of the file and of its columns stay.
+    """
+    results = json.loads(content)
+    results["report"] = {"id": subject.report_id, "version": subject.version, "changes": subject.changes}
+    results["recording"] |= {"side": subject.side, "subject": subject.subject}
+    results["conclusion"] = asdict(subject.conclusion) if subject.conclusion else None
+    return _encode(results)
+
+
+def _encode(results: Mapping[str, object]) -> bytes:
+    text = json.dumps(results, ensure_ascii=False, indent=2, allow_nan=False)
     return _NUMBERS.sub(lambda found: f"[{' '.join(found[1].split())}]", text).encode("utf-8") + b"\n"
 
 

@@ -3,7 +3,6 @@
 It does not need ``fusion``: a finished analysis can be rendered again, in another language, from its folder.
 """
 
-from dataclasses import replace
 from pathlib import Path
 
 from app.report.export.results import decode_results
@@ -53,19 +52,9 @@ def write_report(
         (out / f"report.{report.language}.pdf").write_bytes(document)
 
 
-def rewrite_reports(finished: Path, request: ReportRequest, out: Path) -> None:
-    """Render the reports of a finished analysis again into ``out``, with a copy of its results.
-
-    Raises OSError or ValueError if the folder has no results, or results of another version.
-    """
-    kept = read_finished(finished)
-    (out / RESULTS).write_bytes((finished / RESULTS).read_bytes())
-    write_reports(kept.findings, replace(kept.subject, reason=request.reason), request, out)
-
-
 def read_finished(finished: Path) -> FinishedAnalysis:
     """Read the findings of the analysis in a folder.
 
-    Raises OSError or ValueError as :func:`rewrite_reports`.
+    Raises OSError or ValueError if the folder has no results, or results of another version.
     """
     return decode_results((finished / RESULTS).read_bytes())

@@ -1,5 +1,7 @@
 """Releases, holds, terms, group figures."""
 
+import base64
+import io
 import json
 import re
 from collections.abc import Callable
@@ -7,10 +9,10 @@ from dataclasses import dataclass
 
 import pytest
 from fastapi.testclient import TestClient
+from pypdf import PdfReader
 from sqlalchemy import insert, update
 
 from app.http.api.housekeeping import apply_retention, write_side_files
-from app.http.pages.rendering import stamp_release
 from app.library.audit_log import AuditFilter, find_lines
 from app.library.batches import identify_study
 from app.library.database.tables import analyses, answers
@@ -19,13 +21,11 @@ from app.library.jobs import JobStore
 from app.library.recordings import RecordingStore
 from app.library.rows import Job
 from app.queue.worker import WorkerContext
-from app.report.render.html import render_html
 from app.request import ReportRequest
 from app.services import Services
 from app.store.folder import Storage
 from tests.app.accounts.conftest import House
 from tests.app.conftest import AddJob, do_next, on_both_databases
-from tests.app.report.report_reading import report_of
 from tests.crash.program import write_digest
 
 
@@ -80,14 +80,42 @@ def test_a_later_version_is_not_released_by_it(
     assert shown["released_by"] is None
 
 
-def test_page_1_of_a_shown_report_says_who_released_it() -> None:
-    report = render_html(report_of()).decode()
+def test_the_reports_of_a_released_analysis_have_the_stamp_until_it_is_withdrawn(
+    house: House, caller: TestClient, open_worker: Callable[..., WorkerContext], small_gt3x: bytes
+) -> None:
+    clinician = dict(house.log_in("clinician"))
+    asked = caller.post("/api/v1/analyze", content=small_gt3x, headers=clinician).json()
+    do_next(open_worker(None))
+    place = f"/api/v1/analyses/{asked['id']}"
+    before = read_reports(caller, place, clinician)
 
-    stamped = stamp_release(report, "Released by A & B, 2026-03-10 09:00.")
+    caller.post(f"{place}/release", headers=clinician)
+    released = read_reports(caller, place, clinician)
+    caller.delete(f"{place}/release", headers=clinician)
 
-    assert '<span class="released">Released by A &amp; B, 2026-03-10 09:00.</span>' in stamped
-    assert stamped.replace("Released by A &amp; B, 2026-03-10 09:00.", "Released by") == report
-    assert stamp_release("<p>An older report</p>", "Released.") == "<p>An older report</p>"
+    stamps = (
+        "Released by Clinician,",
+        "Validé par Clinician,",
+        "Released by Clinician,",
+        "Released by Clinician,",
+    )
+    assert not any(stamp in text for stamp, text in zip(stamps, before, strict=True))
+    assert all(stamp in text for stamp, text in zip(stamps, released, strict=True)), released
+    assert read_reports(caller, place, clinician) == before
+
+
+def read_reports(caller: TestClient, place: str, headers: dict[str, str]) -> list[str]:
+    """Return page 1 of the PDF in both languages, the HTML report, and the first PDF of the FHIR bundle."""
+    files = (f"{place}/report.pdf?lang=en", f"{place}/report.pdf?lang=fr", f"{place}/report.html")
+    english, french, page = (caller.get(file, headers=headers).content for file in files)
+    bundle = caller.get(f"{place}/fhir.json", headers=headers).json()
+    attached = base64.b64decode(bundle["entry"][0]["resource"]["presentedForm"][0]["data"])
+    first_pages = (read_first_page(pdf) for pdf in (english, french, attached))
+    return [*first_pages, page.decode()]
+
+
+def read_first_page(pdf: bytes) -> str:
+    return " ".join(PdfReader(io.BytesIO(pdf)).pages[0].extract_text().split())
 
 
 # Holds.

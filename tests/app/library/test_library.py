@@ -142,8 +142,8 @@ def test_neighbours_of_a_report_with_a_failed_repetition_are_those_of_its_row(
     good, second = add_report(b"1"), add_report(b"2")
     fail_again(store, good)
 
-    assert library.find_neighbours(good, LibraryFilter()) == (None, second.id)
-    assert library.find_neighbours(second, LibraryFilter()) == (good.id, None)
+    assert library.find_neighbours(good, LibraryFilter()) == (second.id, None)
+    assert library.find_neighbours(second, LibraryFilter()) == (None, good.id)
 
 
 def test_a_report_whose_repetition_runs_is_offered_to_be_compared(
@@ -288,7 +288,7 @@ def test_the_arm_of_a_report_is_changed_by_a_new_analysis_without_its_conclusion
 
     told = do(client, "side", job, side="left")
 
-    assert "1 recording is being analysed again with this arm" in told
+    assert "The arm of 1 recording was changed." in told
     (entry,) = library.find_page(LibraryFilter(), 10)
     assert entry.job.id == job.id
     assert entry.attempt is not None

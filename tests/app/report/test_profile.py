@@ -13,9 +13,10 @@ from pathlib import Path
 import pytest
 from pypdf import PdfReader
 
-from app.report.export.results import decode_results, encode_results
+from app.report.export.results import encode_results
 from app.report.findings import Findings, ReleaseStamp
 from app.report.model import Profile, Report, format_brief
+from app.report.products import set_report_again
 from app.report.render.html import render_html
 from app.report.render.pdf import render_pdf
 from app.report.render.write import write_reports
@@ -359,16 +360,17 @@ def test_a_released_report_has_the_stamp_on_page_1_in_place_of_the_line_to_sign(
     assert f'<span class="released">{stamp}</span>' in plain(render_html(report).decode())
 
 
-def test_a_finished_analysis_is_rendered_again_with_its_stamp_and_the_same_results(tmp_path: Path) -> None:
+def test_a_report_is_set_again_with_the_stamp_of_its_release(tmp_path: Path) -> None:
     results = encode_results(make_analysis(), make_subject())
     (tmp_path / "results.json").write_bytes(results)
-    kept, request = decode_results(results), ReportRequest("a.gt3x", languages=("en",))
+    (tmp_path / "again").mkdir()
 
-    write_reports(kept.findings, kept.subject, request, tmp_path, ReleaseStamp("A. Martin", "2026-03-10"))
+    request = ReportRequest("a.gt3x", languages=("en",))
+    stamp = ReleaseStamp("A. Martin", "2026-03-10")
+    set_report_again(tmp_path / "results.json", request, tmp_path / "again", stamp)
 
-    pdf = PdfReader(tmp_path / "report.en.pdf")
-    assert flatten("Released by A. Martin, 10 March 2026") in flatten(pdf.pages[0].extract_text())
-    assert pdf.attachments["results.json"] == [results]
+    page = PdfReader(tmp_path / "again/report.en.pdf").pages[0].extract_text()
+    assert flatten("Released by A. Martin, 10 March 2026") in flatten(page)
 
 
 def test_a_long_conclusion_begins_on_page_1_and_is_whole_behind_it() -> None:

@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from app.batch.settings_file import encode_settings
 from app.errors import Busy
-from app.http.api.library.files import build_download_name, serve_bytes, serve_file
+from app.http.api.library.files import build_download_name, serve_bytes
 from app.http.api.library.models import (
     RESULT_NAMES,
     AnalysisList,
@@ -33,6 +33,7 @@ from app.http.api.library.models import (
     read_periods,
     view_analysis,
 )
+from app.http.api.library.released import read_report, serve_report
 from app.http.api.library.uploads import receive_recording
 from app.http.middleware.problems import PROBLEM_RESPONSES
 from app.library.jobs import JobFilter
@@ -161,7 +162,7 @@ def create_analyses(
     store, storage, pairs = services.store, services.storage, []
     for row, request in asked:
         own = (row.id, row.sha256)
-        add = partial(store.add_analysis, own, request, flow)
+        add = partial(store.add_analysis, own, request, flow, is_fresh=body.again)
         pairs.append(find_or_add(store, storage, own, request, flow, add, again=body.again))
     for row in rows:  # store subject and side on recordings that do not have them yet
         about, settings = row.about, body.settings
@@ -332,7 +333,7 @@ def _add_file_route(name: str, about: str, route: str) -> None:
     """Add the route of one stored file."""
 
     def get_file(analysis_id: str, request: Request, services: UsedServices) -> Response:
-        return serve_file(request, services, services.store.get(analysis_id), name)
+        return serve_report(request, services, services.store.get(analysis_id), name)
 
     path = f"/analyses/{{analysis_id}}/{name}"
     router.add_api_route(path, get_file, name=route, description=about, response_class=FileResponse)
@@ -354,7 +355,7 @@ def _add_report_route(name: str, about: str, route: str) -> None:
         job, (stem, _, kind) = services.store.get(analysis_id), name.partition(".")
         made = job.request.languages
         language = find_nearest(lang, made) if lang else made[0]
-        return serve_file(request, services, job, f"{stem}.{language}.{kind}")
+        return serve_report(request, services, job, f"{stem}.{language}.{kind}")
 
     path = f"/analyses/{{analysis_id}}/{name}"
     router.add_api_route(path, get_file, name=route, description=about, response_class=FileResponse)
@@ -371,7 +372,7 @@ def get_bundle(analysis_id: str, request: Request, services: UsedServices) -> Re
     job = services.store.get(analysis_id)
     check_succeeded(job, "bundle.zip")
     names = [file.name for file in services.store.find_files(job.id) if file.name != DAY_NAME]
-    files = {name: services.results.read(job, name) for name in names}
+    files = {name: read_report(request, services, job, name) for name in names}
     sizes = {name: len(content) for name, content in files.items()}
     made = Made(sizes, load_results(files.get("results.json", b"null")))
     body = pack_files({**files, CRATE: encode_crate([made], {})})

@@ -13,6 +13,7 @@ from fastapi.responses import HTMLResponse
 from pydantic import BaseModel
 
 from app.errors import BadParameter, NoSuchFile, NotHere, ResultDamaged, StoreDamaged, find_outcome_of_code
+from app.http.api.library.released import read_report
 from app.http.api.trust import get_names, get_person_name
 from app.http.middleware.access import UsedSubject, get_subject, may
 from app.http.middleware.guard import get_host_url
@@ -21,7 +22,7 @@ from app.http.pages.pairs import build_offers, get_days_address
 from app.http.pages.recording.columns import find_offer
 from app.http.pages.recording.day import DayClock, build_day, build_hours, list_axes, load_day
 from app.http.pages.recording.page_one import read_page_one
-from app.http.pages.rendering import Form, Page, UsedForm, UsedPage, add_navigation, first, stamp_release
+from app.http.pages.rendering import Form, Page, UsedForm, UsedPage, add_navigation, first
 from app.http.pages.trust import build_release
 from app.http.pages.views import (
     Fact,
@@ -441,20 +442,16 @@ def _show_trashed(page: Page, recording_id: str) -> HTMLResponse:
 
 
 @router.get("/analyses/{analysis_id}/report.html")
-def show_report(analysis_id: str, page: UsedPage, subject: UsedSubject) -> Response:
+def show_report(analysis_id: str, page: UsedPage) -> Response:
     """Show the report of a recording, or of a comparison with a reference."""
     services = page.services
     job = services.store.get(analysis_id)
     stem, place = ("report", "analyses") if job.request.reference is None else ("validation", "validations")
     made = find_nearest(page.language, job.request.languages)
-    report = services.results.read(job, f"{stem}.{made}.html").decode()
+    report = read_report(page.request, services, job, f"{stem}.{made}.html").decode()
     pdf = f"{page.base}/api/v1/{place}/{job.id}/{stem}.pdf?{urlencode({'lang': made})}"
     reports = services.store.find_reports(job.recording_id) if stem == "report" else ()
     old = describe_old(job, reports, page)
-    release = build_release(page, subject, job.id)
-    if release.name:
-        words = load_wording(page.language, "trail")["release"]
-        report = stamp_release(report, fill(words["done"], {"name": release.name, "when": release.when}))
     return add_navigation(page, report, f"{page.base}/{place}/{job.id}", pdf, old)
 
 
@@ -471,7 +468,7 @@ def retry(analysis_id: str, page: UsedPage) -> Response:
     store = page.services.store
     again = retry_job(store, page.services.storage, analysis_id, "web")
     if again.state is JobState.SUCCEEDED:  # the report lacks files that this version writes
-        again = store.add_correction(again, again.request)
+        again = store.add_correction(again, again.request, is_fresh=True)
     return page.go(f"/analyses/{again.id}")
 
 
@@ -489,8 +486,9 @@ def conclude(analysis_id: str, page: UsedPage, subject: UsedSubject, form: UsedF
     """
     own_name, store = get_person_name(page.request, subject.id), page.services.store
     concluded = read_conclusion({**form, **({"name": [own_name]} if own_name else {})})
-    again = store.conclude(store.get(analysis_id), concluded)
-    return page.go(f"/analyses/{again.id}")
+    job = store.conclude(store.get(analysis_id), concluded)
+    page.services.drafts.drop(subject.id, f"conclusion:{job.recording_id}")
+    return page.go_to(job)
 
 
 @router.post("/analyses/{analysis_id}/dismiss")
@@ -502,7 +500,7 @@ def dismiss(analysis_id: str, page: UsedPage) -> Response:
         job = store.conclude(job, None)
     else:
         store.dismiss_draft(job.id)
-    return page.go(f"/analyses/{job.id}")
+    return page.go_to(job)
 
 
 def respond_with_page(request: Request, error: Refusal) -> HTMLResponse:

@@ -402,7 +402,7 @@ def _add_again(job: Job, corrected: ReportRequest, page: Page) -> Response:
     again = page.services.store.correct(job, corrected)
     changed = [name for name in ("subject", "side") if getattr(corrected, name) != getattr(job.request, name)]
     update_description(page.services, job, corrected, changed)
-    return page.go(f"/analyses/{again.id}?before={job.id}")
+    return page.go_to(again, f"?before={job.id}")
 
 
 @router.post("/diary")

@@ -1,42 +1,45 @@
-// Unsent changes in a form: the browser keeps them until they are sent, discarded or two weeks old. Each
-// account has separate entries, so that no other person who signs in here sees them; signing out deletes them
-// all (Clear-Site-Data).
+// Unsent changes in a form: the server keeps them as a draft of this person while they are typed, until they are
+// sent, discarded or two weeks old. A reload, another tab or another computer shows them again.
 
 import { fill } from "./say.js";
 import { formatMoment } from "./times.js";
 
-const KEY = "acromion.unsent";
-const LONGEST_MS = 14 * 24 * 3600 * 1000;
+const PAUSE_MS = 400;
 
 export class Unsent {
   // serialize() returns the content of the form as text; restore(text) writes it back.
   constructor(form, serialize, restore) {
     Object.assign(this, { form, serialize, restore });
-    this.name = `${document.documentElement.dataset.account} ${form.dataset.keep}`;
+    this.address = `${form.action.split("/analyses/")[0]}/drafts/${form.dataset.keep.replace(":", "/")}`;
     this.note = form.querySelector("[data-unsent]");
-    this.asServed = serialize();
+    this.asServed = this.saved = serialize();
     this.isKept = true;
-    this.show();
+    this.shown = this.show();
     form.addEventListener("input", () => this.keep());
     form.addEventListener("sent", () => this.forget());
     this.note.querySelector("button").addEventListener("click", () => this.discard());
+    window.addEventListener("pagehide", () => this.save(true));
+    document.addEventListener("visibilitychange", () => document.hidden && this.save(true));
     window.addEventListener("beforeunload", (event) => this.isKept || event.preventDefault());
   }
 
-  show() {
-    const entry = readEntries()[this.name];
-    if (!entry || entry.text === this.asServed) return;
+  async show() {
+    const answer = await fetch(this.address).catch(() => null);
+    const draft = answer?.status === 200 ? await answer.json() : null;
+    if (!draft || draft.text === this.asServed || this.isChanged) return;
     try {
-      this.restore(entry.text);
+      this.restore(draft.text);
     } catch {
       this.restore(this.asServed); // written by an earlier release
-      return this.forget();
+      return this.send("DELETE");
     }
-    const when = formatMoment(toLocalIso(entry.at));
+    this.saved = draft.text;
+    const when = formatMoment(toLocalIso(Date.parse(draft.at)));
     this.note.querySelector("span").textContent = fill(this.note.dataset.text, { when });
     this.note.hidden = false;
     const folded = this.form.closest("details");
     if (folded) folded.open = true;
+    this.form.dispatchEvent(new Event("change"));
   }
 
   get isChanged() {
@@ -44,15 +47,35 @@ export class Unsent {
   }
 
   keep() {
-    if (!this.isChanged) return this.forget();
+    if (!this.isChanged) this.note.hidden = true;
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => this.save(), PAUSE_MS);
+  }
+
+  // Save the form unless it is saved; one request at a time, so that an older text never replaces a newer one.
+  async save(isLeaving = false) {
+    clearTimeout(this.timer);
     const text = this.serialize();
-    this.isKept = writeEntries({ ...readEntries(), [this.name]: { at: Date.now(), text } });
+    if (text === this.saved || (this.isSaving && !isLeaving)) return;
+    this.isSaving = true;
+    const isSaved = text === this.asServed ? await this.send("DELETE") : await this.send("PUT", text);
+    this.isSaving = false;
+    this.isKept = isSaved;
+    this.form.toggleAttribute("data-unsaved", !isSaved);
+    if (isSaved) this.saved = text;
+    if (this.serialize() !== text || !isSaved) this.timer = setTimeout(() => this.save(), isSaved ? 0 : 5 * PAUSE_MS);
+  }
+
+  // Return false if the server keeps nothing; the browser then asks before the page is left.
+  async send(method, body) {
+    const sent = fetch(this.address, { method, body, keepalive: true, headers: { "Content-Type": "text/plain" } });
+    return sent.then((answer) => answer.ok, () => false);
   }
 
   forget() {
-    const { [this.name]: gone, ...others } = readEntries();
-    if (gone) writeEntries(others);
-    [this.note.hidden, this.isKept] = [true, true];
+    clearTimeout(this.timer);
+    [this.note.hidden, this.isKept, this.saved] = [true, true, this.serialize()];
+    this.send("DELETE");
   }
 
   discard() {
@@ -66,23 +89,4 @@ export class Unsent {
 function toLocalIso(atMs) {
   const offsetMs = new Date(atMs).getTimezoneOffset() * 60 * 1000;
   return new Date(atMs - offsetMs).toISOString();
-}
-
-function readEntries() {
-  try {
-    const all = Object.entries(JSON.parse(localStorage.getItem(KEY)) || {});
-    return Object.fromEntries(all.filter(([, { at }]) => Date.now() - at < LONGEST_MS));
-  } catch {
-    return {};
-  }
-}
-
-// Return false if the browser stores nothing; it then asks before leaving the page.
-function writeEntries(entries) {
-  try {
-    localStorage.setItem(KEY, JSON.stringify(entries));
-    return true;
-  } catch {
-    return false;
-  }
 }

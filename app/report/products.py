@@ -1,0 +1,98 @@
+"""The files of a finished analysis that depend on what is said about it: results, tables, reports, FHIR.
+
+This module does not load the analysis itself: a report with another label is set again from its results.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+from app.report.export.all import export_results
+from app.report.export.fhir import encode_fhir
+from app.report.export.results import decode_results, identify_report, relabel_results
+from app.report.figures import load_results
+from app.report.findings import Findings, ReleaseStamp, ReportSubject, Software
+from app.report.render.write import RESULTS, write_reports
+from app.request import ReportRequest
+from app.store.day_file import DAY_NAME
+from app.version import software_revision, software_version
+from fusion.settings import AnalysisSettings
+
+FHIR, ELEVATION = "fhir.json", "elevation.parquet"
+MEASURED = (ELEVATION, DAY_NAME)
+"""Files of a finished analysis that depend on its figures only."""
+
+
+def set_report_again(
+    results: Path, request: ReportRequest, out: Path, release: ReleaseStamp | None = None
+) -> None:
+    """Write a report with other words from the ``results.json`` of a finished analysis.
+
+    ``release`` is stamped on page 1.
+
+    The request has the figures of that analysis (:meth:`ReportRequest.describe_figures`). The files have the
+    bytes that a full analysis would write; those of :data:`MEASURED` stay as they are and are not written.
+    Raises OSError or ValueError if these are no results, or of another version.
+    """
+    content = results.read_bytes()
+    kept = decode_results(content)
+    subject = describe_subject(request, kept.findings, kept.subject.software)
+    write_products(relabel_results(content, subject), kept.findings, subject, request, out, release)
+
+
+def write_products(
+    content: bytes,
+    findings: Findings,
+    subject: ReportSubject,
+    request: ReportRequest,
+    out: Path,
+    release: ReleaseStamp | None = None,
+) -> None:
+    """Write ``results.json``, which is ``content``, and every file derived from it."""
+    (out / RESULTS).write_bytes(content)
+    results = load_results(content)
+
+    def write_tables() -> None:
+        for name, table in export_results(results).items():
+            (out / name).write_bytes(table)
+
+    with ThreadPoolExecutor(1) as writer:  # rendering releases the interpreter lock
+        written = writer.submit(write_tables)
+        write_reports(findings, subject, request, out, release)
+        written.result()
+    if "pdf" in request.kinds:  # with the PDFs as written, and a conclusion in the first language
+        pdfs = {language: (out / f"report.{language}.pdf").read_bytes() for language in request.languages}
+        conclusion = (out / f"answer.{request.languages[0]}.txt").read_text("utf-8")
+        (out / FHIR).write_bytes(encode_fhir(results, pdfs, conclusion, request.version))
+
+
+def describe_subject(
+    request: ReportRequest, findings: Findings, software: Software | None = None
+) -> ReportSubject:
+    """Build the subject of a report: the person's arm, and the software of the analysis, by default ours."""
+    subject = ReportSubject(
+        file_name=request.file_name,
+        subject=request.subject,
+        side=request.side,
+        software=software or Software(software_version(), software_revision()),
+        version=request.version,
+        changes=request.changes,
+        reason=request.reason,
+        columns=request.profile,
+        conclusion=request.conclusion,
+    )
+    return replace(subject, report_id=identify_report(build_settings(request), findings, subject))
+
+
+def build_settings(request: ReportRequest) -> AnalysisSettings:
+    """Return the settings of a request as a person gave them, without what the file states."""
+    return AnalysisSettings(
+        request.method,
+        request.pose,
+        request.calibration_windows_s,
+        request.select_diary(),
+        request.arm_axis,
+        request.slip_times_s,
+        request.no_slip_times_s,
+        request.pose_held,
+    )
