@@ -143,7 +143,7 @@ export class Day {
     listenToView(this.view);
     listenToMoves(this.curve, (second) => this.chooseAt(second));
     listenToForm(this);
-    window.addEventListener("resize", () => this.draw());
+    new ResizeObserver(() => this.draw()).observe($("curve"));
     for (const query of ["(prefers-color-scheme: dark)", "print"]) window.matchMedia(query).addEventListener("change", () => this.draw());
   }
 }
