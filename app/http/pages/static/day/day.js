@@ -7,6 +7,7 @@ import { Curve } from "./curve.js";
 import { Handles } from "./handles.js";
 import { listenToMoves, listenToView } from "./gestures.js";
 import { Overview } from "./overview.js";
+import { Pen } from "./pen.js";
 import { listenToForm } from "./form.js";
 import { Tasks } from "./tasks.js";
 import { View } from "./view.js";
@@ -25,7 +26,7 @@ export class Day {
     this.curve = new Curve($("curve"), curve, this.clock, this.view, minutes);
     this.overview = new Overview($("overview"), curve, this.view, minutes);
     this.handles = new Handles(this.bands, this.curve, this.view, (isDone) => this.changed(isDone));
-    this.marks = [...document.querySelectorAll("[data-mark]")].map(({ dataset }) => ({ text: dataset.mark, atS: this.clock.read(dataset.at) }));
+    this.pen = new Pen(this);
     this.candidates = [...document.querySelectorAll(".choices [data-look]")].map(({ dataset }) => ({
       kind: "candidate", name: dataset.name, startS: this.clock.read(dataset.from), endS: this.clock.read(dataset.to),
     }));
@@ -59,8 +60,14 @@ export class Day {
     }
   }
 
+  // The flags of the moments that the page lists now; those in a closed list have none.
+  flags() {
+    const shown = [...document.querySelectorAll("[data-mark]")].filter((part) => !part.closest("details:not([open])"));
+    return shown.map(({ dataset }) => ({ text: dataset.mark, atS: this.clock.read(dataset.at) }));
+  }
+
   draw() {
-    this.curve.draw([...this.candidates, ...this.bands.list()], this.bands.chosen, this.marks);
+    this.curve.draw([...this.candidates, ...this.bands.list()], this.bands.chosen, this.flags());
     this.overview.draw();
     this.handles.draw();
     const { fromS, toS } = this.view;
@@ -77,6 +84,7 @@ export class Day {
     this.bands.name();
     this.measure();
     this.unsent.keep();
+    this.count();
   }
 
   // Handle fields that undo has restored.
@@ -84,7 +92,17 @@ export class Day {
     this.bands.chosen = null;
     this.bands.name();
     this.draw();
+    this.measure();
     this.unsent.keep();
+    this.count();
+  }
+
+  // Say how many changes the draft has.
+  count() {
+    const { dataset } = $("draft").parentElement;
+    const n = this.bands.countChanges(this.unsent.asServed);
+    dataset.changes = n;
+    $("draft").textContent = n === 0 ? dataset.none : n === 1 ? dataset.one : fill(dataset.many, { n });
   }
 
   // Update the stillness of each window and the time of each task, also during a drag.
@@ -141,7 +159,8 @@ export class Day {
 
   listen() {
     listenToView(this.view);
-    listenToMoves(this.curve, (second) => this.chooseAt(second));
+    listenToMoves(this.curve, (second) => this.chooseAt(second), this.pen);
+    $("highest")?.addEventListener("toggle", () => this.draw());
     listenToForm(this);
     new ResizeObserver(() => this.draw()).observe($("curve"));
     for (const query of ["(prefers-color-scheme: dark)", "print"]) window.matchMedia(query).addEventListener("change", () => this.draw());
