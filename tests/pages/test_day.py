@@ -140,7 +140,7 @@ def test_a_handle_is_moved_by_keys_and_speaks_its_time(day: Page) -> None:
 
 def test_a_handle_is_dragged(day: Page) -> None:
     add_period(day, "break", "tea")
-    day.locator("#overview").scroll_into_view_if_needed()
+    day.locator("#curve-box").scroll_into_view_if_needed()
     box = day.locator("#handle-end").bounding_box() or pytest.fail("no handle")
     before = read_bands(day)[-1]
 

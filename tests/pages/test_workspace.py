@@ -230,7 +230,7 @@ def test_a_conclusion_becomes_a_released_pdf_in_five_clicks(own_day: Page) -> No
     own_day.keyboard.press("Tab")
     own_day.keyboard.type("M. Tremblay")
     own_day.get_by_role("button", name="Add to the report").click()
-    expect(own_day.locator(".meta")).to_contain_text("version 2", timeout=END_MS)
+    expect(own_day.locator(".meta").first).to_contain_text("version 2", timeout=END_MS)
     own_day.get_by_role("button", name="Release this report").click()
     expect(own_day.get_by_text(re.compile("Released by"))).to_be_visible()
     with own_day.expect_download() as download:

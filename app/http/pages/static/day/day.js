@@ -6,7 +6,6 @@ import { Clock } from "./clock.js";
 import { Curve } from "./curve.js";
 import { Handles } from "./handles.js";
 import { listenToMoves, listenToView } from "./gestures.js";
-import { Overview } from "./overview.js";
 import { Pen } from "./pen.js";
 import { listenToForm } from "./form.js";
 import { Tasks } from "./tasks.js";
@@ -24,7 +23,6 @@ export class Day {
     this.view = new View(Number(duration), () => this.moved());
     const minutes = JSON.parse(box.dataset.minutes);
     this.curve = new Curve($("curve"), curve, this.clock, this.view, minutes);
-    this.overview = new Overview($("overview"), curve, this.view, minutes);
     this.handles = new Handles(this.bands, this.curve, this.view, (isDone) => this.changed(isDone));
     this.pen = new Pen(this);
     this.candidates = [...document.querySelectorAll(".choices [data-look]")].map(({ dataset }) => ({
@@ -37,7 +35,7 @@ export class Day {
   async open() {
     this.box.hidden = false;
     this.listen();
-    await Promise.all([this.curve.load(), this.overview.load()]);
+    await this.curve.load();
     this.changed(true);
   }
 
@@ -68,9 +66,10 @@ export class Day {
 
   draw() {
     this.curve.draw([...this.candidates, ...this.bands.list()], this.bands.chosen, this.flags());
-    this.overview.draw();
     this.handles.draw();
-    const { fromS, toS } = this.view;
+    const { fromS, toS, durationS } = this.view;
+    $("part").style.setProperty("margin-left", `${(100 * fromS) / durationS}%`);
+    $("part").style.setProperty("width", `${(100 * (toS - fromS)) / durationS}%`);
     const digits = this.view.spanS < 10 ? 2 : 0;
     $("view").textContent = fill($("view").dataset.text, { start: this.clock.show(fromS, digits), end: this.clock.show(toS, digits) });
   }
