@@ -20,15 +20,6 @@ def open_analysis(page: Page, server: RunningServer, analysis_id: str, language:
     page.goto(f"{server.address}analyses/{analysis_id}?lang={language}")
 
 
-def open_figures(page: Page) -> None:
-    """Open what stands behind the line on the data's quality: every main figure."""
-    folded = page.locator(
-        "details:not([open]) > summary", has_text=re.compile("main figures|résultats principaux")
-    )
-    if folded.count():
-        folded.click()
-
-
 def find_row(page: Page, name: str) -> Locator:
     """The row of a file on the server."""
     return page.locator("#rows .row", has_text=name).first

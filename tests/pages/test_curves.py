@@ -5,6 +5,7 @@ from math import sin
 import pytest
 from playwright.sync_api import Page
 
+from tests.pages.conftest import keep_picture
 from tests.pages.steps import see_end
 from tests.ways_in.servers import RunningServer
 
@@ -12,6 +13,15 @@ pytestmark = pytest.mark.browser
 
 SEEN = "acromionCurves.curves.map(({view}) => [view.fromS + view.byS, view.toS + view.byS])"
 MINUTE_S = 60.0
+
+
+PLOTS = """[...document.querySelectorAll("#curves .curve")].map((curve) => {
+  const lines = [...curve.querySelectorAll(".gridlayer path")].map((line) => line.getBoundingClientRect());
+  const frame = curve.parentElement.parentElement.getBoundingClientRect();
+  return [lines[0].left - frame.left, frame.right - lines[0].right];
+})"""
+"""The distance of each drawn grid from the left and the right edge of the box around the curves, in px."""
+LOADS = 3
 
 
 def open_two(page: Page, server: RunningServer, address: str) -> None:
@@ -31,6 +41,27 @@ def test_both_curves_show_the_same_time(
     (from_s, to_s), other = page.evaluate(SEEN)
     assert 0 < from_s < to_s
     assert other == pytest.approx([from_s, to_s])
+
+
+@pytest.mark.parametrize("language", ["en", "fr"])
+@pytest.mark.parametrize("width_px", [1440, 1000, 390])
+def test_curves_are_equally_wide_on_one_time_axis_at_every_load(
+    page: Page, server: RunningServer, left: str, right: str, width_px: int, language: str
+) -> None:
+    page.set_viewport_size({"width": width_px, "height": 900})
+    addresses = (
+        f"pair?first={left}&second={right}&offset_s=60",
+        f"compare?first={left}&second={right}",
+    )
+    for address in addresses * LOADS:
+        open_two(page, server, f"{address}&lang={language}")
+
+        first, second = page.evaluate(PLOTS)
+
+        assert first == second == pytest.approx([46, 12], abs=1), address
+        assert page.locator("#curves .xtick").count() > 1
+        keep_picture(page, f"curves-{address[:4]}-{language}-{width_px}")
+    assert page.locator("#curves .curve").first.locator(".xtick text:visible").count() == 0
 
 
 def test_a_recording_that_began_later_is_drawn_later(

@@ -36,9 +36,10 @@ def set_window(page: Page, start: str, end: str) -> None:
 
 
 def add_period(page: Page, kind: str, label: str = "") -> None:
-    page.get_by_label("Kind of period to add").select_option(kind)
-    page.get_by_role("button", name="Add", exact=True).click()
-    page.locator("#periods tr").last.locator("[name=label]").fill(label)
+    page.get_by_role("button", name="Add a period").click()
+    row = page.locator("#periods tr").last
+    row.locator("[name=kind]").select_option(kind)
+    row.locator("[name=label]").fill(label)
     page.keyboard.press("Tab")
 
 
@@ -84,7 +85,7 @@ def test_an_error_of_the_curve_stays_in_its_panel(page: Page, server: RunningSer
 
     expect(page.get_by_text("The curve could not be drawn.")).to_be_visible()
     expect(page.get_by_role("heading", name="The answer in short")).to_be_visible()
-    expect(page.get_by_role("button", name="Analyse again")).to_be_visible()
+    expect(page.get_by_role("button", name="Update")).to_be_visible()
 
 
 def test_a_server_that_does_not_answer_is_said_where_it_matters(day: Page, tmp_path: Path) -> None:
@@ -139,7 +140,7 @@ def test_a_handle_is_moved_by_keys_and_speaks_its_time(day: Page) -> None:
 
 def test_a_handle_is_dragged(day: Page) -> None:
     add_period(day, "break", "tea")
-    day.locator("#overview").scroll_into_view_if_needed()
+    day.locator("#curve-box").scroll_into_view_if_needed()
     box = day.locator("#handle-end").bounding_box() or pytest.fail("no handle")
     before = read_bands(day)[-1]
 
@@ -157,9 +158,9 @@ def test_a_correction_is_analysed_and_shown_beside_what_was(own_day: Page) -> No
     set_window(own_day, "07:00:03", "07:00:09")
     add_period(own_day, "break", "coffee")
 
-    own_day.get_by_role("button", name="Analyse again").click()
+    own_day.get_by_role("button", name="Update").click()
 
-    heading = own_day.get_by_role("heading", name="What the correction changed")
+    heading = own_day.get_by_role("heading", name="Before and now")
     expect(heading).to_be_visible(timeout=END_MS)
     expect(own_day.get_by_role("row", name="Time with the arm above 60°")).to_be_visible(timeout=END_MS)
     moved = "Calibration window not stated 07:00:03 – 07:00:09"
@@ -174,7 +175,7 @@ def test_a_correction_is_analysed_and_shown_beside_what_was(own_day: Page) -> No
 def test_a_task_that_is_new_has_its_figure_now_and_none_before(own_day: Page) -> None:
     add_period(own_day, "task", "lifting")
 
-    own_day.get_by_role("button", name="Analyse again").click()
+    own_day.get_by_role("button", name="Update").click()
 
     row = own_day.get_by_role("row", name=re.compile(r"lifting: above 60° – \d+\.\d %"))
     expect(row).to_be_visible(timeout=END_MS)
@@ -182,10 +183,10 @@ def test_a_task_that_is_new_has_its_figure_now_and_none_before(own_day: Page) ->
 
 def test_a_drawn_task_has_the_figure_of_the_report(own_day: Page) -> None:
     add_period(own_day, "task", "stacking")
-    own_day.get_by_role("button", name="Analyse again").click()
+    own_day.get_by_role("button", name="Update").click()
     changed = own_day.get_by_role("row", name=re.compile(r"stacking: above 60°"))
     expect(changed).to_be_visible(timeout=END_MS)
-    reported = changed.locator("td").last.inner_text()
+    reported = changed.locator("td").nth(1).inner_text()
 
     expect(own_day.locator("#tasks-now li", has_text="stacking")).to_contain_text(f"({reported})")
 
@@ -206,7 +207,7 @@ def test_what_cannot_be_is_refused_beside_what_was_typed(own_day: Page) -> None:
     row.locator("[name=start]").fill("07:02:00")
     row.locator("[name=end]").fill("07:01:00")
 
-    own_day.get_by_role("button", name="Analyse again").click()
+    own_day.get_by_role("button", name="Update").click()
 
     expect(own_day.locator("#refused")).to_contain_text("E-DIARY")
     expect(own_day.locator("#refused").get_by_role("link", name="Back to all recordings")).to_have_count(0)
@@ -219,7 +220,7 @@ def test_of_a_window_whose_one_end_is_typed_the_other_stays_as_shown(own_day: Pa
 
     start.fill("07:00:01")
     with own_day.expect_request("**/again") as sent:
-        own_day.get_by_role("button", name="Analyse again").click()
+        own_day.get_by_role("button", name="Update").click()
 
     windows = parse_qs(sent.value.post_data or "")
     assert (windows["window_start"], windows["window_end"]) == (["07:00:01"], [shown])
@@ -247,7 +248,7 @@ def test_a_number_that_is_no_clock_time_is_marked_and_not_sent(day: Page) -> Non
 
     expect(field).to_have_attribute("aria-invalid", "true")
     expect(field).to_have_value("1075")
-    expect(day.get_by_role("button", name="Analyse again")).to_be_disabled()
+    expect(day.get_by_role("button", name="Update")).to_be_disabled()
 
 
 def test_times_at_which_the_sensor_slipped_are_shown_as_they_were_read(day: Page) -> None:

@@ -221,7 +221,7 @@ def test_a_day_is_corrected_by_the_keyboard_alone(own_day: Page) -> None:
     press_until(page, "document.activeElement.id === 'again'")
     page.keyboard.press("Enter")
 
-    expect(page.get_by_role("heading", name="What the correction changed")).to_be_visible(timeout=END_MS)
+    expect(page.get_by_role("heading", name="Before and now")).to_be_visible(timeout=END_MS)
 
 
 def test_the_skip_link_is_the_first_stop(page: Page, server: RunningServer) -> None:

@@ -103,7 +103,7 @@ def test_an_assumed_pose_is_asked_about_and_one_click_confirms_it(
 
     expect(questions(page)).to_have_count(0)
     expect(page.locator(".verdict").first).to_contain_text("Calibration pose: stated (07:01:12, 9.4\u202fs).")
-    changed = page.get_by_role("region", name="What the correction changed").first
+    changed = page.get_by_role("region", name="Before and now").first
     expect(changed).to_contain_text("not stated")
     expect(page.get_by_role("region", name="Versions of this report")).to_contain_text(
         "the calibration window (07:01:12"
@@ -124,7 +124,7 @@ def test_an_answer_waits_until_unsent_changes_are_sent_or_discarded(
     expect(note).to_be_visible()
     assert page.url == address
     note.get_by_role("link").click()
-    expect(page.get_by_role("heading", name="Correct and analyse again")).to_be_in_viewport()
+    expect(page.get_by_role("heading", name="Correct the report")).to_be_in_viewport()
     expect(reason).to_have_value("Diary from the foreman.")
 
     note.get_by_role("button", name="Discard them").click()
@@ -193,7 +193,7 @@ def test_that_the_sensor_did_not_slip_is_kept_in_the_versions(
     expect(page.get_by_role("region", name="Versions of this report")).to_contain_text(
         "the absence of a sensor slip (07:"
     )
-    expect(page.get_by_role("region", name="Settings and origin")).to_contain_text("Sensor did not slip at")
+    expect(page.locator("dl.facts")).to_contain_text("Sensor did not slip at")
 
 
 def test_the_pose_held_again_is_a_band_of_its_own_that_is_sent_and_undone(day: Page) -> None:
@@ -219,12 +219,12 @@ def test_axis_and_slip_reach_the_next_analysis(own_day: Page) -> None:
     own_day.get_by_role("radio", name="−y").check(force=True)
     own_day.get_by_label("The sensor slipped at").fill("07:01:30")
     with own_day.expect_request("**/again") as sent:
-        own_day.get_by_role("button", name="Analyse again").click()
+        own_day.get_by_role("button", name="Update").click()
 
     form = read_form(sent.value)
     assert (form["pose"], form["axis"], form["slips"]) == (["axis"], ["-y"], ["07:01:30"])
     own_day.wait_for_url("**before=*")
-    settings = own_day.get_by_role("region", name="Settings and origin")
+    settings = own_day.locator("dl.facts")
     expect(settings).to_contain_text("none held: the sensor’s −y axis was strapped along the arm")
     expect(settings).to_contain_text("07:01:30")
 
@@ -238,4 +238,4 @@ def test_a_window_that_cannot_be_used_leads_to_the_curve_where_another_is_chosen
     page.get_by_role("button", name="Analyse, then choose on the curve").click()
 
     wait_for_curve(page)
-    expect(page.get_by_role("heading", name="Correct and analyse again")).to_be_visible()
+    expect(page.get_by_role("heading", name="Correct the report")).to_be_visible()

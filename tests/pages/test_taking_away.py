@@ -8,7 +8,7 @@ import pytest
 from playwright.sync_api import BrowserContext, Page, expect
 
 from tests.pages.conftest import keep_picture, open_page
-from tests.pages.steps import open_analysis, open_figures
+from tests.pages.steps import open_analysis
 from tests.ways_in.servers import RunningServer
 from tests.ways_in.test_three_ways import run_command
 
@@ -49,16 +49,16 @@ def test_the_answer_is_copied_in_six_lines(page: Page, server: RunningServer, ri
 
 
 def test_each_figure_has_its_definition_by_one_click_hover_or_key(shown: Page) -> None:
-    open_figures(shown)
-    marks = shown.locator(".figures .define summary")
-    assert marks.count() == shown.locator(".figures dt").count()
+    table = shown.get_by_role("region", name="Figures").first
+    marks = table.locator(".define summary")
+    assert marks.count() == table.get_by_role("row").count() == 9
 
     titles = [mark.get_attribute("title") or "" for mark in marks.all()]
     assert [word in title for word, title in zip(("30°", "60°", "level"), titles, strict=False)] == [True] * 3
     marks.nth(1).focus()
     shown.keyboard.press("Enter")
 
-    expect(shown.locator(".figures .define span").filter(has_text="shoulder height").first).to_be_visible()
+    expect(table.locator(".define span").filter(has_text="shoulder height").first).to_be_visible()
 
 
 def test_the_poses_are_printed_on_one_sheet_in_dark_ink(

@@ -149,7 +149,7 @@ def test_a_conclusion_that_was_not_sent_is_on_the_next_version_too(
     page.get_by_label("What you conclude").fill(TYPED)
 
     page.get_by_role("radio", name="left").check()
-    page.get_by_role("button", name="Analyse again").click()
+    page.get_by_role("button", name="Update").click()
 
     expect(page.get_by_label("What you conclude")).to_have_value(TYPED, timeout=END_MS)
 

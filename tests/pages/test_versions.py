@@ -43,7 +43,7 @@ def test_what_was_asked_in_vain_is_corrected_and_tried_again(
     expect(period.locator("[name=label]")).to_have_value("")
     period.locator("[name=end]").fill("07:00:20")
     page.get_by_label("Reason").fill("the break was short")
-    page.get_by_role("button", name="Analyse again").click()
+    page.get_by_role("button", name="Update").click()
 
     expect(page.get_by_role("heading", name="The answer in short")).to_be_visible(timeout=END_MS)
     expect(page.locator(".meta").first).to_contain_text("version 2")
@@ -93,7 +93,7 @@ def test_whose_arm_it_is_said_in_a_correction_holds_for_the_recording_too(
     open_analysis(page, server, analysis_id)
 
     page.locator("#correction").get_by_label("Subject code").fill("S057")
-    page.get_by_role("button", name="Analyse again").click()
+    page.get_by_role("button", name="Update").click()
     expect(page).to_have_url(re.compile("before="))
 
     recording_id = server.see(analysis_id)["recording_id"]
@@ -168,9 +168,9 @@ def test_a_correction_on_the_page_makes_a_draft_of_the_conclusion(
     expect(find_conclusion(page)).to_contain_text("A. Roy")
 
     page.get_by_role("radio", name="left").check()
-    page.get_by_role("button", name="Analyse again").click()
+    page.get_by_role("button", name="Update").click()
 
-    expect(page.get_by_role("heading", name="What the correction changed")).to_be_visible(timeout=END_MS)
+    expect(page.get_by_role("heading", name="Before and now")).to_be_visible(timeout=END_MS)
     card = find_conclusion(page)
     expect(card).to_contain_text(
         re.compile(r"Conclusion of version \d, written for other figures \(changed since: the arm\)")

@@ -23,6 +23,7 @@ from markupsafe import Markup, escape
 
 from app.errors import NotHere, find_outcome_of_code, list_refusals
 from app.http.api.library.files import respond_with_file
+from app.http.pages.recording.figures import FigureTable, build_figures
 from app.http.pages.recording.page_one import PageOne
 from app.http.pages.rendering import UsedPage, add_navigation_of_query
 from app.http.pages.views import build_answer
@@ -153,10 +154,11 @@ def _build_example(language: Language) -> Report:
 
 @router.get("/example")
 def show_example(page: UsedPage) -> Response:
-    """Show page 1 of the example like the page of a recording."""
+    """Show answer, day and figures of the example like the page of a recording."""
     report, results = _build_example(page.language), load_results(find_example().read_bytes())
-    answer = build_answer(results, format_brief(report).decode(), page.language)
-    return page.render("help/example.html", page_one=PageOne(report), answer=answer)
+    answer = build_answer(results, format_brief(report).decode())
+    figures = FigureTable(build_figures(results, None, page.language))
+    return page.render("help/example.html", page_one=PageOne(report), answer=answer, figures=figures)
 
 
 @router.get("/example/report.html")

@@ -28,7 +28,6 @@ from app.library.listing import (
 from app.library.rows import Job, JobState
 from app.report.words.messages import Problem, describe_problem, format_columns
 from app.report.words.numbers import (
-    format_angle,
     format_duration,
     format_iso_moment,
     format_moment,
@@ -202,46 +201,24 @@ def build_problem(job: Job, language: Language) -> ProblemBox | None:
     return ProblemBox(words, job.problem_code, "\n".join(filter(None, lines)))
 
 
-def build_figures(results: Mapping[str, Any], language: Language) -> tuple[Fact, ...]:
-    """Return the main figures of ``results.json``, formatted as in the report."""
-    words = load_wording(language, "page")
-    exposure, time = results["exposure"], results["time"]
-    above = {row["threshold_deg"]: row["percent"] for row in exposure["time_above"]}
-    rises = {row["threshold_deg"]: row for row in exposure["entries"]}
-    recorded = {"recorded": format_duration(time["recorded_s"], language)}
-    percentiles = exposure["percentiles_deg"]
-    values = {
-        "above_30": format_percent(above[30], language),
-        "above_60": format_percent(above[60], language),
-        "above_90": format_percent(above[90], language),
-        "entries": format_number(rises[60]["count"], 0, language),
-        "entries_per_h": format_number(rises[60].get("per_hour"), 0, language),
-        "median": format_angle(percentiles["50"], language),
-        "p90": format_angle(percentiles["90"], language),
-        "analysed": format_duration(time["analysed_s"], language),
-    }
-    return tuple(Fact(fill(words["figure"][name], recorded), value, name) for name, value in values.items())
-
-
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """The figures of a finished analysis, and the verdict on its data ("good", "caution", "poor").
+    """The answer of a finished analysis, and the verdict on its data ("good", "caution", "poor").
 
     ``brief`` is the answer in five lines, for pasting into a record. ``sentences`` are its first three lines;
     ``reason`` is the fourth, the quality and its reason.
     """
 
-    figures: tuple[Fact, ...]
     verdict: str
     reason: str
     sentences: tuple[str, ...]
     brief: str
 
 
-def build_answer(results: Mapping[str, Any], brief: str, language: Language) -> Answer:
-    """Build the main figures, the answer in words and the verdict on the data."""
+def build_answer(results: Mapping[str, Any], brief: str) -> Answer:
+    """Build the answer in words and the verdict on the data."""
     lines, verdict = tuple(brief.splitlines()), str(results["quality"]["verdict"])
-    return Answer(build_figures(results, language), verdict, "".join(lines[3:4]), lines[:3], brief)
+    return Answer(verdict, "".join(lines[3:4]), lines[:3], brief)
 
 
 def build_settings(job: Job, clock: DayClock | None, language: Language) -> tuple[Fact, ...]:

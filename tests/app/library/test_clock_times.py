@@ -7,7 +7,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.errors import BadParameter
-from app.http.pages.recording.analysis import pair_tasks
 from app.http.pages.recording.day import (
     DayClock,
     build_hours,
@@ -16,6 +15,7 @@ from app.http.pages.recording.day import (
     read_rows,
     write_csv,
 )
+from app.http.pages.recording.figures import compare_tasks
 from app.request import ReportRequest
 from fusion.diary import read_diary
 from fusion.errors import UnusableCalibration, UnusableDiary
@@ -192,6 +192,6 @@ def test_a_task_of_which_nothing_was_analysed_has_no_figure() -> None:
     idle = {"exposure": {"by_task": [{"kind": "task", "label": "A", "analysed_s": 0.0}]}}
     busy = {"exposure": {"by_task": [{"kind": "task", "label": "A", "time_above_60_percent": 5.0}]}}
 
-    ((_, before, after),) = pair_tasks(idle, busy, "en")
+    (row,) = compare_tasks(idle, busy, "en")
 
-    assert (before, after.replace("\u202f", " ")) == ("–", "5.0 %")
+    assert [cell.value.replace("\u202f", " ") for cell in row.cells] == ["–", "5.0 %"]

@@ -1,7 +1,7 @@
 """Pages of the library and of one analysis: state or answer, versions, changes and damage."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import date, datetime
@@ -21,14 +21,13 @@ from app.http.middleware.problems import Refusal
 from app.http.pages.pairs import build_offers, get_days_address
 from app.http.pages.recording.columns import find_offer
 from app.http.pages.recording.day import DayClock, build_day, build_hours, list_axes, load_day
+from app.http.pages.recording.figures import FigureTable, build_figures
 from app.http.pages.recording.page_one import read_page_one
 from app.http.pages.rendering import Form, Page, UsedForm, UsedPage, add_navigation, first
 from app.http.pages.trust import build_release
 from app.http.pages.views import (
-    Fact,
     build_answer,
     build_entry,
-    build_figures,
     build_library,
     build_row,
     build_settings,
@@ -49,7 +48,7 @@ from app.library.rows import Job, JobState
 from app.report.figures import load_results
 from app.report.words.messages import Fact as ProblemFact
 from app.report.words.messages import Problem, describe_problem
-from app.report.words.numbers import format_date, format_percent
+from app.report.words.numbers import format_date
 from app.report.words.wording import (
     Language,
     clean_paragraphs,
@@ -189,22 +188,9 @@ def describe_source(page: Page, job: Job) -> Problem | None:
     return None if is_whole else describe_problem(StoreDamaged.code, {}, page.language)
 
 
-# The answer of a finished analysis, and the effect of a correction.
+# The answer of a finished analysis, and its figures beside those before a correction.
 
 ALWAYS_DIFFER = frozenset({"added", "id", "size", "sha256"})
-
-Row = tuple[str, str, str]
-
-
-@dataclass(frozen=True, slots=True)
-class Changes:
-    """Figures and settings before and after a correction; no figures until both exist."""
-
-    id: str
-    versions: tuple[int, int]
-    reason: str
-    figures: tuple[Row, ...]
-    settings: tuple[Row, ...]
 
 
 def read_answer(page: Page, job: Job, asked: ReportRequest) -> dict[str, Any]:
@@ -221,7 +207,7 @@ def read_answer(page: Page, job: Job, asked: ReportRequest) -> dict[str, Any]:
         if results is None:
             return shown
         name = f"answer.{find_nearest(language, job.request.languages)}.txt"
-        shown["answer"] = build_answer(results, services.results.read(job, name).decode(), language)
+        shown["answer"] = build_answer(results, services.results.read(job, name).decode())
         shown["hours"] = build_hours(results, language)
         shown["offers"] = build_offers(page, job, results.get("recording", {}).get("start") or "")
         shown["days"] = get_days_address(services, job)
@@ -235,27 +221,36 @@ def read_answer(page: Page, job: Job, asked: ReportRequest) -> dict[str, Any]:
     return shown
 
 
-def build_changes(page: Page, history: History, job: Job, before_id: str) -> Changes | None:
-    """Compare an analysis with the analysis that it corrects, or else with the previous version."""
+def read_figures(page: Page, history: History, job: Job, before_id: str) -> FigureTable | None:
+    """Load the figures of a finished analysis, behind those of the analysis that it corrects.
+
+    If that one has none, the previous version is used; a conclusion alone changes no figure. None without
+    results.
+    """
     services, language = page.services, page.language
-    earlier = (other for other in history.reports if other.request.version < job.request.version)
-    version_before = max(earlier, key=lambda it: (it.request.version, it.created_at), default=None)
-    before = next((other for other in history.jobs if other.id == before_id), version_before)
-    if before is None or job.state is JobState.FAILED or job.request.changes == ("conclusion",):
-        return None
-    clock = get_clock(services, history)
     try:
-        first, second = (find_results(services, each) for each in (before, job))
-    except ResultDamaged:  # the page of the damaged analysis shows this
+        now = find_results(services, job)
+    except ResultDamaged:  # read_answer shows the damage
         return None
-    figures: tuple[Row, ...] = ()
-    if first is not None and second is not None:
-        figures = _pair(build_figures(first, language), build_figures(second, language))
-        figures += tuple(pair_tasks(first, second, language))
-    settings = _pair(build_settings(before, clock, language), build_settings(job, clock, language))
+    if now is None:
+        return None
+    earlier = [other for other in history.reports if other.request.version < job.request.version]
+    earlier.sort(key=lambda it: (it.id == before_id, it.request.version, it.created_at))
+    before = earlier[-1] if earlier and job.request.changes != ("conclusion",) else None
+    results = None
+    with suppress(ResultDamaged):  # the page of that analysis shows the damage
+        results = find_results(services, before) if before else None
+    if before is None or results is None:
+        return FigureTable(build_figures(now, None, language))
+    clock = get_clock(services, history)
+    settings = (build_settings(one, clock, language) for one in (before, job))
+    differ = tuple(
+        (new.label, old.value, new.value)
+        for old, new in zip(*settings, strict=True)
+        if new.key not in ALWAYS_DIFFER and old.value != new.value
+    )
     versions = (before.request.version, job.request.version)
-    differ = tuple(row for row in settings if row[1] != row[2])
-    return Changes(before.id, versions, job.request.reason, figures, differ)
+    return FigureTable(build_figures(now, results, language), differ, before.id, versions)
 
 
 def get_clock(services: Services, history: History) -> DayClock | None:
@@ -276,29 +271,6 @@ def find_results(services: Services, job: Job) -> Mapping[str, Any] | None:
     if job.state is not JobState.SUCCEEDED or job.token is None:
         return None
     return load_results(services.results.read(job, "results.json"))
-
-
-def _pair(before: tuple[Fact, ...], after: tuple[Fact, ...]) -> tuple[Row, ...]:
-    return tuple(
-        (new.label, old.value, new.value)
-        for old, new in zip(before, after, strict=True)
-        if new.key not in ALWAYS_DIFFER
-    )
-
-
-def pair_tasks(before: Mapping[str, Any], after: Mapping[str, Any], language: Language) -> Iterator[Row]:
-    """Yield the time above 60 deg of every task in either report; "–" if a report does not have the task."""
-    words = load_wording(language, "page")["figure_of_task"]
-    earlier, later = (
-        {
-            part["label"]: format_percent(part.get("time_above_60_percent"), language)
-            for part in results["exposure"].get("by_task", ())
-            if part["kind"] == "task" and part["label"]
-        }
-        for results in (before, after)
-    )
-    for label in dict.fromkeys((*later, *earlier)):
-        yield fill(words, {"task": label}), earlier.get(label, "–"), later.get(label, "–")
 
 
 # A clinician's conclusion makes the next version of the report. After a correction it is shown as a draft
@@ -422,7 +394,7 @@ def analysis(analysis_id: str, page: UsedPage, seen: Annotated[Seen, Query()]) -
         axes=list_axes(),
         is_of_sensors=job.problem_code == SeveralSensors.code,
         offer=find_offer(page, job, str(job.problem_facts.get("header", ""))),
-        changes=build_changes(page, history, job, seen.before),
+        figures=read_figures(page, history, job, seen.before),
         conclusion=build_conclusion(page, job, own_name, is_current=is_current),
         release=build_release(page, subject, job.id),
         versions=build_versions(page, history, job, clock),

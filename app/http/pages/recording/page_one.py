@@ -1,4 +1,4 @@
-"""Page 1 of the report on its recording's page, highlights on the curve, and curves of several recordings."""
+"""The report on its recording's page, highlights on the curve, and curves of several recordings."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -44,7 +44,7 @@ class Highlight:
 
 @dataclass(frozen=True, slots=True)
 class PageOne:
-    """Page 1 of the report, and highlights: two time ranges, then the highest episodes.
+    """The report, and highlights: two time ranges, then the highest episodes.
 
     ``minutes`` are the minutes of the day as in the report; the curve shows them.
     """
@@ -56,7 +56,7 @@ class PageOne:
 
 
 def read_page_one(services: Services, job: Job, day: DayFile | None, language: Language) -> PageOne | None:
-    """Build page 1 of a finished analysis; None if its results cannot be read. Raises ResultDamaged.
+    """Build the report of a finished analysis; None if its results cannot be read. Raises ResultDamaged.
 
     Without a day there are no highlights.
     """
@@ -103,12 +103,14 @@ def _list_highlights(
         start_s, end_s = window.start_s, window.start_s + window.length_s
         share = format_percent(window.percent_above_60, language)
         facts = {"start": report_clock.format(start_s), "end": report_clock.format(end_s), "percent": share}
-        looks.append(build_highlight(fill(words["window"], facts), start_s, end_s, 60.0))
+        flag = fill(words["window_flag"], facts)
+        looks.append(build_highlight(fill(words["window"], facts), start_s, end_s, 60.0, flag))
     stays = next((e for e in findings.exposure.episodes if e.threshold_deg == MAIN_THRESHOLD_DEG), None)
     if stays is not None and stays.longest_s and stays.longest_start_s is not None:
         start_s, end_s = stays.longest_start_s, stays.longest_start_s + stays.longest_s
         facts = {"time": report_clock.format(start_s), "duration": format_duration(stays.longest_s, language)}
-        looks.append(build_highlight(fill(words["longest"], facts), start_s, end_s, 2 * AROUND_S))
+        flag = fill(words["longest_flag"], facts)
+        looks.append(build_highlight(fill(words["longest"], facts), start_s, end_s, 2 * AROUND_S, flag))
     highest = []
     for number, episode in enumerate(
         day.find_highest(float(MAIN_THRESHOLD_DEG), MIN_EPISODE_S, MAX_EPISODES), 1

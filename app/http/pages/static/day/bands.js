@@ -92,6 +92,18 @@ export class Bands {
     return JSON.stringify({ ...Object.fromEntries(others), windows, rows });
   }
 
+  // Return how many fields, windows and periods differ from a snapshot; the reason is not a change.
+  countChanges(snapshot) {
+    const [before, now] = [snapshot, this.snapshot()].map((text) => JSON.parse(text));
+    const names = Object.keys(before).filter((name) => !["windows", "rows", "reason"].includes(name));
+    const differ = (one = [], other = []) => one.join("|") !== other.join("|");
+    const longer = now.windows.length > before.windows.length ? now.windows : before.windows;
+    const windows = longer.filter((_, place) => differ(before.windows[place], now.windows[place])).length;
+    const kept = now.rows.filter((row) => before.rows.some((other) => !differ(row, other))).length;
+    const fields = names.filter((name) => (before[name] ?? "") !== (now[name] ?? "")).length;
+    return fields + windows + Math.max(before.rows.length, now.rows.length) - kept;
+  }
+
   // Store the state before the last change for undo.
   remember() {
     const now = this.snapshot();

@@ -79,6 +79,12 @@ export class Clock {
     return second >= -0.01 && second <= this.durationS + 0.01 ? Math.min(Math.max(second, 0), this.durationS) : NaN;
   }
 
+  // Round to a step on the clock, within the recording.
+  snap(second, stepS) {
+    const round = Math.round((this.startS + second) / stepS) * stepS - this.startS;
+    return Math.min(Math.max(round, 0), this.durationS);
+  }
+
   // Return round times of a view for an axis of this width: [second, text].
   marks(fromS, toS, widthPx) {
     const steps = [0.01, 0.05, 0.1, 0.5, 1, 2, 5, 10, 30, 60, 120, 300, 600, 1800, 3600, 7200, 14400, 43200, 86400];

@@ -5,6 +5,7 @@
 /* global Plotly */
 
 const MARGIN = { l: 46, r: 12, t: 10, b: 30 };
+const DEGREES = [0, 30, 60, 90, 120, 150, 180];
 const GUIDES_DEG = [30, 60, 90];
 const POINTS = 1000;
 const TOP_DEG = 180;
@@ -32,19 +33,23 @@ export class Curve {
     return ticket === this.asked;
   }
 
-  // Update only the layout, which is fast enough for every step of a drag.
-  draw(bands, chosen, points = []) {
-    const marks = this.clock.marks(this.view.fromS, this.view.toS, this.widthPx());
+  // Update only the layout, which is fast enough for every step of a drag. The place gives the size, so that
+  // curves above one another are equally wide; marks are the labels of their common time axis.
+  draw(bands, chosen, points = [], marks = this.marks()) {
     const axis = { zeroline: false, color: ink("--soft"), gridcolor: ink("--line"), fixedrange: true };
     const layout = {
-      margin: MARGIN, showlegend: false, dragmode: false, hovermode: false,
+      width: this.place.clientWidth, height: this.place.clientHeight, margin: { ...MARGIN, b: marks.some(([, text]) => text) ? MARGIN.b : 8 }, showlegend: false, dragmode: false, hovermode: false,
       paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { size: 13, color: ink("--soft") },
-      xaxis: { ...axis, range: [this.view.fromS, this.view.toS], tickvals: marks.map((m) => m[0]), ticktext: marks.map((m) => m[1]), showgrid: false, tickangle: 0 },
-      yaxis: { ...axis, range: [0, points.length ? TOP_DEG + MARKS_DEG : TOP_DEG], tickvals: [0, 30, 60, 90, 120, 150, 180], ticksuffix: "°" },
+      xaxis: { ...axis, range: [this.view.fromS, this.view.toS], tickvals: marks.map((m) => m[0]), ticktext: marks.map((m) => m[1]), showgrid: false, tickangle: 0, ticks: "outside", ticklen: 6, tickcolor: "rgba(0,0,0,0)" },
+      yaxis: { ...axis, range: [0, points.length ? TOP_DEG + MARKS_DEG : TOP_DEG], tickvals: DEGREES, ticktext: DEGREES.map((degrees) => `${degrees}°`) },
       shapes: [...GUIDES_DEG.map(guide), ...bands.map((band) => area(band, band.row === chosen))],
       annotations: [...this.label(bands), ...this.point(points)],
     };
-    return Plotly.react(this.place, this.lines(), layout, { displayModeBar: false, responsive: true, doubleClick: false });
+    return Plotly.react(this.place, this.lines(), layout, { displayModeBar: false, doubleClick: false });
+  }
+
+  marks() {
+    return this.clock.marks(this.view.fromS, this.view.toS, this.widthPx());
   }
 
   get showsMinutes() {
@@ -72,12 +77,18 @@ export class Curve {
     }));
   }
 
-  // Place the episode numbers at their times.
+  // Keep a flag within the view.
+  anchor(atS) {
+    const part = (atS - this.view.fromS) / this.view.spanS;
+    return part < 0.1 ? "left" : part > 0.9 ? "right" : "center";
+  }
+
+  // Place the flags of moments at their times.
   point(points) {
     const { fromS, toS } = this.view;
     const inView = points.filter(({ atS }) => atS >= fromS && atS <= toS).sort((one, other) => one.atS - other.atS);
     return inView.map(({ text, atS }, place) => ({
-      x: atS, y: TOP_DEG + MARKS_DEG - 14 * (place % 3), yanchor: "top", text, showarrow: false, font: { size: 12, color: ink("--card") }, bgcolor: ink("--accent"), borderpad: 2,
+      x: atS, y: TOP_DEG + MARKS_DEG - 14 * (place % 3), yanchor: "top", text, xanchor: this.anchor(atS), showarrow: false, font: { size: 12, color: ink("--card") }, bgcolor: ink("--accent"), borderpad: 2,
     }));
   }
 

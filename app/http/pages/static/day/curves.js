@@ -47,6 +47,7 @@ class Curves {
   constructor(box) {
     this.places = [...box.querySelectorAll(".curve")];
     const ends = this.places.map(({ dataset }) => Number(dataset.shift) + Number(dataset.duration));
+    this.isOneDay = new Set(this.places.map(({ dataset }) => dataset.start.slice(0, 10))).size === 1;
     this.view = new View(Math.max(...ends), () => this.moved());
     this.curves = this.places.map((place) => this.make(place));
     this.steps = [];
@@ -54,14 +55,15 @@ class Curves {
 
   make(place) {
     const { curve, beside, start, duration, shift, dated, minutes } = place.dataset;
-    const clock = new Clock(start, Number(duration), Boolean(dated));
+    const clock = new Clock(start, Number(duration), Boolean(dated) && this.isOneDay);
     return new Curve(place, curve, clock, new ShiftedView(this.view, Number(shift)), JSON.parse(minutes), beside);
   }
 
   async open() {
     listenToView(this.view);
     for (const curve of this.curves) listenToMoves(curve);
-    window.addEventListener("resize", () => this.draw());
+    const observer = new ResizeObserver(() => this.draw());
+    for (const place of this.places) observer.observe(place);
     for (const query of ["(prefers-color-scheme: dark)", "print"]) window.matchMedia(query).addEventListener("change", () => this.draw());
     await this.load();
     this.draw();
@@ -82,9 +84,14 @@ class Curves {
     this.timer = setTimeout(() => this.load().then(() => this.draw()).catch(fail), REST_MS);
   }
 
+  // The curves share the time axis of the earliest recording, below the last of them.
   draw() {
-    for (const curve of this.curves) curve.draw([], null);
-    const [{ clock, view }] = this.curves;
+    const { clock, view } = this.curves.find((curve) => curve.view.byS === 0);
+    const marks = clock.marks(view.fromS, view.toS, this.curves[0].widthPx());
+    for (const curve of this.curves) {
+      const isLast = curve === this.curves.at(-1);
+      curve.draw([], null, [], marks.map(([at, text]) => [at - curve.view.byS, isLast ? text : ""]));
+    }
     const digits = view.spanS < 10 ? 2 : 0;
     $("view").textContent = fill($("view").dataset.text, { start: clock.show(view.fromS, digits), end: clock.show(view.toS, digits) });
   }

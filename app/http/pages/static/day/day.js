@@ -6,7 +6,7 @@ import { Clock } from "./clock.js";
 import { Curve } from "./curve.js";
 import { Handles } from "./handles.js";
 import { listenToMoves, listenToView } from "./gestures.js";
-import { Overview } from "./overview.js";
+import { Pen } from "./pen.js";
 import { listenToForm } from "./form.js";
 import { Tasks } from "./tasks.js";
 import { View } from "./view.js";
@@ -23,9 +23,8 @@ export class Day {
     this.view = new View(Number(duration), () => this.moved());
     const minutes = JSON.parse(box.dataset.minutes);
     this.curve = new Curve($("curve"), curve, this.clock, this.view, minutes);
-    this.overview = new Overview($("overview"), curve, this.view, minutes);
     this.handles = new Handles(this.bands, this.curve, this.view, (isDone) => this.changed(isDone));
-    this.marks = [...document.querySelectorAll("[data-mark]")].map(({ dataset }) => ({ text: dataset.mark, atS: this.clock.read(dataset.at) }));
+    this.pen = new Pen(this);
     this.candidates = [...document.querySelectorAll(".choices [data-look]")].map(({ dataset }) => ({
       kind: "candidate", name: dataset.name, startS: this.clock.read(dataset.from), endS: this.clock.read(dataset.to),
     }));
@@ -36,7 +35,7 @@ export class Day {
   async open() {
     this.box.hidden = false;
     this.listen();
-    await Promise.all([this.curve.load(), this.overview.load()]);
+    await this.curve.load();
     this.changed(true);
   }
 
@@ -59,11 +58,18 @@ export class Day {
     }
   }
 
+  // The flags of the moments that the page lists now; those in a closed list have none.
+  flags() {
+    const shown = [...document.querySelectorAll("[data-mark]")].filter((part) => !part.closest("details:not([open])"));
+    return shown.map(({ dataset }) => ({ text: dataset.mark, atS: this.clock.read(dataset.at) }));
+  }
+
   draw() {
-    this.curve.draw([...this.candidates, ...this.bands.list()], this.bands.chosen, this.marks);
-    this.overview.draw();
+    this.curve.draw([...this.candidates, ...this.bands.list()], this.bands.chosen, this.flags());
     this.handles.draw();
-    const { fromS, toS } = this.view;
+    const { fromS, toS, durationS } = this.view;
+    $("part").style.setProperty("margin-left", `${(100 * fromS) / durationS}%`);
+    $("part").style.setProperty("width", `${(100 * (toS - fromS)) / durationS}%`);
     const digits = this.view.spanS < 10 ? 2 : 0;
     $("view").textContent = fill($("view").dataset.text, { start: this.clock.show(fromS, digits), end: this.clock.show(toS, digits) });
   }
@@ -77,6 +83,7 @@ export class Day {
     this.bands.name();
     this.measure();
     this.unsent.keep();
+    this.count();
   }
 
   // Handle fields that undo has restored.
@@ -84,7 +91,17 @@ export class Day {
     this.bands.chosen = null;
     this.bands.name();
     this.draw();
+    this.measure();
     this.unsent.keep();
+    this.count();
+  }
+
+  // Say how many changes the draft has.
+  count() {
+    const { dataset } = $("draft").parentElement;
+    const n = this.bands.countChanges(this.unsent.asServed);
+    dataset.changes = n;
+    $("draft").textContent = n === 0 ? dataset.none : n === 1 ? dataset.one : fill(dataset.many, { n });
   }
 
   // Update the stillness of each window and the time of each task, also during a drag.
@@ -141,9 +158,10 @@ export class Day {
 
   listen() {
     listenToView(this.view);
-    listenToMoves(this.curve, (second) => this.chooseAt(second));
+    listenToMoves(this.curve, (second) => this.chooseAt(second), this.pen);
+    $("highest")?.addEventListener("toggle", () => this.draw());
     listenToForm(this);
-    window.addEventListener("resize", () => this.draw());
+    new ResizeObserver(() => this.draw()).observe($("curve"));
     for (const query of ["(prefers-color-scheme: dark)", "print"]) window.matchMedia(query).addEventListener("change", () => this.draw());
   }
 }

@@ -4,7 +4,6 @@ import { $, fill, say } from "../say.js";
 import { refuse, send } from "../send.js";
 import { Unsent } from "../unsent.js";
 
-const NEW_PART = 0.1;
 const POSE_S = 10;
 
 export function listenToForm(day) {
@@ -57,20 +56,9 @@ function act(day, button) {
   if (button.dataset.do === "select") day.choose(row);
   if (button.dataset.do === "remove") remove(day, row);
   if (button.dataset.accept) accept(day, button.dataset);
-  if (button.id === "add") add(day);
+  if (button.id === "add") day.pen.place();
   if (button.id === "hold-again") holdAgain(day);
   if (button.id === "undo") undo(day);
-}
-
-function add(day) {
-  const { fromS, toS, spanS } = day.view;
-  const half = Math.max(Math.round((spanS * NEW_PART) / 2), 1);
-  const middle = Math.round((fromS + toS) / 2);
-  const row = day.bands.add($("add-kind").value, "", day.clock.format(Math.max(0, middle - half)), day.clock.format(Math.min(day.view.durationS, middle + half)));
-  day.choose(row);
-  day.changed(true);
-  say(fill(day.words.added, { name: day.bands.find(row).name }));
-  row.querySelector("[name=label]").focus();
 }
 
 // Add a repeated pose in the middle of the view.

@@ -8,10 +8,10 @@ export function listenToView(view) {
   for (const button of document.querySelectorAll("[data-view]")) button.addEventListener("click", acts[button.dataset.view]);
 }
 
-// onPoint(second) is called for a click or tap without a drag.
-export function listenToMoves(curve, onPoint = () => {}) {
+// onPoint(second) is called for a click or tap without a drag; a pen that is down draws instead of moving.
+export function listenToMoves(curve, onPoint = () => {}, pen = null) {
   listenToKeys(curve);
-  listenToPointer(curve, onPoint);
+  listenToPointer(curve, onPoint, pen);
 }
 
 function list(view) {
@@ -28,7 +28,7 @@ function listenToKeys({ place, view }) {
   });
 }
 
-function listenToPointer(curve, onPoint) {
+function listenToPointer(curve, onPoint, pen) {
   const { place, view } = curve;
   const fingers = new Map(); // position of each finger; two fingers pinch
   let grabbed = null;
@@ -38,18 +38,23 @@ function listenToPointer(curve, onPoint) {
   }, { passive: false });
   place.addEventListener("pointerdown", (event) => {
     fingers.set(event.pointerId, event.clientX);
+    if (fingers.size > 1) pen?.lift(false);
     grabbed = fingers.size > 1 ? null : { x: event.clientX, fromS: view.fromS, toS: view.toS };
     place.setPointerCapture(event.pointerId);
   });
+  const isMoved = (event) => pen?.row || Math.abs(event.clientX - grabbed.x) >= STILL_PX;
   for (const end of ["pointerup", "pointercancel"]) place.addEventListener(end, (event) => fingers.delete(event.pointerId));
+  place.addEventListener("pointercancel", () => pen?.lift(false));
   place.addEventListener("pointermove", (event) => {
     if (fingers.size === 2 && fingers.has(event.pointerId)) return pinch(curve, fingers, event);
     if (!grabbed || !event.buttons) return;
+    if (pen?.isDown) return isMoved(event) && pen.draw(curve.secondAt(grabbed.x), curve.secondAt(event.clientX));
     const by = ((grabbed.x - event.clientX) / curve.widthPx()) * (grabbed.toS - grabbed.fromS);
     view.set(grabbed.fromS + by, grabbed.toS + by);
   });
   place.addEventListener("pointerup", (event) => {
-    if (grabbed && Math.abs(event.clientX - grabbed.x) < STILL_PX) onPoint(curve.secondAt(event.clientX));
+    if (grabbed && !isMoved(event)) onPoint(curve.secondAt(event.clientX));
+    pen?.lift();
     grabbed = null;
   });
 }
