@@ -19,7 +19,6 @@ from app.report.model import Profile, Report, format_brief
 from app.report.products import set_report_again
 from app.report.render.html import render_html
 from app.report.render.pdf import render_pdf
-from app.report.render.write import write_reports
 from app.report.single.report import build_report
 from app.report.words.wording import LANGUAGES, Language
 from app.request import Conclusion, Paper, ReportRequest
