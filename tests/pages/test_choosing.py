@@ -185,7 +185,9 @@ def test_rows_sent_by_a_script_are_named_by_subject_date_and_arm_in_french_on_a_
     expect(
         row.get_by_role("checkbox", name="Sélectionner S012, 2026-03-02 7\u202fh\u202f00, droit")
     ).to_be_visible()
+    expect(row.get_by_role("link", name="Rapport PDF")).to_be_visible()
     row.get_by_role("checkbox").click()
+    page.locator("#acts summary").click()
     expect(page.get_by_role("button", name="PDF (ZIP)")).to_be_in_viewport()
     assert page.evaluate("document.documentElement.scrollWidth") == 360
 
@@ -197,12 +199,12 @@ def test_on_a_phone_the_list_begins_on_the_first_screen_and_the_rest_unfolds(
     page.goto(f"{server.address}?lang=en")
 
     expect(page.locator("#rows .row").first).to_be_in_viewport()
-    expect(page.locator("#subject")).to_be_hidden()
-    page.get_by_text("Arm, subject, study").click()
-    page.locator("#subject").fill("S012")
+    expect(page.locator("#study")).to_be_hidden()
+    page.locator("summary", has_text="Study").click()
+    page.locator("#study").fill("Spring")
     page.set_viewport_size({"width": 1200, "height": 740})
     expect(page.get_by_label("Subject or file")).to_be_visible()
     page.set_viewport_size({"width": 360, "height": 740})
 
-    expect(page.locator("#subject")).to_be_visible()  # what is said is never folded away
+    expect(page.locator("#study")).to_be_visible()  # what is said is never folded away
     expect(page.get_by_label("Subject or file")).to_be_hidden()

@@ -20,7 +20,7 @@ export function keepRecordings(files) {
 }
 
 async function walk(entry) {
-  if (entry.isFile) return new Promise((resolve) => entry.file((file) => resolve([file]), () => resolve([])));
+  if (entry.isFile) return new Promise((resolve) => entry.file((file) => resolve([Object.assign(file, { path: entry.fullPath.slice(1) })]), () => resolve([])));
   const reader = entry.createReader();
   const found = [];
   for (;;) {
