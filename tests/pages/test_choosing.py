@@ -7,8 +7,9 @@ from zipfile import ZipFile
 import pytest
 from playwright.sync_api import BrowserContext, Locator, Page, expect
 
-from tests.pages.conftest import open_page
+from tests.pages.conftest import keep_picture, open_page
 from tests.pages.steps import END_MS, see_end
+from tests.pages.test_everyone import SCREENS, Look, list_barriers, show_as
 from tests.ways_in.servers import RunningServer
 
 pytestmark = pytest.mark.browser
@@ -208,3 +209,27 @@ def test_on_a_phone_the_list_begins_on_the_first_screen_and_the_rest_unfolds(
 
     expect(page.locator("#study")).to_be_visible()  # what is said is never folded away
     expect(page.get_by_label("Subject or file")).to_be_hidden()
+
+
+@pytest.mark.parametrize(("width", "language"), SCREENS)
+def test_every_report_has_its_pdf_in_reach_and_a_phone_has_one_menu_of_actions(
+    page: Page, server: RunningServer, right: str, left: str, width: int, language: str
+) -> None:
+    look = Look(language, "light", width)
+    show_as(page, look)
+    page.goto(f"{server.address}?text=S012&lang={language}")
+    row = page.locator("#rows .row.is-succeeded").first
+
+    box = row.locator("[data-key=pdf]").bounding_box() or pytest.fail("not shown")
+    row.get_by_role("checkbox").click()
+    menu, action = page.locator("#acts summary"), page.locator("#acts [formaction$='reports.zip']")
+    if width == 390:
+        expect(action).to_be_hidden()
+        menu.click()
+    expect(action).to_be_in_viewport()
+    expect(menu).to_be_visible(visible=width == 390)
+    keep_picture(page, f"library-{width}-{language}")
+
+    assert 0 <= box["x"] <= box["x"] + box["width"] <= width
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    assert list_barriers(page, look) == []

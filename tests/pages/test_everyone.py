@@ -75,6 +75,8 @@ class Look:
     width: int
 
 
+SCREENS = [(width, language) for width in (1440, 1000, 390) for language in ("en", "fr")]
+"""Widths and languages of the walks through the pages."""
 LOOKS = [
     pytest.param(Look("en", "light", 1200), id="en-light-desktop"),
     pytest.param(Look("fr", "dark", 1200), id="fr-dark-desktop"),

@@ -1,24 +1,30 @@
 """Finishing a recording after its upload: person, arm, pose and breaks are asked on one card."""
 
 import re
+from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
 from itertools import count
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import Locator, Page, expect
+from sqlalchemy import update
 
+from app.library.database.tables import analyses
+from app.library.jobs import JobStore
+from app.report.words.numbers import format_duration
 from app.report.words.wording import Language, fill, load_wording
+from app.settings import Settings
 from fusion.simulation import write_recordings
 from tests.pages.conftest import keep_picture
 from tests.pages.steps import END_MS, find_row, open_home, wait_for_end
-from tests.pages.test_everyone import Look, list_barriers
+from tests.pages.test_everyone import SCREENS, Look, list_barriers
 from tests.ways_in.servers import RunningServer
 
 pytestmark = pytest.mark.browser
 
 SEEDS = count(700)
 MOST_ACTS = 12
-SCREENS = [(width, language) for width in (1440, 1000, 390) for language in ("en", "fr")]
 
 
 class Hand:
@@ -182,3 +188,43 @@ def test_a_pose_held_at_another_time_is_typed_and_a_window_that_moved_is_refused
 
     expect(page.get_by_role("heading", name="The answer in short")).to_be_visible(timeout=END_MS)
     expect(page.locator(".verdict").first).to_contain_text("Calibration pose: stated (07:00:05")
+
+
+@pytest.fixture(scope="module")
+def idle(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
+    """A server without workers, so that a test decides how far an analysis is."""
+    folder = tmp_path_factory.mktemp("idle")
+    running = RunningServer(folder / "data", folder / "log", workers=0)
+    yield running
+    running.stop()
+
+
+@pytest.mark.parametrize(("width", "language"), SCREENS)
+def test_what_is_dropped_is_in_sight_with_the_time_left_also_on_the_first_run(
+    page: Page, idle: RunningServer, tmp_path: Path, width: int, language: Language
+) -> None:
+    page.set_viewport_size({"width": width, "height": 900})
+    words, store = load_wording(language, "page"), JobStore(Settings(data_dir=idle.data))
+    file = make_shift(tmp_path, f"progress{width}{language}.gt3x")
+    open_home(page, idle, language)
+    page.evaluate("scrollTo(0, document.body.scrollHeight)")
+
+    page.set_input_files("#files", file)
+    bar = page.locator("#finish .line-bar")
+    expect(bar).to_be_in_viewport(timeout=END_MS)
+    job = store.claim()
+    assert job is not None
+    store.renew(job.id, str(job.token), "preparing", 0.4)
+
+    # 6 of 10 s of preparation, then 3 s as for any file and 0.15 s for its 0.5 MB
+    left = fill(words["row"]["time_left"], {"duration": format_duration(10.0, language)})
+    for place in (bar, find_row(page, file.name)):
+        expect(place).to_contain_text(words["stage"]["preparing"])
+        expect(place).to_contain_text(left)
+    keep_picture(page, f"progress-{width}-{language}")
+    store.renew(job.id, str(job.token), "reading", 0.2)
+    began = (datetime.now(UTC) - timedelta(minutes=1)).isoformat()
+    store.run(update(analyses).where(analyses.c.id == job.id).values(started_at=began))
+    expect(bar).to_contain_text(words["row"]["longer"])
+    store.cancel(job.id)
+    store.close()

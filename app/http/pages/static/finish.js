@@ -10,14 +10,23 @@ const LOOK_MS = 1000;
 const LIST = "acromion.list"; // the list of participants, for the other cards of this tab
 const MOST_CARDS = 6;
 
+let isTyped = false; // answers that were not saved
+
+window.addEventListener("beforeunload", (event) => isTyped && event.preventDefault());
+
 class Card {
   // onEnd(address of the report) is called after the answers were saved; "" if the card was skipped.
   constructor(section, path, onEnd) {
     Object.assign(this, { section, path, onEnd, form: section.querySelector("form") });
-    section.querySelector("[data-skip]").addEventListener("click", (event) => this.onEnd && (event.preventDefault(), this.end("")));
+    section.querySelector("[data-skip]").addEventListener("click", (event) => {
+      isTyped = false;
+      if (this.onEnd) event.preventDefault(), this.end("");
+    });
     if (!this.form) return;
     section.addEventListener("click", (event) => this.act(event.target.closest("button")));
     section.addEventListener("click", ({ target }) => target.matches(".stretch") && this.choose(target.dataset.value));
+    this.form.addEventListener("input", () => (isTyped = true));
+    this.form.addEventListener("sent", () => (isTyped = false));
     this.form.addEventListener("change", () => this.show());
     this.form.addEventListener("submit", (event) => this.save(event));
     section.querySelector("[type=file]").addEventListener("change", ({ target }) => this.takeList(target));
@@ -72,6 +81,7 @@ class Card {
   act(button) {
     if (!button) return;
     const { propose: name, value } = button.dataset;
+    if (name) isTyped = true;
     if (name === "subject") this.form.elements.subject.value = value;
     if (name === "side") this.form.elements.side.value = value;
     if (name) this.form.dispatchEvent(new Event("change"));

@@ -3,6 +3,7 @@
 
 import { $, fill, pause, say } from "../say.js";
 import { formatMoment } from "../times.js";
+import { readFolder } from "./drop.js";
 import { forget, recall, fingerprint } from "./memory.js";
 import { Row } from "./row.js";
 import { deleteUpload, Refusal, TUS, TusUpload } from "./tus.js";
@@ -24,7 +25,7 @@ export class Queue {
       const entry = { file };
       const kept = recall()[fingerprint(file)] || {}; // stated before a reload
       entry.study = values.study || kept.study || "";
-      entry.path = file.path || file.webkitRelativePath || file.name; // proposes whose recording it is
+      entry.path = [readFolder(file), file.name].filter(Boolean).join("/"); // proposes whose recording it is
       entry.row = new Row(file, { cancel: () => this.cancel(entry), retry: () => this.retry(entry), remove: () => this.remove(entry) });
       this.all.add(entry);
       this.waiting.push(entry);
