@@ -48,7 +48,7 @@ from app.http.pages import live as live_page
 from app.http.pages import pairs as pair_pages
 from app.http.pages import trust as trust_pages
 from app.http.pages import validations as validation_pages
-from app.http.pages.recording import analysis, columns, day, drafts
+from app.http.pages.recording import analysis, columns, day, drafts, finish
 from app.http.pages.rendering import FOLDER, Assets, get_assets_path
 from app.intake import FolderWatch, Intake
 from app.library.database.connect import (
@@ -84,7 +84,8 @@ ROUTES = (
     *(pairs.router, about.router, about.health_router, live.router, trust.router, trust.token_router),
 )
 PAGES = (
-    *(module.router for module in (analysis, day, drafts, library, pair_pages, columns, help, rendering)),
+    *(module.router for module in (analysis, day, drafts, finish)),
+    *(module.router for module in (library, pair_pages, columns, help, rendering)),
     *(module.router for module in (validation_pages, live_page, login, trust_pages, account)),
 )
 MAX_HEADER_BYTES = 64 * 1024

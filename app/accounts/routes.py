@@ -121,6 +121,7 @@ _ROUTES: Mapping[Needed, str] = {
         GET    /                                                          list.read
         GET    /rows                                                      list.read
         GET    /analyses/{analysis_id}                                    report.read
+        GET    /recordings/{recording_id}/finish                          report.read
         GET    /analyses/{analysis_id}/curve                              report.read
         GET    /analyses/{analysis_id}/report.html                        report.read
         GET    /analyses/{analysis_id}/stillness                          report.read
@@ -168,6 +169,8 @@ _ROUTES: Mapping[Needed, str] = {
         POST   /library/acts/{act}                                        rows
         GET    /recordings/{recording_id}/delete                          recording.read
         POST   /recordings/{recording_id}/delete                          rows
+        POST   /recordings/{recording_id}/finish                          rows
+        POST   /recordings/{recording_id}/finish/proposal                 rows
         POST   /recordings/{recording_id}/restore                         rows
         POST   /beside/compare/align                                      rows
         POST   /columns/{header}                                          rows

@@ -18,12 +18,13 @@ from app.accounts.sign_in import SignIn
 from app.accounts.subjects import Role
 from app.library.database.tables import sessions
 from app.library.jobs import JobStore
+from app.report.words.wording import Language, load_wording
 from app.request import ReportRequest
 from app.settings import Settings
 from app.store.folder import StoredRecording
 from tests.pages.conftest import keep_picture, open_page
 from tests.pages.steps import list_other_times
-from tests.pages.test_everyone import LOOKS, Look, list_barriers, show_as
+from tests.pages.test_everyone import LOOKS, SCREENS, Look, list_barriers, show_as
 from tests.ways_in.servers import RunningServer
 
 pytestmark = pytest.mark.browser
@@ -174,6 +175,7 @@ def test_a_person_is_invited_chooses_a_password_and_is_ended(
 def test_a_token_is_shown_once_on_the_page(page: Page, clinic: RunningServer) -> None:
     log_in(page, clinic)
     page.goto(f"{clinic.address}account?lang=en")
+    page.locator("summary", has_text="For scripts").click()
     page.get_by_label("Purpose").fill("nightly")
     page.get_by_label("upload recordings").check()
     page.get_by_role("button", name="Create a token").click()
@@ -183,7 +185,49 @@ def test_a_token_is_shown_once_on_the_page(page: Page, clinic: RunningServer) ->
     page.goto(f"{clinic.address}account")
 
     expect(page.locator("code.secret")).to_have_count(0)
+    page.locator("summary", has_text="For scripts").click()
     expect(page.get_by_role("button", name="Revoke: nightly")).to_be_visible()
+
+
+@pytest.mark.parametrize(("width", "language"), SCREENS)
+def test_a_saved_password_is_told_and_codes_are_copied_and_printed(
+    page: Page, clinic: RunningServer, sign_in: SignIn, width: int, language: Language
+) -> None:
+    words, look = load_wording(language, "access"), Look(language, "light", width)
+    show_as(page, look)
+    page.context.grant_permissions(["clipboard-read", "clipboard-write"])
+    person = sign_in.accounts.find_person("clara")
+    assert person is not None
+
+    page.goto(f"{clinic.address}login/link/{sign_in.make_link(person.id, 60)}?lang={language}")
+    page.locator("input[name=password]").fill(PASSWORD)
+    page.locator("main button").click()
+    expect(page.get_by_role("status")).to_have_text(words["password_saved"])
+    keep_picture(page, f"access-saved-{width}-{language}")
+    barriers = list_barriers(page, look)
+    log_in(page, clinic, language=language)
+
+    expect(page.locator("[name=permission]").first).to_be_hidden()
+    page.locator("summary", has_text=words["for_scripts"]).click()
+    expect(page.locator("[name=permission]").first).to_be_visible()
+    keep_picture(page, f"access-scripts-{width}-{language}")
+    page.locator("form[action$='/account/second-factor'] button").click()
+    page.locator("input[name=code]").fill(pyotp.TOTP(page.locator("code.secret").inner_text()).now())
+    page.locator("main button").click()
+    page.get_by_role("button", name=words["codes_copy"]).click()
+    expect(
+        page.get_by_role("button", name=load_wording(language, "page")["action"]["copied"])
+    ).to_be_visible()
+    copied = page.evaluate("navigator.clipboard.readText()").split()
+    keep_picture(page, f"access-codes-{width}-{language}")
+    barriers += list_barriers(page, look)
+    page.evaluate("window.print = () => (window.isPrinted = true)")
+    page.locator("[data-print]").click()
+
+    assert copied == page.locator(".plain-codes code").all_inner_texts()
+    assert page.evaluate("isPrinted")
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    assert barriers == []
 
 
 @pytest.mark.parametrize("name", ["summary.csv", "reports.zip", "recordings.zip"])

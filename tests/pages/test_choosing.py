@@ -7,8 +7,9 @@ from zipfile import ZipFile
 import pytest
 from playwright.sync_api import BrowserContext, Locator, Page, expect
 
-from tests.pages.conftest import open_page
+from tests.pages.conftest import keep_picture, open_page
 from tests.pages.steps import END_MS, see_end
+from tests.pages.test_everyone import SCREENS, Look, list_barriers, show_as
 from tests.ways_in.servers import RunningServer
 
 pytestmark = pytest.mark.browser
@@ -185,7 +186,9 @@ def test_rows_sent_by_a_script_are_named_by_subject_date_and_arm_in_french_on_a_
     expect(
         row.get_by_role("checkbox", name="Sélectionner S012, 2026-03-02 7\u202fh\u202f00, droit")
     ).to_be_visible()
+    expect(row.get_by_role("link", name="Rapport PDF")).to_be_visible()
     row.get_by_role("checkbox").click()
+    page.locator("#acts summary").click()
     expect(page.get_by_role("button", name="PDF (ZIP)")).to_be_in_viewport()
     assert page.evaluate("document.documentElement.scrollWidth") == 360
 
@@ -197,12 +200,36 @@ def test_on_a_phone_the_list_begins_on_the_first_screen_and_the_rest_unfolds(
     page.goto(f"{server.address}?lang=en")
 
     expect(page.locator("#rows .row").first).to_be_in_viewport()
-    expect(page.locator("#subject")).to_be_hidden()
-    page.get_by_text("Arm, subject, study").click()
-    page.locator("#subject").fill("S012")
+    expect(page.locator("#study")).to_be_hidden()
+    page.locator("summary", has_text="Study").click()
+    page.locator("#study").fill("Spring")
     page.set_viewport_size({"width": 1200, "height": 740})
     expect(page.get_by_label("Subject or file")).to_be_visible()
     page.set_viewport_size({"width": 360, "height": 740})
 
-    expect(page.locator("#subject")).to_be_visible()  # what is said is never folded away
+    expect(page.locator("#study")).to_be_visible()  # what is said is never folded away
     expect(page.get_by_label("Subject or file")).to_be_hidden()
+
+
+@pytest.mark.parametrize(("width", "language"), SCREENS)
+def test_every_report_has_its_pdf_in_reach_and_a_phone_has_one_menu_of_actions(
+    page: Page, server: RunningServer, right: str, left: str, width: int, language: str
+) -> None:
+    look = Look(language, "light", width)
+    show_as(page, look)
+    page.goto(f"{server.address}?text=S012&lang={language}")
+    row = page.locator("#rows .row.is-succeeded").first
+
+    box = row.locator("[data-key=pdf]").bounding_box() or pytest.fail("not shown")
+    row.get_by_role("checkbox").click()
+    menu, action = page.locator("#acts summary"), page.locator("#acts [formaction$='reports.zip']")
+    if width == 390:
+        expect(action).to_be_hidden()
+        menu.click()
+    expect(action).to_be_in_viewport()
+    expect(menu).to_be_visible(visible=width == 390)
+    keep_picture(page, f"library-{width}-{language}")
+
+    assert 0 <= box["x"] <= box["x"] + box["width"] <= width
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    assert list_barriers(page, look) == []

@@ -47,9 +47,8 @@ def test_a_refusal_says_what_happened_and_what_to_do_and_leads_to_help(
 def test_the_details_are_copied_without_what_is_personal(
     page: Page, server: RunningServer, tmp_path: Path
 ) -> None:
+    server.send(make_file(tmp_path, "details.csv"), subject="SECRET7")
     open_home(page, server)
-    page.fill("#subject", "SECRET7")
-    page.set_input_files("#files", make_file(tmp_path, "details.csv"))
     failed = find_row(page, "details.csv")
     expect(failed).to_have_attribute("data-state", "failed", timeout=END_MS)
 
@@ -84,14 +83,18 @@ def test_an_empty_file_is_refused_on_the_spot(page: Page, server: RunningServer,
     expect(refused).to_have_count(0)
 
 
-def test_hostile_text_makes_no_element_and_runs_nothing(page: Page, server: RunningServer) -> None:
-    name = "<img src=x onerror=alert(1)>.csv"
+def test_hostile_text_makes_no_element_and_runs_nothing(
+    page: Page, server: RunningServer, tmp_path: Path
+) -> None:
+    name, subject = "<img src=x onerror=alert(1)>.csv", "</p><script>alert(1)</script>"
+    server.send(make_file(tmp_path, "hostile.csv"), subject=subject)
     open_home(page, server)
-    page.get_by_label("Subject code").first.fill("</p><script>alert(1)</script>")
 
     page.set_input_files("#files", {"name": name, "mimeType": "text/csv", "buffer": b"hostile"})
 
-    expect(find_row(page, name)).to_contain_text("<script>alert(1)</script>", timeout=END_MS)
+    expect(find_row(page, name)).to_be_visible(timeout=END_MS)
+    expect(page.locator("#finish")).to_contain_text(name)
+    expect(find_row(page, "hostile.csv")).to_contain_text(subject)
     assert page.locator("main img, main script").count() == 0
 
 

@@ -191,26 +191,6 @@ def test_the_wrong_kind_of_file_is_named_while_it_is_on_its_way(
     expect(find_upload(page, "letter.csv").locator(".row-note")).to_contain_text("Not a sensor recording")
 
 
-def test_the_pose_held_at_the_start_is_stated_once_for_all_files(
-    page: Page, server: RunningServer, tmp_path: Path
-) -> None:
-    files = [
-        write_recordings(tmp_path, "gt9x", 0.02, seed)[0].rename(tmp_path / f"held{seed}.gt3x")
-        for seed in (61, 62)
-    ]
-    open_home(page, server)
-    page.get_by_role("radio", name="Held at the start of wear").check(force=True)
-
-    page.set_input_files("#files", files)
-
-    for file in files:
-        wait_for_end(page, file.name)
-        items = server.client.get("/api/v1/analyses").json()["items"]
-        (job,) = (item for item in items if item["file_name"] == file.name)
-        assert job["settings"]["pose_held"] == "start"
-        expect(find_row(page, file.name).get_by_role("link", name="Confirm the pose")).to_have_count(0)
-
-
 def test_two_bars_and_a_stage_show_how_far_it_is(page: Page, server: RunningServer, tmp_path: Path) -> None:
     file = write_recordings(tmp_path, "gt9x", 0.1, 11)[0].rename(tmp_path / "bars.gt3x")
     open_home(page, server)

@@ -103,7 +103,7 @@ def add_token(page: UsedPage, form: UsedForm, person: UsedPerson) -> Response:
             page.sign_in.accounts, person, name, chosen, int(days) if days.isdecimal() else 0
         )
     except (BadParameter, NotPermitted) as refusal:
-        return _render_account(page, person, refusal)
+        return _render_account(page, person, refusal, done="token")
     return _render_account(page, person, bearer=bearer)
 
 
@@ -125,7 +125,8 @@ def _render_account(
 ) -> Response:
     """Render the account page.
 
-    ``done``: what was changed; ``bearer``: a token to show once; ``wanted``: the page to go to next.
+    ``done``: what was changed, or "token" if none could be made; ``bearer``: a token to show once;
+    ``wanted``: the page to go to next.
     """
     accounts, credentials = page.sign_in.accounts, page.sign_in.credentials
     person, use = accounts.get_person(subject.id), credentials.find_link_use(subject.id)

@@ -56,9 +56,9 @@ PLACES: tuple[tuple[Permission, str], ...] = (
 
 
 @router.get("/login")
-def show_login(page: UsedPage, next: str = "/") -> Response:  # noqa: A002
-    """Show the sign-in form."""
-    return _render_login(page, next)
+def show_login(page: UsedPage, next: str = "/", saved: str = "") -> Response:  # noqa: A002
+    """Show the sign-in form; ``saved``: the person has just set a password by link."""
+    return _render_login(page, next, is_saved=bool(saved))
 
 
 @router.get("/login/code")
@@ -147,7 +147,7 @@ def set_password(ticket: str, page: UsedPage, form: UsedForm) -> Response:
         page.sign_in.set_password_by_link(ticket, get_secret(form, "password"), address)
     except WeakPassword as refusal:
         return render_with_problem(page, "access/new_password.html", refusal, ticket=ticket)
-    return page.go("/login")
+    return page.go("/login?saved=1")
 
 
 # Sign-in by a provider.
@@ -279,11 +279,13 @@ def sanitize_next(wanted: str) -> str:
     return wanted if is_ours and wanted.isprintable() else "/"
 
 
-def _render_login(page: Page, wanted: str, refusal: AppError | None = None) -> Response:
+def _render_login(
+    page: Page, wanted: str, refusal: AppError | None = None, *, is_saved: bool = False
+) -> Response:
     has_accounts = get_gate(page.request).needs_accounts
     provider = urlsplit(get_settings(page.request).oidc_issuer).netloc
     values = {"next": sanitize_next(wanted), "has_accounts": has_accounts, "provider": provider}
-    return render_with_problem(page, "access/login.html", refusal, **values)
+    return render_with_problem(page, "access/login.html", refusal, is_saved=is_saved, **values)
 
 
 def _render_code(page: Page, form: Form, ticket: str, refusal: AppError | None = None) -> Response:

@@ -50,8 +50,12 @@ _CURED_BY_COLUMNS = (
 ASK_COLUMNS = frozenset(refusal.code for refusal in _CURED_BY_COLUMNS)
 """Problems that a person may fix by naming the columns."""
 
-MAX_SIZE_RATIO = 2.0
-"""The time left is estimated only from files at most this factor larger or smaller."""
+ANY_FILE_S = 3.0
+"""Time that an analysis of any file takes, however short, s."""
+USUAL_S_PER_MB = {".gt3x": 0.3, ".cwa": 0.3, ".zip": 0.3, ".gz": 0.2, "": 0.05}
+"""Time per size of a file until this computer has analysed one of the kind; "" for tables, s/MB."""
+PREPARING_S = 10.0
+"""Usual time of the preparation, once after installation, s."""
 MAX_PERIODS = 12
 
 
@@ -105,6 +109,7 @@ class JobRow:
     file_meta: tuple[str, ...]
     state: str
     state_word: str
+    stage: str
     stage_word: str
     percent: int
     duration: str
@@ -131,8 +136,10 @@ def build_row(job: Job, language: Language, took: Sequence[AnalysisDuration] = (
         seconds = max(0.0, ((job.ended_at or now) - job.started_at).total_seconds())
         shown = format_duration(seconds if job.ended_at else float(int(seconds)), language)
         times.append(fill(row_words["took" if job.ended_at else "running_for"], {"duration": shown}))
-    if left_s := estimate_left_s(job, took, now):
-        times.append(fill(row_words["time_left"], {"duration": format_duration(left_s, language)}))
+    left_s = estimate_left_s(job, took, now)
+    if left_s is not None:
+        shown = fill(row_words["time_left"], {"duration": format_duration(left_s, language)})
+        times.append(shown if left_s else str(row_words["longer"]))
     duration = ", ".join(times)
     # a first report needs no number, and a failed analysis has none
     has_version = request.version > 1 and job.state not in (JobState.FAILED, JobState.CANCELLED)
@@ -152,6 +159,7 @@ def build_row(job: Job, language: Language, took: Sequence[AnalysisDuration] = (
         file_meta=tuple(filter(None, (version, *of_file))),
         state=job.state.value,
         state_word=state_word,
+        stage=job.stage or "starting",
         stage_word=str(words["stage"][job.stage or "starting"]),
         percent=percent,
         duration=duration,
@@ -167,22 +175,26 @@ def build_row(job: Job, language: Language, took: Sequence[AnalysisDuration] = (
 
 
 def estimate_left_s(job: Job, took: Sequence[AnalysisDuration], now: datetime) -> float | None:
-    """Estimate the remaining time of a running analysis, s, from files of the same kind and similar size.
+    """Estimate the remaining time of a running analysis, s; 0 if it already takes longer than estimated.
 
-    None if there is no such file, or if it already takes longer than they did.
+    Earlier analyses of the same kind of file are scaled by size, above the time that any file takes; without
+    one, files of this kind usually take :data:`USUAL_S_PER_MB`. The first analysis after installation also
+    prepares the calculations. None if the analysis does not run, or is a comparison.
     """
     if job.state is not JobState.RUNNING or job.started_at is None or job.request.reference is not None:
         return None
+    kind = Path(job.file_name).suffix.lower()
     scaled = [
-        each.took_s * job.size_bytes / each.size_bytes
+        ANY_FILE_S + max(each.took_s - ANY_FILE_S, 0.0) * job.size_bytes / max(each.size_bytes, 1)
         for each in took
-        if Path(each.file_name).suffix.lower() == Path(job.file_name).suffix.lower()
-        and 1 / MAX_SIZE_RATIO <= job.size_bytes / max(each.size_bytes, 1) <= MAX_SIZE_RATIO
+        if Path(each.file_name).suffix.lower() == kind
     ]
-    if not scaled:
-        return None
-    left_s = median(scaled) - (now - job.started_at).total_seconds()
-    return float(ceil(left_s)) if left_s > 0 else None
+    usual_s = ANY_FILE_S + USUAL_S_PER_MB.get(kind, USUAL_S_PER_MB[""]) * job.size_bytes / 1e6
+    total_s = median(scaled) if scaled else usual_s
+    elapsed_s = (now - job.started_at).total_seconds()
+    if job.stage == "preparing":
+        return float(ceil(max(PREPARING_S * (1.0 - job.progress), 1.0) + total_s))
+    return float(max(0, ceil(total_s - elapsed_s)))
 
 
 def format_compared(job: Job, words: Words) -> str:
@@ -328,6 +340,7 @@ class ShownEntry:
     tags: tuple[tuple[str, str], ...]
     attempt: JobRow | None
     is_set: bool = False
+    questions: tuple[str, ...] = ()
 
     @property
     def active(self) -> JobRow | None:
@@ -460,7 +473,6 @@ def build_entry(entry: Entry, language: Language, took: Sequence[AnalysisDuratio
             "verdict": headline.verdict,
             "quality": _format_verdict(headline, words),
             "is_older": 0 < headline.method_version < int(METHOD_VERSION),
-            "is_pose_open": headline.calibration_state == "assumed",
             "above": format_percent(headline.above_60_percent, language),
             "spark": spark,
             "spark_words": fill(words["column"]["spark"], {"low": lowest, "high": highest}) if spark else "",
@@ -476,7 +488,18 @@ def build_entry(entry: Entry, language: Language, took: Sequence[AnalysisDuratio
         tags=tuple((tag, urlencode({"tag": tag})) for tag in entry.tags),
         attempt=build_row(attempt, language, took) if attempt else None,
         is_set=is_set,
+        questions=list_questions(job, headline) if headline else (),
     )
+
+
+def list_questions(job: Job, headline: HeadlineFigures) -> tuple[str, ...]:
+    """List what nobody has answered about a recording with a report: "who", "arm", "pose"."""
+    is_open = {
+        "who": not job.request.subject,
+        "arm": job.request.side is None,
+        "pose": headline.calibration_state == "assumed",
+    }
+    return tuple(name for name, is_missing in is_open.items() if is_missing)
 
 
 def draw_spark(day: str) -> tuple[str, str, str]:

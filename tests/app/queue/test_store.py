@@ -13,7 +13,7 @@ from sqlalchemy import delete, text, update
 from sqlalchemy.exc import IntegrityError
 
 from app.errors import NotHere, StoreMismatch
-from app.http.pages.views import estimate_left_s
+from app.http.pages.views import USUAL_S_PER_MB, estimate_left_s
 from app.library.audit_log import acting
 from app.library.claims import WayIn
 from app.library.database.tables import analyses, recordings
@@ -322,28 +322,33 @@ def running(add_job: AddJob) -> Job:
     return replace(add_job(), file_name="day.GT3X", size_bytes=100, state=JobState.RUNNING, started_at=BEGAN)
 
 
-def test_a_file_twice_as_large_takes_twice_as_long(running: Job) -> None:
+def test_the_time_left_comes_from_files_of_the_kind_scaled_by_size(running: Job) -> None:
     took = [
         AnalysisDuration("a.gt3x", 50, 3.0),
         AnalysisDuration("b.gt3x", 100, 10.0),
-        AnalysisDuration("c.gt3x", 200, 14.0),
+        AnalysisDuration("c.gt3x", 200, 13.0),
+        AnalysisDuration("a.csv", 100, 100.0),  # another kind
     ]
 
-    assert estimate_left_s(running, took, NOW) == 3.0  # 6, 10 and 7 s: the middle one, less 4
+    # any file takes 3 s: 3 + 0 x 2, 10 and 3 + 10 / 2 s; the middle one, less the 4 s that have passed
+    assert estimate_left_s(running, took, NOW) == 4.0
 
 
-@pytest.mark.parametrize(
-    "took",
-    [
-        [],
-        [AnalysisDuration("a.csv", 100, 10.0)],  # another kind
-        [AnalysisDuration("a.gt3x", 49, 10.0)],  # less than half as large
-        [AnalysisDuration("a.gt3x", 201, 10.0)],  # more than twice
-        [AnalysisDuration("a.gt3x", 100, 4.0)],  # should be over
-    ],
-)
-def test_without_a_file_like_it_no_time_is_told(running: Job, took: list[AnalysisDuration]) -> None:
-    assert estimate_left_s(running, took, NOW) is None
+def test_an_analysis_that_takes_longer_than_others_has_no_time_left(running: Job) -> None:
+    assert estimate_left_s(running, [AnalysisDuration("a.gt3x", 100, 3.0)], NOW) == 0.0
+
+
+def test_the_first_file_of_a_kind_has_the_usual_time(running: Job) -> None:
+    large = replace(running, size_bytes=100_000_000)
+
+    assert estimate_left_s(large, [], NOW) == 3.0 + 100 * USUAL_S_PER_MB[".gt3x"] - 4.0
+
+
+def test_the_preparation_after_installation_comes_on_top(running: Job) -> None:
+    preparing = replace(running, stage="preparing", progress=0.4)
+
+    # 6 of 10 s of preparation, and then all of the 10 s that the file takes
+    assert estimate_left_s(preparing, [AnalysisDuration("a.gt3x", 100, 10.0)], NOW) == 16.0
 
 
 def test_only_what_runs_has_time_left(running: Job) -> None:

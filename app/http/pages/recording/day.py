@@ -166,25 +166,29 @@ def correct_request(
     hint = find_window_hint(known.pose, len(known.calibration_windows_s), known.arm_axis)
     if hint:
         raise BadParameter(name="calibration", value=str(len(known.calibration_windows_s)), allowed=hint)
-    try:
-        subject = check_subject(first(form, "subject"))
-    except ValueError:
-        typed = first(form, "subject")[:60]
-        raise BadParameter(name="subject", value=typed, allowed=SUBJECT_HINT) from None
     diary = read_rows(form, clock)
     place_rows(diary, clock)  # raises if a row cannot be placed
-    sides: tuple[Side, ...] = get_args(Side)
     held: tuple[PoseHeld, ...] = get_args(PoseHeld)
     return replace(
-        known,
-        subject=subject,
-        side=_choose(sides, first(form, "side"), "side") if first(form, "side") else None,
+        read_whose(known, form),
         pose_held=_choose(held, first(form, "held"), "held") if first(form, "held") else None,
         slip_times_s=_read_times(first(form, "slips"), "slip_at", clock),
         no_slip_times_s=_read_times(first(form, "no_slips"), "no_slip_at", clock),
         diary=diary,
         reason=first(form, "reason").strip()[:MAX_TEXT],
     )
+
+
+def read_whose(before: ReportRequest, form: Form) -> ReportRequest:
+    """Return the request with the subject and the arm of the form. Raises BadParameter."""
+    try:
+        subject = check_subject(first(form, "subject"))
+    except ValueError:
+        typed = first(form, "subject")[:60]
+        raise BadParameter(name="subject", value=typed, allowed=SUBJECT_HINT) from None
+    sides: tuple[Side, ...] = get_args(Side)
+    side = _choose(sides, first(form, "side"), "side") if first(form, "side") else None
+    return replace(before, subject=subject, side=side)
 
 
 def read_rows(form: Form, clock: DayClock) -> tuple[DiaryEntry, ...]:
@@ -214,17 +218,20 @@ def _read_pose(
         return replace(before, calibration_windows_s=(), arm_axis=_choose_axis(first(form, "axis")))
     poses: tuple[Pose, ...] = get_args(Pose)
     pose = _choose(poses, first(form, "pose"), "pose")
-    windows_s = _read_windows(form, "window", clock)
+    windows_s = read_windows(form, "window", clock)
     if pose == "two-point":
-        windows_s = [*windows_s[:1], *_read_windows(form, "level", clock)]
+        windows_s = [*windows_s[:1], *read_windows(form, "level", clock)]
     elif windows_s[:1] == [None] and any(windows_s) and used_s:
         windows_s[0] = used_s[0]  # in addition to the window that the software found
     given_s = tuple(window_s for window_s in windows_s if window_s is not None)
     return replace(before, pose=pose, calibration_windows_s=given_s, arm_axis=None)
 
 
-def _read_windows(form: Form, name: str, clock: DayClock) -> list[Window | None]:
-    """Parse the typed windows; None for an empty one, which the software then selects."""
+def read_windows(form: Form, name: str, clock: DayClock) -> list[Window | None]:
+    """Parse the typed windows; None for an empty one, which the software then selects.
+
+    Raises BadParameter or UnusableCalibration.
+    """
     windows_s: list[Window | None] = []
     for pair in zip_longest(form.get(f"{name}_start", []), form.get(f"{name}_end", []), fillvalue=""):
         typed = [moment.strip() for moment in pair]
@@ -344,20 +351,22 @@ def name_pose(analysis_id: str, page: UsedPage, form: UsedForm) -> Response:
     the start of wear.
     """
     job, day = _load_day_of(page, analysis_id)
-    facts, request = day.facts, job.request
+    return _add_again(job, choose_pose(job.request, day.facts, first(form, "choice")), page)
+
+
+def choose_pose(request: ReportRequest, facts: Mapping[str, Any], choice: str) -> ReportRequest:
+    """Return a request with one of the proposed stretches of a day as the pose. Raises BadParameter."""
     before_s = request.calibration_windows_s or tuple((a, b) for a, b, *_ in facts["calibration"])
     choices_s: dict[str, tuple[Window, ...]] = {START: ()}
     choices_s |= {name_choice(a, b): ((a, b),) for a, b in facts["asked"]}
     choices_s |= {
         name_choice(a, b): (*before_s, (a, b)) for *_, stills in facts.get("unread", ()) for a, b in stills
     }
-    choice = first(form, "choice")
     if choice not in choices_s:
         raise BadParameter(name="choice", value=choice[:60], allowed=", ".join(choices_s))
     held: PoseHeld | None = "start" if choice == START else request.pose_held
     windows_s = choices_s[choice]
-    named = replace(request, calibration_windows_s=windows_s, pose_held=held, arm_axis=None, reason="")
-    return _add_again(job, named, page)
+    return replace(request, calibration_windows_s=windows_s, pose_held=held, arm_axis=None, reason="")
 
 
 @router.post("/moved")
@@ -399,10 +408,15 @@ def update_description(services: Services, job: Job, asked: ReportRequest, names
 
 
 def _add_again(job: Job, corrected: ReportRequest, page: Page) -> Response:
-    again = page.services.store.correct(job, corrected)
+    return page.go_to(add_correction(page.services, job, corrected), f"?before={job.id}")
+
+
+def add_correction(services: Services, job: Job, corrected: ReportRequest) -> Job:
+    """Analyse again with a person's correction, and store its subject and arm on the recording."""
+    again = services.store.correct(job, corrected)
     changed = [name for name in ("subject", "side") if getattr(corrected, name) != getattr(job.request, name)]
-    update_description(page.services, job, corrected, changed)
-    return page.go_to(again, f"?before={job.id}")
+    update_description(services, job, corrected, changed)
+    return again
 
 
 @router.post("/diary")

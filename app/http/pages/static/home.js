@@ -1,6 +1,7 @@
 // The first page: uploads and recordings.
 
 import { $, fill, say } from "./say.js";
+import { Cards } from "./finish.js";
 import { refresh, showTitle } from "./rows.js";
 import { keepRecordings, readDrop } from "./upload/drop.js";
 import { forgetPrint, recall, write } from "./upload/memory.js";
@@ -8,12 +9,19 @@ import { Queue } from "./upload/queue.js";
 
 const form = $("drop");
 const words = $("upload").dataset;
-const queue = new Queue(form.dataset.api, showQueue, refresh);
+const cards = new Cards($("cards"));
+const queue = new Queue(form.dataset.api, showQueue, showAdded);
 
 function showQueue() {
   showTitle(queue.open);
   $("retry-all").hidden = queue.failed.length < 2;
   showInterrupted();
+}
+
+// Ask about a new recording; those of a study are described together on its page.
+function showAdded({ key, study, path }) {
+  if (key && !study) cards.add(`${form.dataset.base}/recordings/${key.slice("of-".length)}/finish`, path);
+  return refresh();
 }
 
 // Show uploads that a reload or closed browser interrupted; selecting the same files again resumes them.
@@ -46,7 +54,7 @@ function discardInterrupted() {
 function take({ files, ignored, folder }) {
   const chosen = new FormData(form);
   const study = chosen.get("study").trim() || (folder || "").slice(0, 100);
-  queue.add(files, { subject: chosen.get("subject").trim(), side: chosen.get("side"), study, held: chosen.get("held") });
+  queue.add(files, { study });
   if (ignored) say(fill(words.ignored, { n: ignored }));
 }
 

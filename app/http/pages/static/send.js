@@ -1,12 +1,13 @@
 // Send forms without leaving the page, and show a refusal next to the typed values.
 
-export async function send(form, button, { busy, lost, refused }) {
+// go(address): follow the answer; by default to its page.
+export async function send(form, button, { busy, lost, refused }, go = (address) => location.assign(address)) {
   const text = button.textContent;
   [button.disabled, button.textContent] = [true, busy];
   try {
     const to = button.getAttribute("formaction") || form.action;
     const answer = await fetch(to, { method: "POST", body: new URLSearchParams(new FormData(form)) });
-    if (answer.ok) return form.dispatchEvent(new Event("sent")), location.assign(answer.url);
+    if (answer.ok) return form.dispatchEvent(new Event("sent")), go(answer.url);
     refuse(refused, await answer.text());
     lost.hidden = true;
   } catch {

@@ -78,9 +78,6 @@ export class Bands {
         button.setAttribute("aria-label", fill(this.words[button.dataset.do], { name }));
       }
     }
-    for (const field of this.form.querySelectorAll(".moment")) {
-      field.setAttribute("aria-invalid", Boolean(field.value.trim()) && Number.isNaN(this.clock.read(field.value)));
-    }
     $("no-periods").hidden = $("periods").rows.length > 0;
   }
 

@@ -60,13 +60,24 @@ export class Clock {
 
   // Return seconds from the first sample, or NaN if the time is outside the recording or ambiguous.
   read(text) {
+    return this.parse(text).second ?? NaN;
+  }
+
+  // Return {second} or {fault}: "unreadable", "outside" the recording, or "ambiguous" without a date.
+  parse(text) {
     const shown = text.trim();
-    if (!this.hasClock) return /^[0-9]+([.,][0-9]+)?$/.test(shown) ? this.check(Number(shown.replace(",", "."))) : NaN;
+    if (!this.hasClock) return /^[0-9]+([.,][0-9]+)?$/.test(shown) ? this.pick([Number(shown.replace(",", "."))]) : { fault: "unreadable" };
     const [, date, hour] = /^(?:(\d{4}-\d{2}-\d{2})[ T])?(.*)$/.exec(shown);
     const second = readClock(hour.trim()) - this.startS;
-    if (date) return this.check((Date.parse(date + "T00:00:00Z") - this.day) / 1000 + second);
-    const places = [0, 1, 2].map((day) => this.check(second + day * DAY_S)).filter((place) => !Number.isNaN(place));
-    return places.length && !(places[1] < this.durationS) ? places[0] : NaN;
+    if (Number.isNaN(second)) return { fault: "unreadable" };
+    const days = date ? [(Date.parse(date + "T00:00:00Z") - this.day) / (DAY_S * 1000)] : [0, 1, 2];
+    return this.pick(days.map((day) => second + day * DAY_S));
+  }
+
+  pick(seconds) {
+    const places = seconds.map((second) => this.check(second)).filter((place) => !Number.isNaN(place));
+    if (!places.length) return { fault: "outside" };
+    return places[1] < this.durationS ? { fault: "ambiguous" } : { second: places[0] };
   }
 
   // Format typed times, separated by ";", as they were parsed.

@@ -81,6 +81,7 @@ export class Day {
     if (!isDone) return (this.scoring = setTimeout(() => this.measure(), REST_MS));
     this.bands.remember();
     this.bands.name();
+    this.times.checkAll();
     this.measure();
     this.unsent.keep();
     this.count();
@@ -90,6 +91,7 @@ export class Day {
   restored() {
     this.bands.chosen = null;
     this.bands.name();
+    this.times.checkAll();
     this.draw();
     this.measure();
     this.unsent.keep();
@@ -114,7 +116,7 @@ export class Day {
   // Disable the button while the server would refuse the form.
   block() {
     const windows = this.bands.windows().map(({ row }) => row);
-    const isBad = windows.some((row) => row.dataset.why) || Boolean(this.bands.form.querySelector(".moment[aria-invalid=true]"));
+    const isBad = windows.some((row) => row.dataset.why) || !this.times.isFine;
     [$("again").disabled, $("blocked").hidden] = [isBad, !isBad];
   }
 

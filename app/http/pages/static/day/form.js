@@ -2,6 +2,7 @@
 
 import { $, fill, say } from "../say.js";
 import { refuse, send } from "../send.js";
+import { TimeFields } from "../time-field.js";
 import { Unsent } from "../unsent.js";
 
 const POSE_S = 10;
@@ -13,10 +14,8 @@ export function listenToForm(day) {
   if (empty) empty.remove(); // only needed without scripts
   for (const row of form.querySelectorAll("#repeats .window")) if (!row.querySelector("input").value) row.remove();
   bands.last = bands.snapshot();
-  form.addEventListener("change", ({ target }) => {
-    if (target.matches(".moment, [name=slips]")) target.value = day.clock.normalise(target.value);
-    day.changed(true);
-  });
+  day.times = new TimeFields(form, day.clock, () => day.block());
+  form.addEventListener("change", () => day.changed(true));
   form.addEventListener("click", (event) => act(day, event.target.closest("button")));
   form.addEventListener("focusin", (event) => chooseOf(day, event.target));
   form.addEventListener("submit", (event) => sendForm(day, event));

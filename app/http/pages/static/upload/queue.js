@@ -3,6 +3,7 @@
 
 import { $, fill, pause, say } from "../say.js";
 import { formatMoment } from "../times.js";
+import { readFolder } from "./drop.js";
 import { forget, recall, fingerprint } from "./memory.js";
 import { Row } from "./row.js";
 import { deleteUpload, Refusal, TUS, TusUpload } from "./tus.js";
@@ -23,10 +24,9 @@ export class Queue {
     for (const file of files) {
       const entry = { file };
       const kept = recall()[fingerprint(file)] || {}; // stated before a reload
-      const stated = { subject: values.subject || kept.subject || "", side: values.side || kept.side || "" };
       entry.study = values.study || kept.study || "";
-      entry.held = values.held || kept.held || ""; // "start": the pose was held at the start of wear
-      entry.row = new Row(file, stated, { cancel: () => this.cancel(entry), retry: () => this.retry(entry), remove: () => this.remove(entry) });
+      entry.path = [readFolder(file), file.name].filter(Boolean).join("/"); // proposes whose recording it is
+      entry.row = new Row(file, { cancel: () => this.cancel(entry), retry: () => this.retry(entry), remove: () => this.remove(entry) });
       this.all.add(entry);
       this.waiting.push(entry);
     }
@@ -54,13 +54,11 @@ export class Queue {
     if (file.size > Number(words.maxBytes)) return this.refuseLarge(entry);
     this.going.add(entry);
     row.show("uploading");
-    row.part(".asked").addEventListener("change", () => this.sendChanges(entry));
-    entry.upload = new TusUpload(file, row.description(), { study: entry.study, held: entry.held }, this.api + "/uploads", {
+    entry.upload = new TusUpload(file, { study: entry.study }, this.api + "/uploads", {
       progress: (bytes) => (row.state === "lost" && row.show("uploading"), row.progress(bytes)),
       piece: () => this.inspect(entry),
       smaller: (bytes) => row.note(fill(words.smaller, { size: formatSize(bytes, row.units) })),
       waiting: () => row.show("lost"),
-      resumed: () => this.sendChanges(entry),
     });
     try {
       const recordingId = await entry.upload.send();
@@ -70,13 +68,6 @@ export class Queue {
     }
     this.going.delete(entry);
     this.next();
-  }
-
-  // Send description changes during the upload at once, because the analysis starts by itself.
-  sendChanges({ file, row, upload }) {
-    const { subject, side } = row.description();
-    const body = JSON.stringify({ file_name: file.name, subject, side: side || null });
-    if (upload.address) fetch(upload.address + "/words", { method: "PUT", headers: { "Content-Type": "application/json" }, body }).catch(() => null);
   }
 
   // Repeat the request until the server responds, so that a lost network after the last byte loses nothing.
@@ -134,10 +125,7 @@ export class Queue {
     const begun = (await this.get(`/analyses?recording_id=${recordingId}&limit=1`)).items[0];
     const upload = await this.get(`/uploads/${entry.upload.address.split("/").pop()}`);
     if (upload.is_repeated) return this.completeRepeated(entry, recordingId, begun, upload);
-    const { subject, side } = entry.row.description();
-    const isAsSaid = subject === recording.subject && side === (recording.side || "");
-    if (begun && isAsSaid) return this.added(entry);
-    if (begun) await this.send("POST", `/analyses/${begun.id}/cancel`); // the last changes were too late for it
+    if (begun) return this.added(entry);
     if (recording.duplicate_of) {
       const earlier = await this.get(`/analyses?recording_id=${recording.duplicate_of}&limit=1`);
       if (earlier.items.some(({ state }) => !["failed", "cancelled"].includes(state))) {
@@ -147,11 +135,7 @@ export class Queue {
       }
     }
     if (entry.isCancelled) return this.drop(entry, recordingId);
-    if (!isAsSaid) {
-      const read = { "If-Match": `"${recording.version}"` };
-      await this.send("PATCH", `/recordings/${recordingId}`, { subject, side: side || null }, read);
-    }
-    await this.send("POST", "/analyses", { recording_ids: [recordingId], settings: this.settings(entry), study: entry.study });
+    await this.send("POST", "/analyses", { recording_ids: [recordingId], settings: this.settings(), study: entry.study });
     this.added(entry);
   }
 
@@ -164,7 +148,7 @@ export class Queue {
       return this.offer(entry, recordingId, begun);
     }
     if (entry.isCancelled) return forget(entry.file);
-    await this.send("POST", "/analyses", { recording_ids: [recordingId], settings: this.settings(entry), study: entry.study });
+    await this.send("POST", "/analyses", { recording_ids: [recordingId], settings: this.settings(), study: entry.study });
     this.added(entry);
   }
 
@@ -207,10 +191,9 @@ export class Queue {
 
   async repeat(entry, recordingId) {
     const { row } = entry;
-    const stated = Object.entries(row.description()).filter(([, value]) => value); // the rest has not changed
-    const settings = { ...this.settings(entry), ...Object.fromEntries(stated) };
     try {
-      await this.send("POST", "/analyses", { recording_ids: [recordingId], settings, again: true, study: entry.study });
+      await this.send("POST", "/analyses", { recording_ids: [recordingId], settings: this.settings(), again: true, study: entry.study });
+      entry.key = `of-${recordingId}`;
       this.added(entry);
     } catch (error) {
       const problem = error instanceof Refusal ? error.problem : { title: row.words.network, fix: row.words.networkFix };
@@ -218,22 +201,22 @@ export class Queue {
     }
   }
 
-  settings({ held }) {
-    return { lang: document.documentElement.lang, ...(held && { pose_held: held }) };
+  settings() {
+    return { lang: document.documentElement.lang };
   }
 
   added(entry) {
     forget(entry.file);
     say(fill(entry.row.words.added, { name: entry.file.name }));
-    this.onAdded().finally(() => this.remove(entry));
+    this.onAdded(entry).finally(() => this.remove(entry));
   }
 
   async get(path) {
     return this.send("GET", path);
   }
 
-  async send(method, path, body, more = {}) {
-    const headers = { ...(body && { "Content-Type": "application/json" }), ...more };
+  async send(method, path, body) {
+    const headers = body ? { "Content-Type": "application/json" } : {};
     const answer = await fetch(this.api + path, { method, headers, body: body && JSON.stringify(body) });
     const result = await answer.json();
     if (!answer.ok) throw new Refusal(result);

@@ -1,26 +1,25 @@
 // One selected file in the list, from waiting to completed. User input is only set as text, never as HTML.
 
 import { $, fill, say } from "../say.js";
-import { remember } from "./memory.js";
+import { formatDuration } from "../times.js";
 import { formatSize } from "./sizes.js";
 
 const DRAW_MS = 250;
+const SURE_MS = 2000; // of sending, before the time left is estimated
 
 export class Row {
-  constructor(file, description, acts) {
+  constructor(file, acts) {
     this.file = file;
     this.words = $("upload").dataset;
     this.units = this.words.units.split(" ");
     this.item = $("upload").content.firstElementChild.cloneNode(true);
     this.part(".name").textContent = file.name;
     this.part(".meta").textContent = formatSize(file.size, this.units);
-    this.part("[name=subject]").value = description.subject;
-    this.part("[name=side]").value = description.side;
     for (const [name, act] of Object.entries(acts)) this.part(`[data-do=${name}]`).addEventListener("click", act);
     for (const button of this.item.querySelectorAll("[data-do]")) button.setAttribute("aria-label", this.name(button.textContent, file.name));
-    this.part(".asked").addEventListener("change", () => this.state === "waiting" || remember(file, this.description()));
     $("uploads").append(this.item);
     this.show("waiting");
+    this.item.scrollIntoView({ block: "nearest" });
   }
 
   part(selector) {
@@ -32,17 +31,12 @@ export class Row {
     return `${subject}${this.words.colon} ${text}`;
   }
 
-  // Return the current description of this file; it can change until the upload is complete.
-  description() {
-    return { subject: this.part("[name=subject]").value.trim(), side: this.part("[name=side]").value };
-  }
-
   show(state) {
     const shown = { waiting: "waiting", uploading: "uploading", lost: "uploading", refused: "refused", duplicate: "duplicate" }[state];
     this.state = state;
     this.item.className = "row is-" + shown;
     this.part(".pill").textContent = this.words[state];
-    this.part(".bars").hidden = this.part(".asked").hidden = this.isOver;
+    this.part(".bars").hidden = this.isOver;
     this.part("[data-do=cancel]").hidden = this.isOver;
     this.part("[data-do=retry]").hidden = true;
     this.part("[data-do=remove]").hidden = !this.isOver;
@@ -59,7 +53,16 @@ export class Row {
     if (!isDue) return;
     this.drawnMs = performance.now();
     this.part("progress").value = this.file.size ? Math.floor((100 * bytes) / this.file.size) : 100;
-    this.part(".bar-word").textContent = `${formatSize(bytes, this.units)} / ${formatSize(this.file.size, this.units)}`;
+    const sent = `${formatSize(bytes, this.units)} / ${formatSize(this.file.size, this.units)}`;
+    this.part(".bar-word").textContent = [sent, this.estimateLeft(bytes)].filter(Boolean).join(" · ");
+  }
+
+  // Estimate the time left from the speed since this page began to send.
+  estimateLeft(bytes) {
+    this.began ??= { ms: this.drawnMs, bytes };
+    const [tookMs, sent] = [this.drawnMs - this.began.ms, bytes - this.began.bytes];
+    if (tookMs < SURE_MS || sent <= 0 || bytes >= this.file.size) return "";
+    return fill(this.words.left, { duration: formatDuration(Math.ceil(((this.file.size - bytes) / sent) * (tookMs / 1000))) });
   }
 
   // Show the facts from the first and last bytes: device, rate, start, end.

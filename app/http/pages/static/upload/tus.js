@@ -26,9 +26,9 @@ export class Refusal extends Error {
 class Lost extends Error {}
 
 export class TusUpload {
-  // on: {progress(bytes), piece(), smaller(bytes), waiting(), resumed()}
-  constructor(file, words, options, root, on) {
-    Object.assign(this, { file, words, options, root, on, offset: 0, piece: LARGEST_PIECE, address: null, request: null, stopped: false, speed: {} });
+  // on: {progress(bytes), piece(), smaller(bytes), waiting()}
+  constructor(file, options, root, on) {
+    Object.assign(this, { file, options, root, on, offset: 0, piece: LARGEST_PIECE, address: null, request: null, stopped: false, speed: {} });
   }
 
   // Send the whole file and return the id of the recording.
@@ -64,15 +64,14 @@ export class TusUpload {
       const answer = await this.ask("HEAD", known, {});
       if (answer.status === 200) {
         this.address = known;
-        this.on.resumed();
         return this.read(answer);
       }
       forget(this.file);
     }
-    const answer = await this.ask("POST", this.root, { "Upload-Length": this.file.size, "Upload-Metadata": describe(this.file, { ...this.words, settings: declareAnalysis(this.options) }) });
+    const answer = await this.ask("POST", this.root, { "Upload-Length": this.file.size, "Upload-Metadata": describe(this.file, { settings: declareAnalysis(this.options) }) });
     if (answer.status !== 201) throw refuse(answer);
     this.address = this.root + "/" + answer.getResponseHeader("Location").split("/").pop();
-    remember(this.file, { address: this.address, ...this.options, ...this.words });
+    remember(this.file, { address: this.address, ...this.options });
     this.offset = 0;
     return { recording: null };
   }
@@ -164,8 +163,8 @@ function describe(file, words) {
 }
 
 // Declare the analysis, which starts with the last byte and uses the language of this page.
-function declareAnalysis({ study, held }) {
-  return JSON.stringify({ lang: document.documentElement.lang, study, ...(held && { pose_held: held }) });
+function declareAnalysis({ study }) {
+  return JSON.stringify({ lang: document.documentElement.lang, study });
 }
 
 function toBase64(text) {

@@ -1,0 +1,83 @@
+"""Times are typed as people write them, in one field on every page, and marked where they cannot be used."""
+
+import re
+
+import pytest
+from playwright.sync_api import Locator, Page, expect
+
+from app.report.words.wording import Language, fill, load_wording
+from fusion.simulation import write_recordings
+from tests.pages.conftest import finish, keep_picture
+from tests.pages.steps import open_analysis, wait_for_curve
+from tests.pages.test_everyone import SCREENS, Look, list_barriers
+from tests.ways_in.servers import RunningServer
+
+pytestmark = pytest.mark.browser
+
+ONE_TIME = ("07.01", "0701", "7h01", "07:01")
+BOUNDS = {"from": "07:00:00", "to": "07:03:00"}
+
+
+@pytest.fixture(scope="module")
+def unclocked(server: RunningServer, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The id of a recording without a clock."""
+    table = write_recordings(tmp_path_factory.mktemp("unclocked"), "lsm9ds1", 0.05, 5, 100.0)[0]
+    table.write_text(re.sub("(?m)^# start.*\n", "", table.read_text()))
+    return str(server.see(finish(server, table))["recording_id"])
+
+
+def find_note(page: Page, field: Locator) -> Locator:
+    """Return the message that is read with a field."""
+    return page.locator(f"#{field.get_attribute('aria-describedby')}")
+
+
+@pytest.mark.parametrize(("width", "language"), SCREENS)
+def test_a_period_is_typed_in_any_spelling_and_marked_where_it_cannot_be(
+    page: Page, server: RunningServer, corrected: str, width: int, language: Language
+) -> None:
+    page.set_viewport_size({"width": width, "height": 900})
+    words = load_wording(language, "day")["time_field"]
+    open_analysis(page, server, corrected, language)
+    wait_for_curve(page)
+    row = page.locator("#periods tr").first
+    start, end = row.locator("[name=start]"), row.locator("[name=end]")
+
+    for text in ONE_TIME:
+        start.fill(text)
+        start.press("Tab")
+        expect(start).to_have_value("07:01:00")
+    end.fill("07.00")
+    expect(end).to_have_attribute("aria-invalid", "true")  # while it is typed: reversed
+    expect(find_note(page, end)).to_have_text(words["reversed"])
+    start.fill("12:34")
+    expect(find_note(page, start)).to_have_text(re.compile(re.escape(fill(words["outside"], BOUNDS))[:20]))
+    start.fill("1")
+    expect(start).to_have_attribute("aria-invalid", "false")  # may still become a time
+    start.press("Tab")
+    expect(find_note(page, start)).to_have_text(words["unreadable"])
+    start.fill("07:00:30")
+    end.fill("07:01:15")
+    end.press("Tab")
+    for field in (start, end, row.locator("[name=label]"), row.locator("[name=kind]")):
+        expect(field).not_to_have_attribute("aria-invalid", "true")
+        field.scroll_into_view_if_needed()
+        box = field.bounding_box() or pytest.fail("not shown")
+        assert 0 <= box["x"] <= box["x"] + box["width"] <= width
+    keep_picture(page, f"times-{width}-{language}")
+    assert list_barriers(page, Look(language, "light", width), "#correction") == []
+
+
+def test_without_a_clock_the_field_says_seconds_and_takes_no_clock_time(
+    page: Page, server: RunningServer, unclocked: str
+) -> None:
+    page.goto(f"{server.address}recordings/{unclocked}/finish?lang=en")
+    start = page.locator("#finish").get_by_label("Start (seconds)").last
+
+    start.fill("10:20")
+    start.press("Tab")
+    expect(find_note(page, start)).to_have_text("Not a number of seconds.")
+    start.fill("10.20")
+    start.press("Tab")
+
+    expect(start).to_have_value("10.20")
+    expect(start).to_have_attribute("aria-invalid", "false")
