@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass, fields
 from typing import Any, Literal
 
 from fusion.conventions import ArmAxis, MethodName, Pose, PoseHeld, Side
-from fusion.diary import DiaryEntry, TaskWindow
+from fusion.diary import DiaryEntry, TaskWindow, plain_word
 
 Stage = Literal["preparing", "reading", "checking", "calibrating", "fusing", "counting", "rendering"]
 Language = Literal["en", "fr", "fr-CA"]
@@ -57,6 +57,59 @@ def find_code(subject: str) -> str:
     code = subject.strip()
     is_word = code == "NA" or code.casefold() in _NOBODY
     return "" if is_word or not any(sign.isalnum() for sign in code) else code
+
+
+SIDES: Mapping[str, Side] = {
+    "left": "left", "l": "left", "gauche": "left", "g": "left",
+    "right": "right", "r": "right", "droit": "right", "droite": "right", "d": "right",
+}  # fmt: skip
+"""Words for an arm, as :func:`fusion.diary.plain_word` returns them."""
+
+_CODE = re.compile(r"[a-z]{1,4}\d{1,4}", re.IGNORECASE)
+_NOT_A_PERSON = re.compile(
+    r"(adl|ax|cwa|csv|d|day|dot|exp|file|gt|gt3x|hz|imu|j|jour|log|lsm|mac|mt|mtw|rec|run|sd|sess|t|task|test|"
+    r"v|w|week|x|xio)\d+",
+    re.IGNORECASE,
+)
+_WITH_ARM = re.compile(rf"(?<![^\W_])({_CODE.pattern})({'|'.join(SIDES)})(?![^\W_])", re.IGNORECASE)
+_ENDING = re.compile(r"(\.[a-z0-9]{2,7})+$", re.IGNORECASE)
+_LABELS = frozenset({"id", "participant", "patient", "person", "personne", "sub", "subj", "subject", "sujet"})
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """The subject code and arm that a file name suggests, "" and None if unclear."""
+
+    subject: str = ""
+    side: Side | None = None
+
+
+def propose_description(path: str) -> Proposal:
+    """Return the subject and arm that the name of a file and its folders suggest.
+
+    ``P01_right.gt3x``, ``P01R.gt3x`` and ``P01/right/shift.gt3x`` suggest P01 and the right arm. A code is up
+    to four letters and up to four digits, the first in a name, or the word after "sub", "participant",
+    "sujet", ... Codes of devices, days and tasks ("ax6", "day2") are no person. A single letter is an arm
+    only after a code or as a whole name: "dps_g" is a unit. If a folder and the file suggest two people, or
+    if both arms are named, nothing is suggested. A person confirms every proposal before it is used.
+    """
+    subjects, sides = list[str](), set[Side]()
+    for part in re.split(r"[/\\]", _ENDING.sub("", path)):
+        words = re.findall(r"[^\s_.,()-]+", _WITH_ARM.sub(r"\1 \2", part))
+        pairs = list(zip(["", *words], words, strict=False))
+        labelled = [
+            f"{label}-{word}" if word.isdecimal() else word
+            for label, word in pairs
+            if label.casefold() in _LABELS and any(sign.isdecimal() for sign in word)
+        ]
+        codes = [word for word in words if _CODE.fullmatch(word) and not _NOT_A_PERSON.fullmatch(word)]
+        subjects += (labelled or codes)[:1]
+        for before, word in pairs:
+            is_placed = len(word) > 1 or len(words) == 1 or before[-1:].isdecimal()
+            if is_placed and plain_word(word) in SIDES:
+                sides.add(SIDES[plain_word(word)])
+    is_one = len({subject.casefold() for subject in subjects}) == 1
+    return Proposal(subjects[0] if is_one else "", sides.pop() if len(sides) == 1 else None)
 
 
 def parse_window(text: str) -> tuple[float, float]:

@@ -17,7 +17,7 @@ from typing import Any, get_args
 
 from app.batch.folder import Task
 from app.errors import UnusableParticipants
-from app.request import SLIP_HINT, SUBJECT_HINT, check_subject, find_window_hint, parse_slip_time
+from app.request import SIDES, SLIP_HINT, SUBJECT_HINT, check_subject, find_window_hint, parse_slip_time
 from fusion.conventions import AXIS_HINT, Pose, Side, parse_arm_axis
 from fusion.diary import DiaryEntry, decode_text, parse_pose_held, plain_word, read_diary, read_rows
 from fusion.errors import Fact, UnusableDiary, join_facts
@@ -34,10 +34,6 @@ COLUMNS: Mapping[str, str] = {
     "no slip at": "no_slip_at", "no slip at s": "no_slip_at", "no slip": "no_slip_at",
     "sans glissement": "no_slip_at",
     "diary": "diary", "journal": "diary",
-}  # fmt: skip
-SIDES: Mapping[str, Side] = {
-    "left": "left", "l": "left", "gauche": "left", "g": "left",
-    "right": "right", "r": "right", "droit": "right", "droite": "right", "d": "right",
 }  # fmt: skip
 POSES: Mapping[str, Pose] = {pose: pose for pose in get_args(Pose)}
 _WINDOW = re.compile(r"(\d+(?:\.\d+)?)\s*-\s*(\d+(?:\.\d+)?)")

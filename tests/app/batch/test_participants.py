@@ -8,7 +8,8 @@ from app.batch.folder import Task
 from app.batch.inputs import assign_participants, read_participants
 from app.errors import UnusableParticipants
 from app.report.words.messages import describe_problem
-from app.request import ReportRequest
+from app.request import Proposal, ReportRequest, propose_description
+from fusion.conventions import Side
 from fusion.errors import UnusableDiary
 
 
@@ -205,3 +206,36 @@ def test_a_slip_in_a_diary_names_the_diary(tmp_path: Path) -> None:
         assign_participants([], b"file,diary\na.gt3x,d.csv\n", tmp_path)
 
     assert caught.value.facts["diary"] == "d.csv"
+
+
+@pytest.mark.parametrize(
+    ("path", "subject", "side"),
+    [
+        ("P01_right.gt3x", "P01", "right"),
+        ("P01R.gt3x", "P01", "right"),
+        ("P01/right/shift.gt3x", "P01", "right"),
+        ("P01/L.csv", "P01", "left"),
+        ("S012 gauche.csv", "S012", "left"),
+        ("sub-01_hand-left.csv", "sub-01", "left"),
+        ("AX6_day2_P3-R.cwa", "P3", "right"),
+    ],
+)
+def test_a_file_name_and_its_folders_suggest_a_subject_and_an_arm(
+    path: str, subject: str, side: Side | None
+) -> None:
+    assert propose_description(path) == Proposal(subject, side)
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "TAS1E31150028.gt3x",  # the serial number of a sensor
+        "ax6_day2.cwa",  # a device and a day
+        "xio_seconds_dps_g.csv",  # units
+        "left_right.csv",
+        "P01/P02.csv",
+        "shift.gt3x",
+    ],
+)
+def test_an_unclear_file_name_suggests_nobody_and_no_arm(path: str) -> None:
+    assert propose_description(path) == Proposal()
