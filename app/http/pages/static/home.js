@@ -8,10 +8,26 @@ import { Queue } from "./upload/queue.js";
 
 const form = $("drop");
 const words = $("upload").dataset;
-const queue = new Queue(form.dataset.api, showQueue, refresh);
+const queue = new Queue(form.dataset.api, showQueue, () => {
+  isAdded = true;
+  return refresh();
+});
+
+// A dropped folder leads to the page of its study once everything is uploaded.
+let study = "";
+let isAdded = false;
+
+function lead() {
+  const address = `${$("leads").dataset.address}?${new URLSearchParams({ name: study })}`;
+  $("leads").hidden = !study;
+  $("leads").querySelector("span").textContent = fill($("leads").dataset.text, { name: study });
+  $("leads").querySelector("a").href = address;
+  if (study && isAdded && !queue.all.size) location.assign(address);
+}
 
 function showQueue() {
   showTitle(queue.open);
+  lead();
   $("retry-all").hidden = queue.failed.length < 2;
   showInterrupted();
 }
@@ -45,8 +61,9 @@ function discardInterrupted() {
 // The name of a folder is the study name, unless another name was typed.
 function take({ files, ignored, folder }) {
   const chosen = new FormData(form);
-  const study = chosen.get("study").trim() || (folder || "").slice(0, 100);
-  queue.add(files, { subject: chosen.get("subject").trim(), side: chosen.get("side"), study, held: chosen.get("held") });
+  const name = chosen.get("study").trim() || (folder || "").slice(0, 100);
+  if (folder && files.length) study = name;
+  queue.add(files, { subject: chosen.get("subject").trim(), side: chosen.get("side"), study: name, held: chosen.get("held") });
   if (ignored) say(fill(words.ignored, { n: ignored }));
 }
 

@@ -19,8 +19,14 @@ export function keepRecordings(files) {
   return { files: kept, ignored: files.length - kept.length };
 }
 
+// Return the folders of a file below the dropped one, which may name its person and arm: "P01/right".
+export function readFolder(file) {
+  return (file.droppedPath || file.webkitRelativePath || "").split("/").filter(Boolean).slice(1, -1).join("/");
+}
+
 async function walk(entry) {
-  if (entry.isFile) return new Promise((resolve) => entry.file((file) => resolve([file]), () => resolve([])));
+  const keep = (file) => Object.assign(file, { droppedPath: entry.fullPath });
+  if (entry.isFile) return new Promise((resolve) => entry.file((file) => resolve([keep(file)]), () => resolve([])));
   const reader = entry.createReader();
   const found = [];
   for (;;) {

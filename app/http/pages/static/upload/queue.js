@@ -3,6 +3,7 @@
 
 import { $, fill, pause, say } from "../say.js";
 import { formatMoment } from "../times.js";
+import { readFolder } from "./drop.js";
 import { forget, recall, fingerprint } from "./memory.js";
 import { Row } from "./row.js";
 import { deleteUpload, Refusal, TUS, TusUpload } from "./tus.js";
@@ -55,7 +56,7 @@ export class Queue {
     this.going.add(entry);
     row.show("uploading");
     row.part(".asked").addEventListener("change", () => this.sendChanges(entry));
-    entry.upload = new TusUpload(file, row.description(), { study: entry.study, held: entry.held }, this.api + "/uploads", {
+    entry.upload = new TusUpload(file, { ...row.description(), folder: readFolder(file) }, { study: entry.study, held: entry.held }, this.api + "/uploads", {
       progress: (bytes) => (row.state === "lost" && row.show("uploading"), row.progress(bytes)),
       piece: () => this.inspect(entry),
       smaller: (bytes) => row.note(fill(words.smaller, { size: formatSize(bytes, row.units) })),
@@ -75,7 +76,7 @@ export class Queue {
   // Send description changes during the upload at once, because the analysis starts by itself.
   sendChanges({ file, row, upload }) {
     const { subject, side } = row.description();
-    const body = JSON.stringify({ file_name: file.name, subject, side: side || null });
+    const body = JSON.stringify({ file_name: file.name, subject, side: side || null, folder: readFolder(file) });
     if (upload.address) fetch(upload.address + "/words", { method: "PUT", headers: { "Content-Type": "application/json" }, body }).catch(() => null);
   }
 
