@@ -187,6 +187,6 @@ def _draw_trend(page: Page, entries: Sequence[Entry]) -> Chart | None:
         visits.sort(key=lambda visit: visit.start)
         counted = [visit.percent for visit in visits if not visit.is_left_out]
         if visits and (side or not panels):  # a trunk is not shown below the arms
-            name = page.words("report")["side"][side or "unknown"]
+            name = page.words()["persons"][side or "no_arm"]
             panels.append(VisitPanel(name, visits, find_trend(counted, BETWEEN_DAY_SD[MAIN])))
     return draw_visits(panels, page.words("days"), page.language) if panels else None
