@@ -43,7 +43,7 @@ from app.http.api.library import analyses, batches, mappings, recordings, upload
 from app.http.middleware.access import CHECKED, Access
 from app.http.middleware.guard import SECURITY_HEADERS, Guard, PlainText, build_timeout_protocol
 from app.http.middleware.problems import Refusal, hide_address, respond_to_refusal, translate_error
-from app.http.pages import account, help, library, login, rendering  # noqa: A004
+from app.http.pages import account, help, library, login, persons, rendering  # noqa: A004
 from app.http.pages import live as live_page
 from app.http.pages import pairs as pair_pages
 from app.http.pages import trust as trust_pages
@@ -85,7 +85,7 @@ ROUTES = (
 )
 PAGES = (
     *(module.router for module in (analysis, day, drafts, finish)),
-    *(module.router for module in (library, pair_pages, columns, help, rendering)),
+    *(module.router for module in (library, persons, pair_pages, columns, help, rendering)),
     *(module.router for module in (validation_pages, live_page, login, trust_pages, account)),
 )
 MAX_HEADER_BYTES = 64 * 1024

@@ -41,6 +41,11 @@ def clean_file_name(name: str) -> str:
     return kept[:_LONGEST_NAME] or "recording"
 
 
+def clean_folder(path: str) -> str:
+    """Return the folders of a path as one printable line, joined by "/"; it is never used as a path."""
+    return "/".join(filter(None, re.split(r"[/\\]", _UNPRINTABLE.sub("", path))))[:_LONGEST_NAME]
+
+
 def check_subject(text: str) -> str:
     """Return a subject code of one printable line, or "" if it names no person. Raises ValueError."""
     if len(text) > LONGEST_SUBJECT or _UNPRINTABLE.search(text):

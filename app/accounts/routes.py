@@ -91,7 +91,7 @@ _ROUTES: Mapping[Needed, str] = {
         WS     /api/v1/live                                               rows
         POST   /analyses/{analysis_id}/cancel                             rows
         POST   /analyses/{analysis_id}/retry                              rows
-        POST   /batches/{batch_id}/retry                                  rows
+        POST   /studies/{batch_id}/retry                                  rows
         POST   /sample                                                    rows
         GET    /validations                                               none
         POST   /validations                                               rows
@@ -127,8 +127,10 @@ _ROUTES: Mapping[Needed, str] = {
         GET    /analyses/{analysis_id}/stillness                          report.read
         GET    /analyses/{analysis_id}/share                              report.read
         GET    /analyses/{analysis_id}/columns                            report.read
-        GET    /batches                                                   list.read
-        GET    /batches/{batch_id}                                        list.read
+        GET    /persons                                                   list.read
+        GET    /person                                                    list.read
+        GET    /studies                                                   list.read
+        GET    /studies/{batch_id}                                        list.read
         POST   /library/views                                             rows
         POST   /library/views/{view_id}/drop                              rows
         GET    /trash                                                     list.read
@@ -165,7 +167,8 @@ _ROUTES: Mapping[Needed, str] = {
         POST   /analyses/{analysis_id}/diary.csv                          file.exported
         POST   /analyses/{analysis_id}/columns                            rows
         POST   /analyses/{analysis_id}/columns/use                        rows
-        POST   /batches/{batch_id}/participants                           rows
+        POST   /studies/{batch_id}/participants                           rows
+        POST   /studies/{batch_id}/whose                                  rows
         POST   /library/acts/{act}                                        rows
         GET    /recordings/{recording_id}/delete                          recording.read
         POST   /recordings/{recording_id}/delete                          rows

@@ -8,8 +8,9 @@ import json
 import math
 import secrets
 import statistics
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
+from datetime import datetime
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -31,7 +32,7 @@ from sqlalchemy import (
 )
 
 from app.library.audit_log import record
-from app.library.database.tables import analyses, answers, recordings, saved_views
+from app.library.database.tables import analyses, answers, batch_items, batches, recordings, saved_views
 from app.library.rows import (
     STORED,
     Job,
@@ -49,7 +50,9 @@ from app.library.rows import (
 from app.report.figures import load_results
 from app.request import ReportRequest, find_code
 from app.store.folder import Storage
-from fusion.conventions import METHOD_VERSION
+from fusion.caveats import FEW_H
+from fusion.conventions import METHOD_VERSION, Side
+from fusion.exposure.types import Interval
 
 Group = Literal["all", "active", "attention", "failed", "good", "caution", "poor", "older", "cancelled"]
 GROUPS: tuple[Group, ...] = get_args(Group)
@@ -60,7 +63,6 @@ DURATIONS_USED = 40
 """Number of earlier analyses from which the remaining time of one is estimated."""
 VIEWS_FILE = "views.json"
 _ACTIVE = (JobState.QUEUED, JobState.RUNNING)
-_DOUBTFUL = ("caution", "poor")
 
 
 # Stored copies of a finished analysis: headline figures for search and lists (the result files remain the
@@ -68,6 +70,9 @@ _DOUBTFUL = ("caution", "poor")
 
 
 DAY_STEPS = 60
+SHORT_S = FEW_H * 3600.0
+MAX_OTHERS = 200
+"""Most recordings of one person that are offered for a comparison."""
 
 FIELDS = ("subject", "side", "diary")
 """Fields in the description of a recording that a correction on the page may change."""
@@ -111,7 +116,8 @@ class HeadlineFigures:
 
     ``method`` and ``method_version`` of the angles, "" and 0 if the file contained angles. ``day`` summarises
     the day (:func:`summarise_day`), "" if unknown. ``calibration_state``: see
-    :data:`fusion.conventions.CalibrationState`, "" if there is none.
+    :data:`fusion.conventions.CalibrationState`, "" if there is none. ``above_60_low_percent`` and
+    ``above_60_high_percent``: ends of the 95 % range, None if there is none.
     """
 
     verdict: str
@@ -122,23 +128,38 @@ class HeadlineFigures:
     method_version: int = 0
     day: str = ""
     calibration_state: str = ""
+    above_60_low_percent: float | None = None
+    above_60_high_percent: float | None = None
+
+    @property
+    def is_short(self) -> bool:
+        """Whether less than 4 h were recorded, too little to rank it among working days."""
+        return self.recorded_s is not None and self.recorded_s < SHORT_S
+
+    @property
+    def interval(self) -> Interval | None:
+        """The 95 % range of the share above 60 deg; None if there is none."""
+        low, high = self.above_60_low_percent, self.above_60_high_percent
+        return None if low is None or high is None else Interval(low, high)
 
 
 def read_headline(results: Path) -> HeadlineFigures | None:
     """Read the headline figures from ``results.json``; None if it lacks them."""
     try:
         found = load_results(results.read_bytes())
-        above = {row["threshold_deg"]: row["percent"] for row in found["exposure"]["time_above"]}
+        above = {row["threshold_deg"]: row for row in found["exposure"]["time_above"]}.get(60, {})
         method = found.get("method") or {"name": "", "version": 0}
         return HeadlineFigures(
             verdict=found["quality"]["verdict"],
             start=found.get("recording", {}).get("start"),
             recorded_s=found["time"]["recorded_s"],
-            above_60_percent=above.get(60),
+            above_60_percent=above.get("percent"),
             method=method["name"],
             method_version=int(method["version"]),
             day=summarise_day(found["exposure"]["minutes"]["p50_deg"]),
             calibration_state=(found.get("calibration") or {}).get("state") or "",
+            above_60_low_percent=above.get("low"),
+            above_60_high_percent=above.get("high"),
         )
     except (OSError, ValueError, KeyError, TypeError):
         return None
@@ -163,7 +184,7 @@ class LibraryFilter:
     """A filter for recordings; "" matches any. ``first_day`` and ``last_day`` are ISO dates.
 
     ``order`` starts with the newest, the most time above 60 deg, or the poorest quality; ``is_reversed``
-    reverses it.
+    reverses it. Recordings of less than 4 h come last in the last two orders. ``subject`` is a whole code.
 
     With ``batch`` the list shows the analyses of that batch instead of the current one of each recording.
     """
@@ -176,19 +197,65 @@ class LibraryFilter:
     batch: str = ""
     is_reversed: bool = False
     tag: str = ""
+    subject: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Entry:
     """The current analysis of a recording, with headline figures if available.
 
-    ``attempt`` is a newer analysis without a report.
+    ``attempt`` is a newer analysis without a report. ``folder``: where the file was when it was dropped;
+    ``subject``: the code on the recording, which is newer than that of an earlier report.
     """
 
     job: Job
     headline: HeadlineFigures | None
     attempt: Job | None = None
     tags: tuple[str, ...] = ()
+    folder: str = ""
+    subject: str = ""
+
+    @property
+    def start(self) -> datetime | None:
+        """Start by the device's clock, without its time zone; None if the file has no clock."""
+        text = self.headline.start if self.headline else None
+        return datetime.fromisoformat(text).replace(tzinfo=None) if text else None
+
+    def find_shared_s(self, other: "Entry") -> float:
+        """Return for how long both recorded at the same time, in s; 0 if a clock is missing."""
+        starts, lengths = (
+            (self.start, other.start),
+            [e.headline and e.headline.recorded_s for e in (self, other)],
+        )
+        if starts[0] is None or starts[1] is None or not lengths[0] or not lengths[1]:
+            return 0.0
+        apart_s = (starts[1] - starts[0]).total_seconds()
+        return max(0.0, min(lengths[0], apart_s + lengths[1]) - max(0.0, apart_s))
+
+
+def find_other_arm(entry: Entry, others: Iterable[Entry]) -> Entry | None:
+    """Return the recording of the other arm of the same shift: that with the longest shared time."""
+    opposite: Mapping[Side | None, Side] = {"left": "right", "right": "left"}
+    wanted = opposite.get(entry.job.request.side)
+    shared = [(entry.find_shared_s(other), other) for other in others if other.job.request.side == wanted]
+    most_s, found = max(shared, key=lambda pair: pair[0], default=(0.0, None))
+    return found if wanted and most_s > 0 else None
+
+
+@dataclass(frozen=True, slots=True)
+class StudyName:
+    """A named study or batch that contains a recording."""
+
+    id: str
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class PersonRow:
+    """A subject code with the number of its recordings."""
+
+    subject: str
+    count: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,7 +308,44 @@ class Library(RowStore):
         with self._reader.connect() as connection:
             return dict(zip(GROUPS, connection.execute(query).one(), strict=True))
 
-    def find_others(self, job: Job, limit: int = 6) -> tuple[Entry, ...]:
+    def find_people(self, text: str, limit: int, skip: int = 0) -> tuple[PersonRow, ...]:
+        """Return the subject codes that contain a text, in alphabetical order."""
+        query = select(recordings.c.subject, func.count().label("count")).group_by(recordings.c.subject)
+        query = query.where(*self._are_people(text)).order_by(func.lower(recordings.c.subject))
+        rows = self._read_all(query.limit(limit).offset(skip))
+        return tuple(PersonRow(row.subject, row.count) for row in rows)
+
+    def count_people(self, text: str) -> int:
+        """Return the number of subject codes that contain a text."""
+        query = select(func.count(recordings.c.subject.distinct())).where(*self._are_people(text))
+        return int(self._read_value(query))
+
+    def _are_people(self, text: str) -> tuple[ColumnElement[bool], ...]:
+        is_named = func.lower(recordings.c.subject).contains(text.lower(), autoescape=True)
+        return recordings.c.state == STORED, recordings.c.subject != "", is_named
+
+    def find_of_people(self, subjects: Collection[str]) -> tuple[Entry, ...]:
+        """Return the recordings of these subjects that have a report, newest first."""
+        mine = (recordings.c.subject.in_(subjects), answers.c.verdict.is_not(None))
+        return self._read(_select(LibraryFilter()).where(*mine).order_by(*_newest_first()))
+
+    def find_studies(self, recording_ids: Collection[str]) -> Mapping[str, tuple[StudyName, ...]]:
+        """Return the named studies of each of these recordings."""
+        query = (
+            select(analyses.c.recording_id, batches.c.id, batches.c.name)
+            .join(batch_items, batch_items.c.batch_id == batches.c.id)
+            .join(analyses, analyses.c.id == batch_items.c.analysis_id)
+            .where(analyses.c.recording_id.in_(recording_ids), batches.c.name != "")
+            .distinct()
+            .order_by(batches.c.name, batches.c.id)
+        )
+        found: dict[str, tuple[StudyName, ...]] = {}
+        for row in self._read_all(query):
+            known = found.get(row.recording_id, ())
+            found[row.recording_id] = (*known, StudyName(row.id, row.name))
+        return found
+
+    def find_others(self, job: Job, limit: int = MAX_OTHERS) -> tuple[Entry, ...]:
         """Find other recordings of the same subject that have a report, newest first.
 
         A comparison with a reference does not count as a report.
@@ -316,7 +420,9 @@ def _choose_order(wanted: LibraryFilter) -> tuple[ColumnElement[Any], ...]:
     column = case(_RANKS, value=answers.c.verdict) if is_quality else DESCENDING[wanted.order]
     is_falling = (wanted.order in DESCENDING) != wanted.is_reversed
     turned = (column.desc() if is_falling else column.asc()).nulls_last()
-    return turned, *_newest_first()
+    is_ranking = wanted.order in ("quality", "above_60")
+    short_last = (case((answers.c.recorded_s < SHORT_S, 1), else_=0),) if is_ranking else ()
+    return (*short_last, turned, *_newest_first())
 
 
 _PLACE: tuple[ColumnElement[Any], ...] = (
@@ -335,7 +441,8 @@ def _select_places(place: Sequence[ColumnElement[Any]]) -> Select[Any]:
 
 
 def _select(wanted: LibraryFilter) -> Select[Any]:
-    about = (recordings.c.file_name, recordings.c.size_bytes, recordings.c.sha256, recordings.c.tags)
+    stored = ("file_name", "size_bytes", "sha256", "tags", "folder", "subject")
+    about = (recordings.c[name] for name in stored)
     headline = (answers.c[field.name] for field in fields(HeadlineFigures))
     newest = _select_newest(analyses.alias(), of=recordings.c.id)
     is_shown: tuple[ColumnElement[bool], ...] = (analyses.c.id == newest,)
@@ -373,6 +480,8 @@ def _build_conditions(wanted: LibraryFilter, report_id: ColumnElement[Any]) -> l
     if wanted.text:
         named = (func.lower(recordings.c[name]) for name in ("subject", "file_name"))
         conditions.append(or_(*(name.contains(wanted.text.lower(), autoescape=True) for name in named)))
+    if wanted.subject:
+        conditions.append(recordings.c.subject == wanted.subject)
     if wanted.tag:  # tags are JSON: a quoted tag matches only as a whole and with its case
         conditions.append(func.replace(recordings.c.tags, json.dumps(wanted.tag), "") != recordings.c.tags)
     day = func.coalesce(answers.c.start, analyses.c.created_at)
@@ -386,6 +495,7 @@ def _build_conditions(wanted: LibraryFilter, report_id: ColumnElement[Any]) -> l
 def _is_in_group(group: Group, job: Any, headline: Any, report_id: ColumnElement[Any]) -> ColumnElement[bool]:
     """Return the condition of a group from the columns of analyses and answers."""
     failed, has_no_report = job.state == JobState.FAILED, report_id.is_(None)
+    is_long = func.coalesce(headline.recorded_s, SHORT_S) >= SHORT_S
     conditions: Mapping[str, ColumnElement[bool]] = {
         "all": true(),
         "active": job.state.in_(_ACTIVE),
@@ -393,7 +503,8 @@ def _is_in_group(group: Group, job: Any, headline: Any, report_id: ColumnElement
         "cancelled": and_(job.state == JobState.CANCELLED, has_no_report),
         # made by an older method; files with angles have no method
         "older": headline.method_version.between(1, int(METHOD_VERSION) - 1),
-        "attention": or_(failed, headline.verdict.in_(_DOUBTFUL)),
+        # a short recording is expected to be doubtful: only what makes it unusable needs attention
+        "attention": or_(failed, headline.verdict == "poor", and_(headline.verdict == "caution", is_long)),
     }
     return conditions.get(group, headline.verdict == group)
 
@@ -403,10 +514,10 @@ def _read_entry(row: Any, report: Job | None) -> Entry:
     if row.verdict:
         figures = (row.verdict, row.start, row.recorded_s, row.above_60_percent)
         made = (row.method or "", row.method_version or 0, row.day or "", row.calibration_state or "")
-        headline = HeadlineFigures(*figures, *made)
+        headline = HeadlineFigures(*figures, *made, row.above_60_low_percent, row.above_60_high_percent)
     if report is None:
-        return Entry(read_job(row), headline, tags=tags)
-    return Entry(report, headline, read_job(row), tags)
+        return Entry(read_job(row), headline, None, tags, row.folder, row.subject)
+    return Entry(report, headline, read_job(row), tags, row.folder, row.subject)
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ import logging
 import secrets
 import time
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Literal, get_args
 
 from sqlalchemy import Connection, Row, Select, delete, exists, insert, select, tuple_, update
@@ -62,13 +62,18 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class Description:
-    """Details entered by people. ``external_id`` is the recording's name in their system."""
+    """Details entered by people. ``external_id`` is the recording's name in their system.
+
+    ``folder``: the folders that the file was in when it was dropped, which may suggest whose arm it is; a
+    file from another folder is the same file.
+    """
 
     file_name: str
     subject: str = ""
     side: Side | None = None
     external_id: str = ""
     note: str = ""
+    folder: str = field(default="", compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +100,7 @@ class StoredRow:
     hold_by: str = ""
 
 
-_ROW_COLUMNS = tuple(field.name for field in fields(StoredRow))
+_ROW_COLUMNS = tuple(column.name for column in fields(StoredRow))
 
 
 @dataclass(frozen=True, slots=True)
@@ -392,7 +397,7 @@ def _find_repeated(connection: Connection, stored: StoredRecording, about: Descr
 
 
 def _read_description(row: Row[Any]) -> Description:
-    return Description(row.file_name, row.subject, row.side, row.external_id, row.note)
+    return Description(row.file_name, row.subject, row.side, row.external_id, row.note, row.folder)
 
 
 def check_not_purged(connection: Connection, stored: StoredRecording, about: Description) -> None:

@@ -203,7 +203,7 @@ def test_both_arms_of_a_shift_are_offered_as_a_pair_with_an_offset(
 ) -> None:
     page.goto(f"{server.address}analyses/{right}?lang=en")
 
-    page.get_by_role("link", name="Pair with the other arm").first.click()
+    page.get_by_role("link", name="Both arms of this shift, with the left arm").click()
     expect(page.get_by_role("heading", level=1)).to_have_text("Both arms of one shift")
     expect(page.get_by_text("By the clocks of the devices: 0.0 s.")).to_be_visible()
     page.get_by_label("Right after left, in seconds").fill("12,5")

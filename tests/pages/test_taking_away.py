@@ -103,7 +103,7 @@ def test_what_leads_back_is_neither_printed_nor_in_the_file(
 
 
 def test_no_page_shows_an_address_of_the_api(page: Page, server: RunningServer, right: str) -> None:
-    for address in ("", f"analyses/{right}", f"analyses/{right}/report.html", "batches", "help/reading"):
+    for address in ("", f"analyses/{right}", f"analyses/{right}/report.html", "studies", "help/reading"):
         page.goto(server.address + address)
 
         assert "/api/v1" not in page.locator("body").inner_text(), address

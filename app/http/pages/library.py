@@ -18,16 +18,20 @@ from app.batch.inputs import assign_participants
 from app.errors import BadParameter, NoSuchFile, NotFinished, ResultDamaged, StoreDamaged
 from app.http.api.library.analyses import check_queue, run_to_end
 from app.http.api.library.batches import retry_failed
-from app.http.api.library.files import MEDIA_TYPES, build_download_name, respond_with_file
+from app.http.api.library.files import (
+    MEDIA_TYPES,
+    build_download_name,
+    format_disposition,
+    respond_with_file,
+)
 from app.http.api.library.recordings import check_may_erase, has_trash, purge_recording
 from app.http.api.trust import get_names
+from app.http.pages.ranking import build_ranking, build_study_row
 from app.http.pages.recording.analysis import find_results
 from app.http.pages.recording.day import update_description
 from app.http.pages.rendering import Form, Page, UsedForm, UsedPage, first, read_body
 from app.http.pages.validations import list_compared
 from app.http.pages.views import (
-    build_library,
-    format_compared,
     format_size,
     format_stored_time,
     parse_filter,
@@ -35,9 +39,9 @@ from app.http.pages.views import (
     write_filter,
 )
 from app.library.audit_log import touch
-from app.library.batches import Batch
+from app.library.batches import Batch, identify_study
 from app.library.jobs import JobFilter
-from app.library.listing import Entry, Library
+from app.library.listing import Entry, Library, LibraryFilter
 from app.library.recordings import HOLD_REASONS, RecordingFilter
 from app.library.rows import Job, JobState
 from app.ops.copies import find_backup_term
@@ -54,13 +58,14 @@ from app.report.export.tables import (
 )
 from app.report.words.messages import describe_problem
 from app.report.words.wording import Language, fill, find_nearest
-from app.request import SUBJECT_HINT, check_subject
+from app.request import SUBJECT_HINT, ReportRequest, check_subject
 from app.services import Services, UsedServices
 from app.store.folder import COPY_BYTES, borrow_recording
+from fusion.conventions import Side
 
 MAX_ROWS = 10_000
 MAX_BATCHES = 200
-MAX_SQUARES = 2_000
+MAX_STUDY_ROWS = 1_000
 MAX_SELECTED = 500
 SHOWN = 500
 MAX_VIEWS = 50
@@ -131,18 +136,25 @@ def _send_table(services: Services, entries: Sequence[Entry], name: str) -> Resp
 @router.get("/library/reports.zip")
 def download_reports(page: UsedPage) -> Response:
     """Return the PDF of every listed report; ``without-report.txt`` names recordings without one."""
-    return _send_reports(page, _find_shown(page))
+    return _send_reports(page, _find_shown(page), read_filter(page.request).batch)
 
 
 @router.post("/library/acts/reports.zip")
 def download_selected_reports(page: UsedPage, form: UsedForm) -> Response:
     """Return the PDFs of the selected recordings."""
-    return _send_reports(page, _find_selected(page.services, form))
+    batch = parse_filter(dict(parse_qsl(first(form, "query")))).batch
+    return _send_reports(page, _find_selected(page.services, form), batch)
 
 
-def _send_reports(page: Page, entries: Sequence[Entry]) -> Response:
+def _send_reports(page: Page, entries: Sequence[Entry], batch: str) -> Response:
     packed = pack_reports(page.services, [entry.job for entry in entries], page.language)
-    return PackedResponse(packed, "reports.zip")
+    return PackedResponse(packed, _name_zip(page.services, batch, "reports.zip"))
+
+
+def _name_zip(services: Services, batch: str, name: str) -> str:
+    """Return the name of a ZIP, beginning with the name of the study if it is of one."""
+    study = services.batches.get(batch).name if batch else ""
+    return f"{make_safe_name(study)}_{name}" if study else name
 
 
 @router.get("/library/recordings.zip")
@@ -151,7 +163,8 @@ def download_recordings(page: UsedPage) -> Response:
     jobs = list({entry.job.recording_id: entry.job for entry in _find_shown(page)}.values())
     for job in jobs:
         touch(job.recording_id, job.id)
-    return PackedResponse(pack_recordings(page.services, jobs, page.language), "recordings.zip")
+    name = _name_zip(page.services, read_filter(page.request).batch, "recordings.zip")
+    return PackedResponse(pack_recordings(page.services, jobs, page.language), name)
 
 
 class _ZipBuffer(io.RawIOBase):
@@ -176,7 +189,7 @@ class PackedResponse(StreamingResponse):
     """Sends a ZIP while it is written; closes it if the download breaks off, to return borrowed files."""
 
     def __init__(self, packed: Generator[bytes, None, None], name: str) -> None:
-        headers = {"Content-Disposition": f'attachment; filename="{name}"'}
+        headers = {"Content-Disposition": format_disposition(name)}
         super().__init__(packed, media_type="application/zip", headers=headers)
         self._packed = packed
 
@@ -350,9 +363,15 @@ def _read_change(act: Act, form: Form) -> dict[str, Any]:
     value = first(form, act)
     if act == "subject":
         return {"subject": _read_code("subject", value)}
-    if value not in ("", "left", "right"):
-        raise BadParameter(name="side", value=value[:20], allowed="left, right")
-    return {"side": value or None}
+    return {"side": _read_side(value)}
+
+
+def _read_side(text: str) -> Side | None:
+    """Parse the arm of a form. Raises BadParameter."""
+    known: Mapping[str, Side | None] = {"": None, "left": "left", "right": "right"}
+    if text not in known:
+        raise BadParameter(name="side", value=text[:20], allowed="left, right")
+    return known[text]
 
 
 def _analyse_again(services: Services, entries: Sequence[Entry], change: Mapping[str, Any]) -> int:
@@ -456,41 +475,49 @@ def show_trash(page: UsedPage) -> Response:
     return page.render("library/trash.html", **_describe_trash(page), rows=shown)
 
 
-# Studies: the list, and each study with its recordings. A batch of a script is also a study.
+# Studies: the list, and each study with its ranking and its recordings. A batch of a script is also a study.
 
 
-@router.get("/batches")
-def show_batches(page: UsedPage) -> Response:
-    """List the batches, newest first."""
+@router.get("/studies")
+def show_studies(page: UsedPage, name: str = "") -> Response:
+    """List the studies, newest first; with ``name``, go to the study of that name."""
+    if name:
+        return page.go(f"/studies/{identify_study(name)}")
     rows = [_describe_batch(page, batch) for batch in page.services.batches.find_newest(MAX_BATCHES)]
-    return page.render("library/batches.html", rows=rows)
+    return page.render("library/studies.html", rows=rows)
 
 
-@router.get("/batches/{batch_id}")
-def show_batch(batch_id: str, page: UsedPage) -> Response:
-    """Show one batch: counts by state, every analysis, its tables."""
+@router.get("/studies/{batch_id}")
+def show_study(batch_id: str, page: UsedPage) -> Response:
+    """Show one study: who has most, whose arm is in which recording, its downloads."""
     batch = page.services.batches.get(batch_id)
     jobs = page.services.batches.find_jobs(batch_id)
+    wanted = LibraryFilter(order="name", batch=batch.id)
+    found = Library(page.services.store.reader).find_page(wanted, MAX_STUDY_ROWS)
+    entries = [entry for entry in found if entry.job.request.reference is None]
+    rows = [build_study_row(entry, page.language) for entry in entries]
     return page.render(
-        "library/batch.html",
-        **build_library(page, replace(read_filter(page.request), batch=batch.id)),
+        "library/study.html",
         batch=batch,
         told=_describe_batch(page, batch),
-        squares=_draw_squares(page, batch_id, jobs),
+        ranking=build_ranking(entries, page.language),
+        rows=rows,
+        proposed=sum(row.is_proposed for row in rows),
         compared=list_compared(page, jobs),
-        has_reports=any(j.state is JobState.SUCCEEDED and j.request.reference is None for j in jobs),
         failed=batch.counts[JobState.FAILED],
+        count=len(jobs),
+        may_correct=page.subject is None or page.subject.may("correct"),
     )
 
 
-@router.post("/batches/{batch_id}/retry")
+@router.post("/studies/{batch_id}/retry")
 def retry_batch(batch_id: str, page: UsedPage) -> Response:
     """Repeat the failed analyses of a batch (a plain form, so that it works without scripts)."""
     retry_failed(batch_id, page.services)
-    return page.go(f"/batches/{batch_id}")
+    return page.go(f"/studies/{batch_id}")
 
 
-@router.post("/batches/{batch_id}/participants")
+@router.post("/studies/{batch_id}/participants")
 def import_participants(
     batch_id: str, services: UsedServices, content: Annotated[bytes, Depends(read_body)]
 ) -> dict[str, Any]:
@@ -503,39 +530,43 @@ def import_participants(
     jobs = [job for job in newest if job.request.reference is None]
     tasks = [Task(Path(job.recording_id, job.file_name), job.request, Path()) for job in jobs]
     assigned, unknown = assign_participants(tasks, content, None)
-    changed = [
-        (job, task.request) for job, task in zip(jobs, assigned, strict=True) if task.request != job.request
-    ]
+    changed = _describe_all(services, jobs, [task.request for task in assigned])
+    return {"changed": changed, "unknown": [row.file for row in unknown]}
+
+
+@router.post("/studies/{batch_id}/whose")
+def change_whose(batch_id: str, page: UsedPage, form: UsedForm) -> Response:
+    """Store the subject and arm of each recording of the table; proposals count once they are sent here.
+
+    Raises BadParameter.
+    """
+    services = page.services
+    columns = (form.get(name, []) for name in ("recording", "subject", "side"))
+    stated = {recording: (subject, side) for recording, subject, side in zip(*columns, strict=False)}
+    jobs = [job for job in services.batches.find_jobs(batch_id) if job.recording_id in stated]
+    asked = []
+    for job in jobs:
+        subject, side = stated[job.recording_id]
+        asked.append(replace(job.request, subject=_read_code("subject", subject), side=_read_side(side)))
+    _describe_all(services, jobs, asked)
+    return page.go(f"/studies/{batch_id}")
+
+
+def _describe_all(services: Services, jobs: Sequence[Job], requests: Sequence[ReportRequest]) -> int:
+    """Store the subjects and arms that differ, and make those reports again; return their number.
+
+    Raises Busy.
+    """
+    changed = [(job, asked) for job, asked in zip(jobs, requests, strict=True) if asked != job.request]
     check_queue(services, len(changed))
     for job, asked in changed:
         update_description(services, job, asked, ("subject", "side"))
-    return {"changed": services.store.repeat_all(changed), "unknown": [row.file for row in unknown]}
-
-
-@dataclass(frozen=True, slots=True)
-class Square:
-    """A recording at a glance: its state, or the verdict on its data, and a title that states it in words."""
-
-    id: str
-    state: str
-    title: str
-
-
-def _draw_squares(page: Page, batch_id: str, jobs: Sequence[Job]) -> list[Square]:
-    words, verdicts = page.words(), page.services.batches.find_verdicts(batch_id)
-    squares = []
-    for job in jobs[:MAX_SQUARES]:
-        name = format_compared(job, words) or job.request.subject or job.file_name
-        state, text = job.state.value, words["state"][job.state.value]
-        if job.state is JobState.SUCCEEDED and (verdict := verdicts.get(job.id, "")):
-            state, text = verdict, words["verdict_short"][verdict]
-        squares.append(Square(job.id, state, f"{name}: {text}"))
-    return squares
+    return services.store.repeat_all(changed)
 
 
 def _describe_batch(page: Page, batch: Batch) -> dict[str, str]:
     """Return the id, name, creation time and counts by state of a study."""
-    words = page.words()["batches"]
+    words = page.words()["studies"]
     counts = {state.value: str(number) for state, number in batch.counts.items() if number}
     text = fill(words["counts"], {"all": str(sum(batch.counts.values()))} | counts)
     name, when = batch.name or words["unnamed"], format_stored_time(batch.created_at, page.language)

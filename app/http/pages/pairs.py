@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import date
 from typing import Annotated, Any, Literal
+from urllib.parse import urlencode
 
 from fastapi import APIRouter, Depends, Query, Response
 from markupsafe import Markup
@@ -17,19 +18,26 @@ from app.http.api.library.files import respond_with_file
 from app.http.api.pairs import MAX_DAYS, build_pair_download_name, get_asked_jobs
 from app.http.pages.recording.page_one import PlacedCurve, build_curves
 from app.http.pages.rendering import Page, UsedPage, add_navigation_of_query
-from app.library.listing import Entry, Library, LibraryFilter
+from app.library.listing import Entry, HeadlineFigures, Library, LibraryFilter, find_other_arm
 from app.library.report_cache import AnyReportJobs, PairReport, ReportJobs
 from app.library.rows import Job
 from app.report.pairs import format_rounding_note, format_rows, load_pair_words
 from app.report.words.messages import describe_problem
 from app.report.words.numbers import format_iso_moment, format_percent
 from app.report.words.wording import fill, load_wording
-from app.request import LONGEST_OFFSET_S, PairKind, PairRequest, ProfileRequest, ReportRequest
+from app.request import (
+    LONGEST_OFFSET_S,
+    LONGEST_SUBJECT,
+    PairKind,
+    PairRequest,
+    ProfileRequest,
+    ReportRequest,
+)
 from app.services import Services, UsedServices
 from fusion.comparison.change import FigureChange
 
 DAY = 10  # characters of an ISO date
-MAX_TRUNKS = 50
+MAX_COMPARED = 5
 SETTINGS = frozenset({"method", "pose", "metric filter"})
 
 router = APIRouter(include_in_schema=False)
@@ -45,20 +53,48 @@ class Offer:
     words: str
 
 
-def build_offers(page: Page, job: Job, start: str) -> tuple[Offer, ...]:
-    """Return links to related analyses: a pair if arm and day match, else a comparison, the earlier first."""
-    words, offers = page.words("pair_pages"), []
-    for other in Library(page.services.store.reader).find_others(job):
-        other_start = _read_start(other)
-        facts = {"name": other.job.file_name, "when": format_iso_moment(other_start, page.language)}
-        kind, first, second = "compare", *((job, other.job) if start <= other_start else (other.job, job))
-        sides = {job.request.side, other.job.request.side}
-        if sides == {"left", "right"} and start[:DAY] == other_start[:DAY]:
-            kind = "pair"
-            first, second = (job, other.job) if job.request.side == "left" else (other.job, job)
-        address = f"/beside/{kind}?first={first.id}&second={second.id}"
-        offers.append(Offer(address, fill(words[f"with_{kind}"], facts)))
-    return tuple(offers)
+@dataclass(frozen=True, slots=True)
+class Offers:
+    """Links from a recording to its person: the other arm of its shift, other days, everything."""
+
+    pair: Offer | None
+    days: tuple[Offer, ...]
+    person: str
+
+
+def build_offers(page: Page, job: Job, results: Mapping[str, Any]) -> Offers | None:
+    """Return the related analyses of a report; None if its person has no other.
+
+    Comparisons put the earlier recording first.
+    """
+    words, start = page.words("pair_pages"), results.get("recording", {}).get("start") or ""
+    headline = HeadlineFigures("", start, results["time"]["recorded_s"], None)
+    others = Library(page.services.store.reader).find_others(job)
+    twin, days = find_other_arm(Entry(job, headline), others), []
+    for other in [other for other in others if other is not twin][:MAX_COMPARED]:
+        earlier, later = (job, other.job) if start <= _read_start(other) else (other.job, job)
+        address = f"/beside/compare?first={earlier.id}&second={later.id}"
+        days.append(Offer(address, fill(words["with_compare"], _name_other(page, other))))
+    pair = None
+    if twin is not None:
+        told = fill(words[f"with_{twin.job.request.side}"], _name_other(page, twin))
+        pair = Offer(build_pair_address(job, twin.job), told)
+    return (
+        Offers(pair, tuple(days), f"/person?{urlencode({'subject': job.request.subject})}")
+        if others
+        else None
+    )
+
+
+def _name_other(page: Page, other: Entry) -> dict[str, str]:
+    when = format_iso_moment(_read_start(other), page.language)
+    return {"name": other.job.file_name, "when": when}
+
+
+def build_pair_address(one: Job, other: Job) -> str:
+    """Return the address of the page of both arms."""
+    left, right = (one, other) if one.request.side == "left" else (other, one)
+    return f"/beside/pair?first={left.id}&second={right.id}"
 
 
 def _read_start(entry: Entry) -> str:
@@ -219,7 +255,7 @@ def _offer_trunks(
     start = figures["left"].get("start") or ""
     found = [
         other.job
-        for other in Library(services.store.reader).find_others(asked.jobs[0], MAX_TRUNKS)
+        for other in Library(services.store.reader).find_others(asked.jobs[0])
         if other.job.request.side is None
         and other.job.recording_id != asked.jobs[1].recording_id
         and _read_start(other)[:DAY] == start[:DAY]
@@ -230,19 +266,18 @@ def _offer_trunks(
 
 # Several days.
 
-MAX_OFFERED = 60
-"""Most recordings of one person in the form."""
-
 
 class DaysQuery(BaseModel):
     """The analyses of the days, those after a change separately, and the person's statements about them.
 
-    ``study`` selects every report of a study; from the day ``since`` on they count as after the change.
+    ``study`` or ``subject`` selects every report of a study or a person; from the day ``since`` on they count
+    as after the change.
     """
 
     analysis: Annotated[list[str], Field(max_length=MAX_DAYS)] = []
     after: Annotated[list[str], Field(max_length=MAX_DAYS)] = []
     study: Annotated[str, Field(max_length=40)] = ""
+    subject: Annotated[str, Field(max_length=LONGEST_SUBJECT)] = ""
     since: date | Literal[""] = ""
     same_subject: bool = False
     mixed_methods: bool = False
@@ -252,8 +287,8 @@ def get_asked_days(
     services: UsedServices, query: Annotated[DaysQuery, Query()]
 ) -> ReportJobs[ProfileRequest]:
     """Return the analyses in an address; an analysis on both sides counts as after the change."""
-    if query.study:
-        first, after = _find_study(services, query)
+    if query.study or query.subject:
+        first, after = _find_placed(services, query)
     else:
         ids = dict.fromkeys(query.after)
         first = [services.store.get(one) for one in dict.fromkeys(query.analysis) if one not in ids]
@@ -271,14 +306,21 @@ def get_asked_days(
     return ReportJobs(jobs, request)
 
 
-def _find_study(services: Services, query: DaysQuery) -> tuple[list[Job], list[Job]]:
-    """Return the reports of a study before and after a change; those without a clock are on neither side."""
-    wanted = LibraryFilter(batch=services.batches.get(query.study).id)
+def _find_placed(services: Services, query: DaysQuery) -> tuple[list[Job], list[Job]]:
+    """Return the reports of a study or person before and after a change.
+
+    Those without a clock are on neither side. If an arm is stated for some reports of a person, those without
+    one (such as of the trunk) are left out.
+    """
+    study = services.batches.get(query.study).id if query.study else ""
+    wanted = LibraryFilter(batch=study, subject=query.subject)
     placed = [
         (entry.job, entry.headline.start or "")
         for entry in Library(services.store.reader).find_page(wanted, 2 * MAX_DAYS)
         if entry.headline and entry.job.request.reference is None
     ]
+    if query.subject:
+        placed = [one for one in placed if one[0].request.side] or placed
     if not query.since:
         return [job for job, _ in placed], []
     since = query.since.isoformat()
@@ -336,16 +378,6 @@ def get_days_table(name: Literal["profile", "overlay"], asked: AskedDays, servic
     return respond_with_file(body, "text/csv", build_pair_download_name(asked, f"{name}.csv"))
 
 
-def get_days_address(services: Services, job: Job) -> str:
-    """Return the address of the days page with all of a person's reports; "" if there is only one.
-
-    If ``job`` states an arm, recordings without one (such as of the trunk) are left out.
-    """
-    others = Library(services.store.reader).find_others(job, MAX_OFFERED - 1)
-    ids = [other.job.id for other in others if other.job.request.side or not job.request.side]
-    return "/days?" + "&".join(f"analysis={each}" for each in (job.id, *ids)) if ids else ""
-
-
 def _list_choices(page: Page, asked: ReportJobs[ProfileRequest]) -> tuple[Choice, ...]:
     """List the selected recordings and the others of the same people.
 
@@ -354,7 +386,7 @@ def _list_choices(page: Page, asked: ReportJobs[ProfileRequest]) -> tuple[Choice
     library, sides = Library(page.services.store.reader), load_wording(page.language)["side"]
     found: dict[str, Entry] = {}
     for job in {job.request.subject: job for job in asked.jobs}.values():
-        every = library.find_others(replace(job, recording_id=""), MAX_OFFERED)  # including its own
+        every = library.find_others(replace(job, recording_id=""))  # including its own
         found |= {entry.job.recording_id: entry for entry in every}
     for job in asked.jobs:
         known = found.get(job.recording_id)

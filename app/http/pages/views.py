@@ -24,6 +24,7 @@ from app.library.listing import (
     Library,
     LibraryFilter,
     Order,
+    StudyName,
 )
 from app.library.rows import Job, JobState
 from app.report.words.messages import Problem, describe_problem, format_columns
@@ -37,7 +38,6 @@ from app.report.words.numbers import (
 from app.report.words.wording import Language, Words, fill, load_wording
 from app.services import Services
 from fusion import errors
-from fusion.caveats import FEW_H
 from fusion.conventions import METHOD_VERSION
 from fusion.exposure.periods import place_diary
 from fusion.recording import MICROSECONDS
@@ -327,7 +327,7 @@ class ShownEntry:
     ``when`` is the start of the recording or, if unknown (``is_added``), when it was added. ``figures`` is
     None without a report. ``attempt`` is a newer analysis that is running or failed; the row keeps its
     report. If only its label changes (``is_set``), the row has the new name and arm at once, and no progress.
-    ``tags``: each with the query that lists its recordings.
+    ``tags``: each with the query that lists its recordings. ``studies``: the named ones it is in.
     """
 
     row: JobRow
@@ -338,6 +338,7 @@ class ShownEntry:
     arm: str
     figures: Mapping[str, Any] | None
     tags: tuple[tuple[str, str], ...]
+    studies: tuple[StudyName, ...]
     attempt: JobRow | None
     is_set: bool = False
     questions: tuple[str, ...] = ()
@@ -380,8 +381,8 @@ def parse_filter(asked: Mapping[str, str]) -> LibraryFilter:
     first_day, last_day = (_read_day(asked.get(name, "")) for name in ("first_day", "last_day"))
     text, batch = asked.get("text", "").strip()[:100], asked.get("batch", "")[:40]
     is_reversed = asked.get("reversed", "") == "1"
-    tag = asked.get("tag", "")[:100]
-    return LibraryFilter(text, first_day, last_day, group, order, batch, is_reversed, tag)
+    tag, subject = (asked.get(name, "")[:100] for name in ("tag", "subject"))
+    return LibraryFilter(text, first_day, last_day, group, order, batch, is_reversed, tag, subject)
 
 
 def write_filter(wanted: LibraryFilter, **changes: str) -> str:
@@ -394,6 +395,7 @@ def write_filter(wanted: LibraryFilter, **changes: str) -> str:
         "order": "" if wanted.order == "newest" else wanted.order,
         "batch": wanted.batch,
         "tag": wanted.tag,
+        "subject": wanted.subject,
         "reversed": "1" if wanted.is_reversed else "",
     }
     return urlencode({name: value for name, value in (parameters | changes).items() if value})
@@ -414,8 +416,12 @@ def build_library(page: Page, wanted: LibraryFilter) -> dict[str, Any]:
     done = fill(words["list"]["summary"], facts)
     entries = library.find_page(wanted, PER_PAGE, (number - 1) * PER_PAGE)
     took = find_durations(services, entries)
+    studies = library.find_studies([entry.job.recording_id for entry in entries])
     return dict(  # noqa: C408  keywords of a template
-        entries=[build_entry(entry, page.language, took) for entry in entries],
+        entries=[
+            build_entry(entry, page.language, took, studies.get(entry.job.recording_id, ()))
+            for entry in entries
+        ],
         headings=[_build_heading(order, str(words["column"][order]), wanted) for order in SORTED],
         wanted=wanted,
         tags=library.find_tags(),
@@ -452,12 +458,17 @@ def find_durations(services: Services, entries: Sequence[Entry]) -> tuple[Analys
 
 def _format_verdict(headline: HeadlineFigures, words: Words) -> str:
     """Return the quality in two words, and separately that a recording is short."""
-    is_short = headline.recorded_s is not None and headline.recorded_s < FEW_H * 3600
-    shown = (words["verdict_short"].get(headline.verdict, ""), words["column"]["short"] if is_short else "")
+    short = words["column"]["short"] if headline.is_short else ""
+    shown = (words["verdict_short"].get(headline.verdict, ""), short)
     return ", ".join(filter(None, shown))
 
 
-def build_entry(entry: Entry, language: Language, took: Sequence[AnalysisDuration] = ()) -> ShownEntry:
+def build_entry(
+    entry: Entry,
+    language: Language,
+    took: Sequence[AnalysisDuration] = (),
+    studies: tuple[StudyName, ...] = (),
+) -> ShownEntry:
     """Build the row of a recording with its report or, without one, its newest analysis."""
     job, words, attempt = entry.job, load_wording(language, "page"), entry.attempt
     if attempt is not None and attempt.state is JobState.CANCELLED:
@@ -485,6 +496,7 @@ def build_entry(entry: Entry, language: Language, took: Sequence[AnalysisDuratio
         is_added=not start,
         arm=str(words["column"][f"side_{said.side}"]) if said.side else "",
         figures=figures,
+        studies=studies,
         tags=tuple((tag, urlencode({"tag": tag})) for tag in entry.tags),
         attempt=build_row(attempt, language, took) if attempt else None,
         is_set=is_set,
@@ -526,7 +538,7 @@ def find_neighbours(page: Page, job: Job) -> dict[str, Any]:
     """Return the analyses before and after this one in the list that it was opened from."""
     wanted = read_filter(page.request)
     before, after = Library(page.services.store.reader).find_neighbours(job, wanted)
-    back = f"/batches/{wanted.batch}" if wanted.batch else "/"
+    back = f"/studies/{wanted.batch}" if wanted.batch else "/"
     return {"previous_id": before, "next_id": after, "query": write_filter(wanted), "back": back}
 
 

@@ -34,6 +34,7 @@ recordings = Table(
     Column("side", String(8)),
     Column("external_id", Text, nullable=False, server_default=""),
     Column("note", Text, nullable=False, server_default=""),
+    Column("folder", Text, nullable=False, server_default=""),
     Column("duplicate_of", String(32)),
     Column("version", Integer, nullable=False, server_default="1"),
     Column("start", String(40)),
@@ -48,6 +49,7 @@ recordings = Table(
     Column("revision", Integer, nullable=False, server_default="1"),
     Column("side_revision", Integer, nullable=False, server_default="0"),
     Index("recordings_by_age", "state", "created_at", "id"),
+    Index("recordings_by_subject", "subject", "state"),
     Index("recordings_by_start", "state", "start", "id"),
     Index("recordings_by_revision", "id", "revision"),
 )
@@ -185,6 +187,8 @@ answers = Table(
     Column("method_version", Integer),
     Column("day", Text),
     Column("calibration_state", String(16)),
+    Column("above_60_low_percent", Float),
+    Column("above_60_high_percent", Float),
 )
 
 # A named filter and order of the list.

@@ -18,7 +18,7 @@ from app.report.several.document import MAIN, compute_trend
 from app.report.several.people import ArmDays
 from app.report.words.numbers import Clock, format_angle
 from app.report.words.wording import Language, Words, fill
-from fusion.comparison.days import PERCENTS, QUARTER_S, ClockBand, find_first_quarter
+from fusion.comparison.days import PERCENTS, QUARTER_S, ClockBand, Trend, find_first_quarter
 
 _DAY_S = 86_400.0
 _MIDNIGHT = datetime(2000, 1, 1)  # noqa: DTZ001  any day: only its clock is used
@@ -105,28 +105,43 @@ _TOP_PERCENT = 100.0
 
 
 @dataclass(frozen=True, slots=True)
-class _Visit:
-    """One day: its time in days, its date in words, its share in percent and the range."""
+class Visit:
+    """One day: its start, its share in percent and the range; days that do not count are left out."""
 
-    at_days: float
-    date: str
+    start: datetime
     percent: float
     span: Span | None
     is_left_out: bool
 
+    @property
+    def at_days(self) -> float:
+        """Its time in days."""
+        return (self.start - _MIDNIGHT).total_seconds() / _DAY_S
+
+    @property
+    def date(self) -> str:
+        """Its date."""
+        return f"{self.start:%Y-%m-%d}"
+
 
 @dataclass(frozen=True, slots=True)
-class _VisitPanel:
-    """The days of one arm in order of time; ``band``: the first day plus and minus the spread of days."""
+class VisitPanel:
+    """The days of one arm in order of time, and their trend; None for fewer than two that count."""
 
     name: str
-    visits: list[_Visit]
-    band: Span
+    visits: Sequence[Visit]
+    trend: Trend | None
+
+    @property
+    def band(self) -> Span | None:
+        """The first day plus and minus the minimal detectable change."""
+        trend = self.trend
+        return (trend.first - trend.detectable, trend.first + trend.detectable) if trend else None
 
 
 def build_visits(arms: Sequence[tuple[str, ArmDays]], words: Words, language: Language) -> tuple[Chart, ...]:
     """Draw every day by its date against the first; none if no arm has two days with a date."""
-    entry, panels, spreads = words["visits"], [], []
+    panels = []
     for name, arm in arms:
         trend = compute_trend(arm)
         if trend is None:
@@ -136,16 +151,21 @@ def build_visits(arms: Sequence[tuple[str, ArmDays]], words: Words, language: La
             percent, interval = day.list_figures()[MAIN], day.find_interval(MAIN)
             if day.start and percent is not None:
                 span = (interval.low, interval.high) if interval else None
-                at_days, date = (day.start - _MIDNIGHT).total_seconds() / _DAY_S, f"{day.start:%Y-%m-%d}"
-                visits.append(_Visit(at_days, date, percent, span, day.left_out is not None))
-        panels.append(
-            _VisitPanel(name, visits, (trend.first - trend.detectable, trend.first + trend.detectable))
-        )
-        spreads.append(f"{name} {format_points(trend.detectable, MAIN, language)}")
-    if not panels:
-        return ()
+                visits.append(Visit(day.start, percent, span, day.left_out is not None))
+        panels.append(VisitPanel(name, visits, trend))
+    return (draw_visits(panels, words, language),) if panels else ()
+
+
+def draw_visits(panels: Sequence[VisitPanel], words: Words, language: Language) -> Chart:
+    """Draw the arms one above the other, each day by its date against the band of its first day."""
+    entry = words["visits"]
+    spreads = [
+        f"{panel.name} {format_points(panel.trend.detectable, MAIN, language)}"
+        for panel in panels
+        if panel.trend
+    ]
     alternative = fill(entry["alternative"], {"list": ", ".join(panel.name for panel in panels)})
-    chart = Chart.draw(
+    return Chart.draw(
         (entry["title"], alternative),
         lambda words, width_px: _draw_visits(panels, words, width_px),
         entry["columns"],
@@ -154,12 +174,11 @@ def build_visits(arms: Sequence[tuple[str, ArmDays]], words: Words, language: La
             for panel in panels
             for visit in panel.visits
         ),
-        fill(entry["note"], {"spreads": ", ".join(spreads)}),
+        fill(entry["note"], {"spreads": ", ".join(spreads)}) if spreads else entry["note_alone"],
     )
-    return (chart,)
 
 
-def _draw_visits(panels: Sequence[_VisitPanel], words: tuple[str, str], width_px: float) -> str:
+def _draw_visits(panels: Sequence[VisitPanel], words: tuple[str, str], width_px: float) -> str:
     every = [visit for panel in panels for visit in panel.visits]
     first, last = (find(visit.at_days for visit in every) for find in (min, max))
     step, top = _find_scale(panels)
@@ -170,10 +189,10 @@ def _draw_visits(panels: Sequence[_VisitPanel], words: tuple[str, str], width_px
         across = first, max(last, first + 1e-9)
         plot = Plot(left, left + room * 0.97, y, y + _PANEL_PX, across, (0.0, top))
         body.append(svg.text(0, y - 14, panel.name, "strong"))
-        low, high = (plot.y(end) for end in panel.band)
-        body.append(
-            svg.rect(_LEFT_PX, high, room, max(low - high, 1.0), f'class="band" fill="{svg.RAMP[0]}"')
-        )
+        if panel.band:
+            low, high = (plot.y(end) for end in panel.band)
+            band = f'class="band" fill="{svg.RAMP[0]}"'
+            body.append(svg.rect(_LEFT_PX, high, room, max(low - high, 1.0), band))
         for tick in range(round(top / step) + 1):
             y = plot.y(tick * step)
             rule = f'{svg.RULE} stroke-width="{0.3 if tick else 0.8}"'
@@ -183,20 +202,20 @@ def _draw_visits(panels: Sequence[_VisitPanel], words: tuple[str, str], width_px
     return svg.picture(width_px, len(panels) * panel_px, f"visits{width_px:.0f}", words, body)
 
 
-def _find_scale(panels: Sequence[_VisitPanel]) -> Span:
+def _find_scale(panels: Sequence[VisitPanel]) -> Span:
     """Return the step and the end of a scale that includes every day, its range and the band."""
     visits = [visit for panel in panels for visit in panel.visits]
     ends = [
         *(visit.percent for visit in visits),
         *(visit.span[1] for visit in visits if visit.span),
-        *(panel.band[1] for panel in panels),
+        *(panel.band[1] for panel in panels if panel.band),
     ]
     most = min(max(ends), _TOP_PERCENT)
     step = next((step for step in _STEPS if step * _MOST_TICKS >= most), _STEPS[-1])
     return step, step * max(ceil(most / step), 1)
 
 
-def _draw_panel(visits: Sequence[_Visit], plot: Plot, width_px: float) -> list[str]:
+def _draw_panel(visits: Sequence[Visit], plot: Plot, width_px: float) -> list[str]:
     """Draw a point for each day, its range and its date; connect the days that count."""
     body = []
     counted = [visit for visit in visits if not visit.is_left_out]

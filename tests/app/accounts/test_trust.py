@@ -457,7 +457,16 @@ def test_the_employer_sees_group_figures_and_nothing_else(house: House, caller: 
     assert shown.json()["blocks"][0]["time_above_60_percent"] == 14.0
     assert "14 %" in page.text
     assert "W-1" not in page.text + shown.text
-    for address in ("/", "/batches", f"/batches/{study}", "/api/v1/recordings", "/trash", "/trail"):
+    for address in (
+        "/",
+        "/studies",
+        f"/studies/{study}",
+        "/persons",
+        "/person?subject=W-1",
+        "/api/v1/recordings",
+        "/trash",
+        "/trail",
+    ):
         assert caller.get(address, headers=employer).status_code == 403
 
 

@@ -107,8 +107,11 @@ def test_days_after_a_change_are_compared_with_those_before(shared: TestClient, 
 def test_an_analysis_leads_to_the_days_of_its_person(shared: TestClient, days: Finished) -> None:
     page = shared.get(f"/analyses/{days[0]}").text
 
-    (address,) = re.findall(r'href="([^"]*/days\?[^"]*)"', page)
-    assert all(each in address for each in days)
+    person = shared.get("/person?subject=S012").text
+    together = shared.get("/days?subject=S012").text
+    assert 'href="/person?subject=S012"' in page
+    assert 'href="/days?subject=S012"' in person
+    assert all(f'value="{each}" checked' in together for each in days)
 
 
 def test_an_analysis_says_whose_arm_it_is_where_the_recording_does_not(
@@ -131,10 +134,10 @@ def test_a_sensor_on_the_trunk_is_no_day_of_an_arm(
     trunk = client.post("/api/v1/analyze", params=asked, content=b"2 1.0").json()["id"]
     assert run_next(open_worker(write_day))
 
-    (address,) = re.findall(r'href="([^"]*/days\?[^"]*)"', client.get(f"/analyses/{own_days[0]}").text)
+    page = client.get("/days?subject=S012").text
 
-    assert own_days[1] in address
-    assert trunk not in address
+    assert f'name="analysis" value="{own_days[1]}" checked' in page
+    assert f'name="analysis" value="{trunk}" checked' not in page
 
 
 # The days of a study.
@@ -163,7 +166,7 @@ def count_chosen(page: str, name: str) -> int:
 
 def test_a_study_is_one_group_to_which_its_page_leads(shared: TestClient, group: str) -> None:
     page = plain(shared.get("/days", params={"study": group}).text)
-    study = shared.get(f"/batches/{group}").text
+    study = shared.get(f"/studies/{group}").text
 
     assert "5 people" in page
     assert count_chosen(page, "analysis") == 10

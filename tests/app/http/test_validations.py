@@ -216,13 +216,15 @@ def test_a_comparison_joins_the_study_that_it_names_without_a_line_in_its_table(
     shared: TestClient, shared_settings: Settings
 ) -> None:
     own = compare(shared, shared_settings, study="Spring").rpartition("/")[2]
-    study = f"/batches/{identify_study('Spring')}"
+    study = f"/studies/{identify_study('Spring')}"
     page = shared.get(study).text
 
     assert f'src="/validations/{own}/plot.svg"' in page
     assert "RMSE 0.00°, bias 0.00°, 95\u202f% limits 0.0° to 0.0°" in page
-    assert "ours.csv compared with truth.csv" in page
-    assert len(shared.get(f"/api/v1{study}/summary.csv").text.splitlines()) == 1  # the names of the columns
+    assert '>ours.csv</a> <span class="hint">truth.csv</span>' in page
+    assert (
+        len(shared.get(f"/api/v1/batches/{identify_study('Spring')}/summary.csv").text.splitlines()) == 1
+    )  # the names of the columns
     listed = shared.post(f"{study}/participants", content="file,subject\nours.csv,S1\n")
     assert listed.json() == {"changed": 0, "unknown": ["ours.csv"]}
 

@@ -85,7 +85,7 @@ def study(client: TestClient) -> str:
     """A study of two recordings; return the address of its list of participants."""
     for k in range(2):
         client.put("/api/v1/analyze", params={"file_name": f"{k}.csv", "study": NAME}, content=bytes([k]))
-    return f"/batches/{STUDY_ID}/participants"
+    return f"/studies/{STUDY_ID}/participants"
 
 
 def read_whose(client: TestClient, study: str) -> dict[str, tuple[str, str | None]]:
@@ -133,10 +133,10 @@ def test_a_row_for_a_name_that_was_uploaded_twice_is_refused_until_it_names_the_
 
 
 def test_the_pages_of_studies_show_no_address_of_the_api(client: TestClient, study: str) -> None:
-    for page in (client.get("/batches").text, client.get(f"/batches/{STUDY_ID}").text):
+    for page in (client.get("/studies").text, client.get(f"/studies/{STUDY_ID}").text):
         assert "POST /api" not in page
 
 
 def test_without_any_study_the_page_says_how_one_begins(client: TestClient) -> None:
-    assert "Drop a folder" in client.get("/batches?lang=en").text
-    assert client.post("/batches/ba_none/participants", content="file\na.csv\n").status_code == 404
+    assert "Drop a folder" in client.get("/studies?lang=en").text
+    assert client.post("/studies/ba_none/participants", content="file\na.csv\n").status_code == 404

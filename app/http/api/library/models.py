@@ -40,6 +40,7 @@ from app.request import (
     ReportRequest,
     check_subject,
     clean_file_name,
+    clean_folder,
     find_window_hint,
     parse_window,
     write_profile,
@@ -509,11 +510,19 @@ class RecordingWords(BaseModel):
     side: Annotated[Side | None, Field(description="Which arm.")] = None
     external_id: Annotated[Text, Field(description="Its identifier in your own system.")] = ""
     note: Note = ""
+    folder: Annotated[
+        str, Field(max_length=1000, description="Folders the file was in; they may suggest whose arm it is.")
+    ] = ""
 
     def describe(self) -> Description:
         """Return the description as it is stored."""
         return Description(
-            clean_file_name(self.file_name), self.subject, self.side, self.external_id, self.note
+            clean_file_name(self.file_name),
+            self.subject,
+            self.side,
+            self.external_id,
+            self.note,
+            clean_folder(self.folder),
         )
 
 

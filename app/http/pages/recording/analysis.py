@@ -18,7 +18,7 @@ from app.http.api.trust import get_names, get_person_name
 from app.http.middleware.access import UsedSubject, get_subject, may
 from app.http.middleware.guard import get_host_url
 from app.http.middleware.problems import Refusal
-from app.http.pages.pairs import build_offers, get_days_address
+from app.http.pages.pairs import build_offers
 from app.http.pages.recording.columns import find_offer
 from app.http.pages.recording.day import DayClock, build_day, build_hours, list_axes, load_day
 from app.http.pages.recording.figures import FigureTable, build_figures
@@ -201,7 +201,7 @@ def read_answer(page: Page, job: Job, asked: ReportRequest) -> dict[str, Any]:
     """
     services, language = page.services, page.language
     shown: dict[str, Any] = dict.fromkeys(("answer", "day", "page_one", "damage"))
-    shown |= {"hours": (), "offers": (), "days": ""}
+    shown |= {"hours": (), "offers": None}
     try:
         results = find_results(services, job)
         if results is None:
@@ -209,8 +209,7 @@ def read_answer(page: Page, job: Job, asked: ReportRequest) -> dict[str, Any]:
         name = f"answer.{find_nearest(language, job.request.languages)}.txt"
         shown["answer"] = build_answer(results, services.results.read(job, name).decode())
         shown["hours"] = build_hours(results, language)
-        shown["offers"] = build_offers(page, job, results.get("recording", {}).get("start") or "")
-        shown["days"] = get_days_address(services, job)
+        shown["offers"] = build_offers(page, job, results)
         day = None
         with suppress(NoSuchFile):
             day = load_day(services, job)
@@ -343,7 +342,6 @@ def home(page: UsedPage) -> Response:
         max_size=format_size(limit_bytes, page.language),
         devices=load_device_names(page.language),
         has_columns=bool(services.mappings.find_all()),
-        has_batches=bool(services.batches.find_newest(1)),
         address=get_host_url(page.request) + page.base,
         quarantined=str(len(services.quarantined) or ""),
     )

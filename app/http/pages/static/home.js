@@ -12,15 +12,29 @@ const words = $("upload").dataset;
 const cards = new Cards($("cards"));
 const queue = new Queue(form.dataset.api, showQueue, showAdded);
 
+// A dropped folder leads to the page of its study once everything is uploaded.
+let study = "";
+let isAdded = false;
+
+function lead() {
+  const address = `${$("leads").dataset.address}?${new URLSearchParams({ name: study })}`;
+  $("leads").hidden = !study;
+  $("leads").querySelector("span").textContent = fill($("leads").dataset.text, { name: study });
+  $("leads").querySelector("a").href = address;
+  if (study && isAdded && !queue.all.size) location.assign(address);
+}
+
 function showQueue() {
   showTitle(queue.open);
+  lead();
   $("retry-all").hidden = queue.failed.length < 2;
   showInterrupted();
 }
 
 // Ask about a new recording; those of a study are described together on its page.
-function showAdded({ key, study, path }) {
-  if (key && !study) cards.add(`${form.dataset.base}/recordings/${key.slice("of-".length)}/finish`, path);
+function showAdded({ key, study: of, path }) {
+  isAdded = true;
+  if (key && !of) cards.add(`${form.dataset.base}/recordings/${key.slice("of-".length)}/finish`, path);
   return refresh();
 }
 
@@ -53,8 +67,9 @@ function discardInterrupted() {
 // The name of a folder is the study name, unless another name was typed.
 function take({ files, ignored, folder }) {
   const chosen = new FormData(form);
-  const study = chosen.get("study").trim() || (folder || "").slice(0, 100);
-  queue.add(files, { study });
+  const name = chosen.get("study").trim() || (folder || "").slice(0, 100);
+  if (folder && files.length) study = name;
+  queue.add(files, { study: name });
   if (ignored) say(fill(words.ignored, { n: ignored }));
 }
 

@@ -1,11 +1,11 @@
-// The page of a study: its squares follow the analyses; a list of participants is uploaded, and the result is
-// shown.
+// The page of a study: ranking and states follow the analyses; a list of participants is uploaded, and the
+// result is shown.
 
 import { $, fill } from "./say.js";
 
 const LOOK_MS = 3000;
 const KEPT = "acromion-participants";
-const form = $("participants");
+const form = $("participants"); // absent if the study has no recordings of people
 const result = $("list-told");
 
 function showResult(text) {
@@ -32,20 +32,25 @@ function refuse(page) {
 
 // Replace only changed parts, so that the focus does not move.
 async function poll() {
-  if (!document.querySelector(".squares .is-queued, .squares .is-running")) return;
+  if (!document.querySelector('[data-state="queued"], [data-state="running"]')) return;
   const answer = await fetch(location.href, { headers: { Accept: "text/html", "X-Unattended": "1" } }).catch(() => null);
   if (answer?.ok) {
     const fresh = new DOMParser().parseFromString(await answer.text(), "text/html").querySelectorAll("[data-live]");
-    document.querySelectorAll("[data-live]").forEach((old, index) => {
+    const shown = document.querySelectorAll("[data-live]");
+    if (fresh.length !== shown.length) return location.reload(); // a recording was added or deleted
+    shown.forEach((old, index) => {
       if (old.innerHTML !== fresh[index].innerHTML) old.replaceChildren(...fresh[index].childNodes);
+      [old.className, old.dataset.state] = [fresh[index].className, fresh[index].dataset.state || ""];
     });
   }
   setTimeout(poll, LOOK_MS);
 }
 
-form.hidden = false;
-form.addEventListener("submit", (event) => event.preventDefault());
-$("list").addEventListener("change", () => send($("list").files[0]));
-showResult(sessionStorage.getItem(KEPT) || "");
-sessionStorage.removeItem(KEPT);
+if (form) {
+  form.hidden = false;
+  form.addEventListener("submit", (event) => event.preventDefault());
+  $("list").addEventListener("change", () => send($("list").files[0]));
+  showResult(sessionStorage.getItem(KEPT) || "");
+  sessionStorage.removeItem(KEPT);
+}
 poll();

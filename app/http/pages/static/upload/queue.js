@@ -54,7 +54,7 @@ export class Queue {
     if (file.size > Number(words.maxBytes)) return this.refuseLarge(entry);
     this.going.add(entry);
     row.show("uploading");
-    entry.upload = new TusUpload(file, { study: entry.study }, this.api + "/uploads", {
+    entry.upload = new TusUpload(file, { study: entry.study, folder: readFolder(file) }, this.api + "/uploads", {
       progress: (bytes) => (row.state === "lost" && row.show("uploading"), row.progress(bytes)),
       piece: () => this.inspect(entry),
       smaller: (bytes) => row.note(fill(words.smaller, { size: formatSize(bytes, row.units) })),

@@ -68,7 +68,7 @@ export class TusUpload {
       }
       forget(this.file);
     }
-    const answer = await this.ask("POST", this.root, { "Upload-Length": this.file.size, "Upload-Metadata": describe(this.file, { settings: declareAnalysis(this.options) }) });
+    const answer = await this.ask("POST", this.root, { "Upload-Length": this.file.size, "Upload-Metadata": describe(this.file, { folder: this.options.folder, settings: declareAnalysis(this.options) }) });
     if (answer.status !== 201) throw refuse(answer);
     this.address = this.root + "/" + answer.getResponseHeader("Location").split("/").pop();
     remember(this.file, { address: this.address, ...this.options });
