@@ -5,6 +5,7 @@ import re
 import zipfile
 from collections import Counter
 from collections.abc import Mapping, Sequence, Set
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import PurePath
 from typing import IO, BinaryIO, Literal, cast
@@ -18,6 +19,7 @@ from fusion.errors import (
     UnknownColumns,
     UnsafeArchive,
     UnusableJoin,
+    UnusableTime,
 )
 from fusion.readers.source import (
     EMPTY_ZIP_MAGIC,
@@ -30,8 +32,8 @@ from fusion.readers.source import (
     open_archive,
     read_text,
 )
-from fusion.readers.tables.columns import parse_column_name, read_named_axis
-from fusion.readers.tables.layout import find_layout, split_fields
+from fusion.readers.tables.columns import find_own_axes, read_named_axis
+from fusion.readers.tables.layout import COLUMNS_OF_ONE, MIN_COLUMNS, TextLayout, decode_head, find_layout
 from fusion.readers.tables.rows import plan_table
 from fusion.recording import ACC_UNITS_G, GYR_UNITS_DPS
 
@@ -127,16 +129,23 @@ def _find_sensors(tables: Mapping[str, str]) -> dict[str, Kind]:
 
 def _is_whole(head: str) -> bool:
     """Return whether a table holds both sensors."""
+    layout = _find_layout(head)
+    if layout is None or layout.header is None:
+        return False
     try:
-        layout = find_layout(head)
-        if layout is not None and layout.header is not None:
-            plan_table(layout)
-            return True
-    except SeveralSensors:
+        plan_table(layout)
+    except (SeveralSensors, UnusableTime):
         return True
     except FusionError:
         return False
-    return False
+    return True
+
+
+def _find_layout(head: str, fewest: int = MIN_COLUMNS) -> TextLayout | None:
+    """Understand the columns of a table; the order of its dates, if open, does not matter here."""
+    with suppress(FusionError):
+        return find_layout(head, "dmy", names_time=True, fewest=fewest)
+    return None
 
 
 def _find_sensor(name: str, head: str) -> Kind | None:
@@ -147,14 +156,13 @@ def _find_sensor(name: str, head: str) -> Kind | None:
     for kind, pattern in SENSOR_WORDS.items():
         if pattern.search(stem):
             return kind
-    header = head.split("\n", 1)[0]
-    fields = split_fields(header.strip("\ufeff\r"), max(",;\t", key=header.count))
-    columns = [parse_column_name(field) for field in fields]
-    axes = [axis for field in fields if (axis := read_named_axis(field))]
-    if sorted(axis for axis, _ in axes) != ["x", "y", "z"] or "time" not in {one.channel for one in columns}:
+    layout = _find_layout(head, COLUMNS_OF_ONE)
+    columns = layout.columns if layout else ()
+    axes = find_own_axes([one.name for one in columns])
+    if axes is None:
         return None
     channels = {one.channel for one in columns} & {"acc", "gyr", "linear", "gravity"}
-    units = {unit for _, unit in axes}
+    units = {(read_named_axis(columns[k].name) or ("", None))[1] or columns[k].unit for k in axes}
     if not channels and units <= set(ACC_UNITS_G):
         return "acc"
     if not channels and units <= set(GYR_UNITS_DPS):
@@ -238,12 +246,12 @@ def unpack(source: Source, sensor: str = "") -> Source:
     if any(PurePath(name).name in DEVICE_PARTS for name in members):
         raise UnsafeArchive(reason="folder")
     if len(members) == 1:
-        return _open_member(archive, members[0], source, len(every) - 1)
-    chosen = _choose_recording(archive, members, sensor)
+        return open_member(archive, members[0], source, len(every) - 1)
+    chosen = _choose_recording(archive, members, sensor, source)
     left_aside = len(every) - chosen.n_files
     if chosen.pair:
         return replace(source, pair=chosen.pair, left_aside=left_aside, beside=chosen.beside)
-    return _open_member(archive, chosen.table, source, left_aside)
+    return open_member(archive, chosen.table, source, left_aside)
 
 
 def is_in_zip(source: Source) -> bool:
@@ -254,8 +262,10 @@ def is_in_zip(source: Source) -> bool:
     return source.packed.read(len(ZIP_MAGIC)) == ZIP_MAGIC
 
 
-def _choose_recording(archive: zipfile.ZipFile, members: Sequence[str], sensor: str) -> ArchivedRecording:
-    tables = {name: _read_head(archive, name) for name in members if name.lower().endswith(TABLES)}
+def _choose_recording(
+    archive: zipfile.ZipFile, members: Sequence[str], sensor: str, source: Source
+) -> ArchivedRecording:
+    tables = {name: _read_head(archive, name, source) for name in members if name.lower().endswith(TABLES)}
     found = find_recordings(tables)
     if any(name.lower().endswith((".gt3x", ".cwa")) for name in members):
         raise UnsafeArchive(reason="several", count=len(members))
@@ -280,11 +290,12 @@ def _explain_refusal(kinds: Set[Kind], n_members: int) -> FusionError:
     return UnusableJoin(why="tables apart")
 
 
-def _read_head(archive: zipfile.ZipFile, name: str) -> str:
-    return read_text(archive, name).decode("utf-8", "replace")
+def _read_head(archive: zipfile.ZipFile, name: str, packed: Source) -> str:
+    return decode_head(replace(packed, head=read_text(archive, name)))
 
 
-def _open_member(archive: zipfile.ZipFile, name: str, packed: Source, left_aside: int) -> Source:
+def open_member(archive: zipfile.ZipFile, name: str, packed: Source, left_aside: int = 0) -> Source:
+    """Return a member of an archive as a file that is unpacked as it is read."""
     file = UnpackedFile(lambda: archive.open(name), packed.size_bytes, name)
     return replace(_open_unpacked(file, PurePath(name).name, packed), left_aside=left_aside)
 
