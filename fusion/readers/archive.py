@@ -4,9 +4,10 @@ import gzip
 import re
 import zipfile
 from collections import Counter
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import PurePath
 from typing import IO, BinaryIO, Literal, cast
 
@@ -15,10 +16,9 @@ from fusion.errors import (
     EmptyFile,
     FusionError,
     NoGyroscope,
+    NoPair,
     SeveralSensors,
-    UnknownColumns,
     UnsafeArchive,
-    UnusableJoin,
     UnusableTime,
 )
 from fusion.readers.source import (
@@ -34,7 +34,7 @@ from fusion.readers.source import (
 )
 from fusion.readers.tables.columns import find_own_axes, read_named_axis
 from fusion.readers.tables.layout import COLUMNS_OF_ONE, MIN_COLUMNS, TextLayout, decode_head, find_layout
-from fusion.readers.tables.rows import plan_table
+from fusion.readers.tables.rows import LONGEST_LIST, plan_table
 from fusion.recording import ACC_UNITS_G, GYR_UNITS_DPS
 
 PHYPHOX_FOLDER = "meta/"
@@ -65,8 +65,14 @@ public data sets HHAR (`Phones_accelerometer`), WISDM (`data_1600_gyro_watch`), 
 and RealWorld (`Gyroscope_walking_upperarm`).
 """
 SAMPLING_RATE = re.compile(r"[ _]?\d{1,6}(?:\.\d{1,6})?hz\b.*", re.IGNORECASE)
-OWN_START = re.compile(r"\d{8}[ _T-]\d{6}")
-"""Polar Sensor Logger writes the start time of each table into its name."""
+OWN_START = re.compile(
+    r"(?<!\d)(?:20\d{2}[-_.]?\d{2}[-_.]?\d{2}[ _T.-]{0,3}\d{2}[-_.:h]?\d{2}[-_.:m]?\d{2}(?:[-_.]?\d{3,6})?"
+    r"|1[4-9]\d{8}(?:\d{3}){0,3})(?!\d)"
+)
+"""The start time of each table in its name, as Polar Sensor Logger writes it, or since 1970: it may differ
+by a second."""
+WORDS = re.compile(r"[^\W_]+")
+SERIAL = re.compile(r"(?=.*\d)[0-9a-f]{4,}|(?=(?:.*\d){4})\w+", re.IGNORECASE)
 SEPARATORS = re.compile(r"[ _.-]+")
 
 
@@ -109,16 +115,19 @@ def find_recordings(tables: Mapping[str, str]) -> list[ArchivedRecording]:
 
 
 def _find_loose_pairs(sensors: Mapping[str, Kind]) -> list[ArchivedRecording]:
-    """Return the only angular rate with each acceleration that may be of the same device."""
+    """Return the only table of one sensor with each of the other that may be of the same device."""
     rates = [name for name, kind in sensors.items() if kind == "gyr"]
     kind = next((kind for kind in ACCELERATIONS if kind in sensors.values()), None)
     accelerations = [name for name, found in sensors.items() if found == kind]
-    near = [name for name in accelerations if len(rates) == 1 and not _are_apart(name, rates[0])]
+    if 1 not in (len(rates), len(accelerations)):
+        return []
     pairs = []
-    for name in near:
-        others = tuple(other for other in accelerations if other != name)
-        if pair := _find_pair({one: found for one, found in sensors.items() if one not in others}):
-            pairs.append(replace(pair, beside=others))
+    for name, rate in product(accelerations, rates):
+        others = tuple(other for other in (*accelerations, *rates) if other not in (name, rate))
+        pair = _find_pair({one: found for one, found in sensors.items() if one not in others})
+        if pair and not _are_apart(name, rate):
+            called = PurePath(name if len(rates) == 1 else rate).stem
+            pairs.append(replace(pair, name=called, beside=others))
     return pairs
 
 
@@ -202,9 +211,21 @@ def _find_pair(sensors: Mapping[str, Kind], device: str = "") -> ArchivedRecordi
 
 
 def _are_apart(one: str, other: str) -> bool:
-    """Return whether the names of two tables are of different devices or places on the body."""
-    places = [{word.lower() for word in PLACE_WORDS.findall(_name_device(name))} for name in (one, other)]
-    return all(places) and not places[0] & places[1]
+    """Return whether each of two names has a word for its device or its place that the other lacks.
+
+    Unless both names contain their sensor, only places on the body and serial numbers are such words.
+    """
+    stems = [PurePath(name).stem for name in (one, other)]
+    is_named = all(any(pattern.search(stem) for pattern in SENSOR_WORDS.values()) for stem in stems)
+    first, second = (
+        {
+            word.lower()
+            for word in WORDS.findall(_name_device(name))
+            if is_named or PLACE_WORDS.fullmatch(word) or SERIAL.fullmatch(word)
+        }
+        for name in (one, other)
+    )
+    return bool(first - second and second - first)
 
 
 def _name_apart(found: Sequence[ArchivedRecording]) -> dict[str, ArchivedRecording]:
@@ -215,7 +236,8 @@ def _name_apart(found: Sequence[ArchivedRecording]) -> dict[str, ArchivedRecordi
         path = PurePath(one.table or (one.pair.acceleration if one.pair else ""))
         name = one.name if counts[one.name] == 1 else str(path.with_suffix(""))
         name = name.replace(",", " ")
-        named[name if name not in named else str(path).replace(",", " ")] = one
+        name = name if name not in named else str(path).replace(",", " ")
+        named[name] = replace(one, name=name)
     return named
 
 
@@ -250,8 +272,15 @@ def unpack(source: Source, sensor: str = "") -> Source:
     chosen = _choose_recording(archive, members, sensor, source)
     left_aside = len(every) - chosen.n_files
     if chosen.pair:
-        return replace(source, pair=chosen.pair, left_aside=left_aside, beside=chosen.beside)
-    return open_member(archive, chosen.table, source, left_aside)
+        return replace(
+            source,
+            pair=chosen.pair,
+            left_aside=left_aside,
+            beside=chosen.beside,
+            is_chosen=chosen.name == sensor,
+        )
+    member = open_member(archive, chosen.table, source, left_aside)
+    return replace(member, is_chosen=chosen.name == sensor)
 
 
 def is_in_zip(source: Source) -> bool:
@@ -270,24 +299,27 @@ def _choose_recording(
     if any(name.lower().endswith((".gt3x", ".cwa")) for name in members):
         raise UnsafeArchive(reason="several", count=len(members))
     if not found:
-        raise _explain_refusal(set(_find_sensors(tables).values()), len(members))
-    if len(found) == 1:
-        return found[0]
+        raise _explain_refusal(_find_sensors(tables), len(members))
     named = _name_apart(found)
     if sensor in named:
         return named[sensor]
+    if len(found) == 1 and (not sensor or found[0].table):  # the table may hold that sensor
+        return found[0]
     raise SeveralSensors(n=len(found), list=", ".join(named), **({"wanted": sensor} if sensor else {}))
 
 
-def _explain_refusal(kinds: Set[Kind], n_members: int) -> FusionError:
+def _explain_refusal(sensors: Mapping[str, Kind], n_members: int) -> FusionError:
     """Return the error for an archive without a recording, by the sensors of its tables."""
-    if not kinds & set(PAIRED):
+    paired = {name: kind for name, kind in sensors.items() if kind in PAIRED}
+    if not paired:
         return UnsafeArchive(reason="several", count=n_members)
-    if "gyr" not in kinds:
+    if "gyr" not in paired.values():
         return NoGyroscope(cure="both in the zip")
-    if kinds.isdisjoint(ACCELERATIONS):
-        return UnknownColumns(why="one sensor in the zip")
-    return UnusableJoin(why="tables apart")
+    if set(paired.values()) == {"gyr"}:
+        return NoPair(why="one sensor", list=", ".join(paired)[:LONGEST_LIST])
+    devices = Counter((_name_device(name), kind) for name, kind in paired.items())
+    why = "tables twice" if max(devices.values()) > 1 else "tables apart"
+    return NoPair(why=why, list=", ".join(paired)[:LONGEST_LIST])
 
 
 def _read_head(archive: zipfile.ZipFile, name: str, packed: Source) -> str:

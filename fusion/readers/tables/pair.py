@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
-from fusion.errors import NoGravity, NoSamples, UnknownColumns, UnknownRate, UnusableTime
+from fusion.errors import NoGravity, NoPair, NoSamples, UnknownRate
 from fusion.readers.archive import open_member
 from fusion.readers.samples import SampleColumns
 from fusion.readers.source import Source, open_archive, read_text
@@ -49,7 +49,6 @@ from fusion.readers.time.grid import SLOWEST_HZ, cut_stamped
 from fusion.recording import (
     LONGEST_BRIDGE_US,
     MICROSECONDS,
-    Float64Array,
     QualityFlag,
     Recording,
     Stated,
@@ -110,17 +109,17 @@ def read(
     ------
     NoGravity
         The acceleration lacks gravity, and no table contains it.
-    UnknownColumns
-        A table lacks a named time or three named axes.
-    NoSamples, UnknownRate, UnusableTime
+    NoPair
+        A table lacks a named time or three named axes, or they have no time in common.
+    NoSamples, UnknownRate
     fusion.errors.FusionError
         As for a table of both sensors.
     """
     archive = open_archive(source)
     names = source.pair
     assert names is not None
-    gyr = _read_table(source, archive, names.angular_rate, "gyr", order)
     acc = _read_table(source, archive, names.acceleration, "acc", order)
+    gyr = _read_table(source, archive, names.angular_rate, "gyr", order)
     beside = [_read_table(source, archive, names.gravity, "gravity", order)] if names.gravity else []
     is_spread = _spread_stamps([gyr, acc, *beside])
     for table in (acc, *beside):
@@ -178,13 +177,13 @@ def _read_table(
     axes = find_own_axes([one.name for one in found.columns]) if found else None
     if found is None or axes is None:
         line = member.head.decode("utf-8", "replace").partition("\n")[0].strip()
-        raise UnknownColumns(list=f"{PurePath(name).name}: {line}"[:200])
+        raise NoPair(why="axes unknown", list=f"{PurePath(name).name}: {line}"[:200])
     layout = _name_axes(found, axes, channel)
     place, time = choose_stamp(layout)
     if place is None or not time.has_times:
         if any(one.channel == "time" for one in layout.columns):
             raise UnknownRate
-        raise UnusableTime(why="no time", line=layout.first_line)
+        raise NoPair(why="no time", list=f"{PurePath(name).name}: {layout.header}"[:200])
     targets = [IGNORED] * layout.n_columns
     targets[place] = STAMP
     for axis in range(3):
@@ -251,7 +250,7 @@ def _put_back_gravity(acc: OneSensor, gravity: OneSensor, *, is_linear: bool) ->
     acc.values = (acc.values + parts).astype(np.float32)
     acc.keep(_find_covered(acc.time_us, gravity, max(LONGEST_BRIDGE_US, LONGEST_STEPS * gravity.period_us)))
     if len(acc.values) < FEWEST_ROWS:
-        raise UnusableTime(why="tables apart in time")
+        raise NoPair(why="no common time")
 
 
 def _join_flags(acc: OneSensor, gyr: OneSensor) -> tuple[QualityFlag, ...]:
@@ -277,7 +276,7 @@ def _merge(acc: OneSensor, gyr: OneSensor) -> SampleColumns:
     longest_us = max(LONGEST_BRIDGE_US, LONGEST_SLOW_STEPS * acc.period_us)
     kept = is_within & _find_covered(gyr.time_us, acc, longest_us)
     if np.count_nonzero(kept) < FEWEST_ROWS:
-        raise UnusableTime(why="tables apart in time")
+        raise NoPair(why="no common time")
     time_us = gyr.time_us[kept]
     columns = SampleColumns()
     columns.extend(len(time_us))

@@ -21,6 +21,7 @@ from fusion.errors import (
     SeveralSensors,
     UnknownColumns,
     UnreadableRows,
+    UnusableProfile,
     UnusableTime,
 )
 from fusion.readers.samples import SampleColumns, drop_blank_rows
@@ -202,12 +203,15 @@ def plan_table(layout: TextLayout) -> TablePlan:
 def choose_sensor(layout: TextLayout, sensor: str = "") -> TextLayout:
     """Keep the columns of one sensor if a table contains several.
 
-    Raises SeveralSensors if no sensor was chosen, or if none has that name.
+    Raises SeveralSensors if no sensor was chosen, or if none has that name; UnusableProfile if the only one
+    has none.
     """
     sensors = find_sensors(layout.columns)
     names = ", ".join(name for name in sensors if name)[:LONGEST_LIST]
     if sensor and names and sensor not in sensors:
         raise SeveralSensors(n=len(sensors), list=names, wanted=sensor)
+    if sensor and sensors and not names:
+        raise UnusableProfile(why="one sensor, unnamed", name="sensor")
     if len(sensors) == 1:
         sensor = next(iter(sensors))
     if all(choose_vector(layout.columns, channel) for channel in ("acc", "gyr")):

@@ -12,10 +12,9 @@ from fusion.errors import (
     CorruptArchive,
     FusionError,
     NoGyroscope,
+    NoPair,
     SeveralSensors,
-    UnknownColumns,
     UnsafeArchive,
-    UnusableJoin,
 )
 from fusion.readers import ColumnProfile, read_recording
 from fusion.readers.tables.profile import propose_file_profile
@@ -217,10 +216,12 @@ def test_devices_are_told_apart_by_what_is_left_of_the_names(
 @pytest.mark.parametrize(
     ("names", "error", "facts"),
     [
-        (("left_ACC.csv", "right_GYRO.csv"), UnusableJoin, {"why": "tables apart"}),
-        (("phone/Accelerometer.csv", "watch/Gyroscope.csv"), UnusableJoin, {"why": "tables apart"}),
         (("wrist_acc.csv", "chest_acc.csv"), NoGyroscope, {"cure": "both in the zip"}),
-        (("Gyroscope.csv", "Magnetometer.csv"), UnknownColumns, {"why": "one sensor in the zip"}),
+        (
+            ("Gyroscope.csv", "Magnetometer.csv"),
+            NoPair,
+            {"why": "one sensor", "cure": "one sensor", "list": "Gyroscope.csv"},
+        ),
     ],
 )
 def test_tables_that_are_no_pair_are_refused_by_what_is_missing(
