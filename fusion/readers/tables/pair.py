@@ -177,13 +177,13 @@ def _read_table(
     axes = find_own_axes([one.name for one in found.columns]) if found else None
     if found is None or axes is None:
         line = member.head.decode("utf-8", "replace").partition("\n")[0].strip()
-        raise NoPair(why="axes unknown", list=f"{PurePath(name).name}: {line}"[:200])
+        raise NoPair(why="unnamed", list=f"{PurePath(name).name}: {line}"[:200])
     layout = _name_axes(found, axes, channel)
     place, time = choose_stamp(layout)
     if place is None or not time.has_times:
         if any(one.channel == "time" for one in layout.columns):
             raise UnknownRate
-        raise NoPair(why="no time", list=f"{PurePath(name).name}: {layout.header}"[:200])
+        raise NoPair(why="unnamed", list=f"{PurePath(name).name}: {layout.header}"[:200])
     targets = [IGNORED] * layout.n_columns
     targets[place] = STAMP
     for axis in range(3):
