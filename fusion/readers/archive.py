@@ -49,11 +49,13 @@ ACCELERATIONS: tuple[Literal["total", "acc", "linear"], ...] = ("total", "acc", 
 PAIRED = ("gyr", *ACCELERATIONS)
 SENSOR_WORDS: Mapping[Kind, re.Pattern[str]] = {
     "other": re.compile(r"magn|(?<![a-z])mag(?![a-z])", re.IGNORECASE),
-    "gyr": re.compile(r"gyro(?:scope)?|(?<![a-z])gyr(?![a-z])", re.IGNORECASE),
+    "gyr": re.compile(
+        r"gyro(?:scope)?|(?<![a-z])gyr(?![a-z])|(?:angular|rotation)[ _]?(?:velocity|rate)", re.IGNORECASE
+    ),
     "gravity": re.compile(r"gravity", re.IGNORECASE),
     "linear": re.compile(r"(?:linear|user)[ _]?accel(?:eration|erometer)?", re.IGNORECASE),
     "total": re.compile(r"total[ _]?accel(?:eration)?", re.IGNORECASE),
-    "acc": re.compile(r"accel(?:eration|erometer)?|(?<![a-z])acc(?![a-z])", re.IGNORECASE),
+    "acc": re.compile(r"accel(?:eration|erometer)?|(?<![a-z])acc[el]?(?![a-z])", re.IGNORECASE),
 }
 """Words for a sensor in the name of a table."""
 PLACE_WORDS = re.compile(

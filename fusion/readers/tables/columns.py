@@ -38,7 +38,7 @@ Channel = Literal["acc", "gyr", "linear", "gravity", "time", "counter", "other"]
 """``linear``: an acceleration without gravity."""
 
 ACC_STEMS = frozenset(
-    {"a", "acc", "accel", "accelerometer", "acceleration", "accelero", "gf", "gforce", "xl"}
+    {"a", "acc", "accl", "accel", "accelerometer", "acceleration", "accelero", "gf", "gforce", "xl"}
     | {
         "accelerometeracceleration",
         "accelerometre",
@@ -168,9 +168,11 @@ def read_axis(name: str) -> tuple[str, str | None] | None:
     """Find axis and unit of a name in a table of one sensor: `X (m/s^2)`, `x-axis (g)`; None for no axis."""
     plain, unit = _split_bracketed(_tidy(name))
     found = re.search(
-        r"(?:^|[^a-z])([xyz])(?:[ _.\-]*ax[ie]s)?$|(?:acceleration|accel|gyroscope|gyro)([xyz])$", plain
+        r"(?:^|[^a-z])([xyz])(?:[ _.\-]*ax[ie]s)?$|(?:acceleration|accel|gyroscope|gyro)([xyz])$"
+        r"|^([xyz])_(?:acc|angular)\w*$",
+        plain,
     )
-    return (found.group(1) or found.group(2), unit) if found else None
+    return (found[found.lastindex or 0], unit) if found else None
 
 
 def read_named_axis(name: str) -> tuple[str, str | None] | None:

@@ -40,7 +40,7 @@ SNIFFED_LINES, FEWEST_HEADER_LINES = 400, 40
 
 NUMBER = re.compile(r"\s*+\"?\s*+[-+]?(?:\d++(?:[.,]\d*+)?|[.,]\d++)(?:[eE][-+]?\d++)?\s*+\"?\s*+")
 CALENDAR = re.compile(r"\s*+\"?\d{4}-\d{1,2}-\d{1,2}[T ]\d{1,2}:\d{2}:\d{2}(?:[.,]\d++)?Z?\"?\s*+")
-WHOLE, WITH_COMMA = re.compile(r"[-+]?\d*"), re.compile(r"[-+]?\d*,\d+")
+WHOLE, WITH_COMMA = re.compile(r"[-+]?\d*"), re.compile(r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?")
 FILLERS = ',;" \t\r\n\f\v\u00a0'
 """Characters that spreadsheets append to the value of a preamble line."""
 WORD_ABSENT = frozenset({"", "-", "nan", "na", "null", "inf", "-inf"})
@@ -519,8 +519,8 @@ def _find_table(
         if doubt is not None:
             raise doubt
         return None
-    if delimiter == " " and (tabbed := _tab_single_spaces(lines)):
-        return replace(_describe(tabbed, "\t"), is_single_spaced=True)
+    if delimiter == " " and (tabbed := _tab_single_spaces(lines, fewest)):
+        return replace(_describe(tabbed, "\t", fewest), is_single_spaced=True)
     layout = replace(_describe(lines, delimiter, fewest), dates=dates)
     if doubt is None or any(c.channel == "time" and c.unit for c in layout.columns):
         return layout
@@ -577,9 +577,9 @@ def _hide_fields(row: str, delimiter: str, columns: Sequence[Column]) -> str:
     return delimiter.join(fields)
 
 
-def _tab_single_spaces(lines: Sequence[str]) -> list[str] | None:
+def _tab_single_spaces(lines: Sequence[str], fewest: int) -> list[str] | None:
     """Replace spaces by tabs if the header has one name per space of a row, not one per run of spaces."""
-    rows = [k for k, line in enumerate(lines) if is_row(line, " ")]
+    rows = [k for k, line in enumerate(lines) if is_row(line, " ", fewest)]
     header = find_header(lines, rows[0], " ")
     if header is None:
         return None
@@ -588,7 +588,7 @@ def _tab_single_spaces(lines: Sequence[str]) -> list[str] | None:
     if any(len(lines[k].split(" ")) != width or len(lines[k].split()) == width for k in rows):
         return None
     tabbed = [line.replace(" ", "\t") if k >= header_at else line for k, line in enumerate(lines)]
-    return tabbed if any(is_row(line, "\t") for line in tabbed) else None
+    return tabbed if any(is_row(line, "\t", fewest) for line in tabbed) else None
 
 
 def _describe(lines: Sequence[str], delimiter: str, fewest: int = MIN_COLUMNS) -> TextLayout:

@@ -45,7 +45,7 @@ from fusion.readers.tables.rows import (
 )
 from fusion.readers.time.bursts import find_bursts, spread_bursts, spread_shared
 from fusion.readers.time.clock import DAY_US
-from fusion.readers.time.grid import SLOWEST_HZ, cut_stamped
+from fusion.readers.time.grid import LONGEST_DELAY_US, SLOWEST_HZ, cut_stamped
 from fusion.recording import (
     LONGEST_BRIDGE_US,
     MICROSECONDS,
@@ -86,8 +86,13 @@ class OneSensor:
         """The usual distance of two rows."""
         return float(np.median(np.diff(self.time_us))) if len(self.time_us) > 1 else 0.0
 
-    def keep(self, chosen: NDArray[np.bool_]) -> None:
-        """Keep some of the rows."""
+    @property
+    def offset_s(self) -> int | None:
+        """Seconds east of UTC of the clock that shows the times; None if unknown."""
+        return 0 if self.time.counts_since_1970(int(self.time_us[0])) else self.time.offset_s
+
+    def take(self, chosen: NDArray[np.bool_] | NDArray[np.int64]) -> None:
+        """Keep some of the rows, or change their order."""
         self.time_us, self.values = self.time_us[chosen], self.values[chosen]
 
 
@@ -213,7 +218,9 @@ def _name_axes(
 
 
 def _spread_stamps(tables: Sequence[OneSensor]) -> bool:
-    """Spread rows that arrived together over time; return whether a table had bursts; drop rows out of order.
+    """Spread rows that arrived together over time; return whether a table had bursts.
+
+    Rows from before the clock was set back are kept, those after it are dropped.
 
     A clock that is too coarse for the rows is so in each of the tables.
     """
@@ -224,20 +231,26 @@ def _spread_stamps(tables: Sequence[OneSensor]) -> bool:
             spread_shared(table.time_us)
         else:
             spread_bursts(table.time_us, may_be_coarse=len(steps) == 1)
-        is_in_order = table.time_us >= np.maximum.accumulate(table.time_us)
-        if dropped := int(np.count_nonzero(~is_in_order)):
-            table.keep(is_in_order)
+        late_us = np.maximum.accumulate(table.time_us) - table.time_us
+        if dropped := int(np.count_nonzero(late_us > LONGEST_DELAY_US)):
+            table.take(late_us <= LONGEST_DELAY_US)
             table.flags += (QualityFlag(Caveat.ROWS_DROPPED, dropped),)
     return any(found)
 
 
 def _move_to_clock(table: OneSensor, gyr: OneSensor) -> None:
-    """Count a table's times from where the gyroscope's are: from its offset from UTC, and its day."""
-    own_s, other_s = table.time.offset_s, gyr.time.offset_s
+    """Count a table's times as the gyroscope's, from its offset from UTC and its day; sort late rows.
+
+    Raises NoPair if only one of them has an offset.
+    """
+    own_s, other_s = table.offset_s, gyr.offset_s
+    if (own_s is None) != (other_s is None):
+        raise NoPair(why="no common time")
     if own_s is not None and other_s is not None:
         table.time_us += (other_s - own_s) * MICROSECONDS
     if not (table.time.has_date and gyr.time.has_date):
         table.time_us += round(int(gyr.time_us[0] - table.time_us[0]) / DAY_US) * DAY_US
+    table.take(np.argsort(table.time_us, kind="stable"))
 
 
 def _put_back_gravity(acc: OneSensor, gravity: OneSensor, *, is_linear: bool) -> None:
@@ -248,7 +261,7 @@ def _put_back_gravity(acc: OneSensor, gravity: OneSensor, *, is_linear: bool) ->
     if not is_linear and holds_gravity(acc.values, parts):
         return
     acc.values = (acc.values + parts).astype(np.float32)
-    acc.keep(_find_covered(acc.time_us, gravity, max(LONGEST_BRIDGE_US, LONGEST_STEPS * gravity.period_us)))
+    acc.take(_find_covered(acc.time_us, gravity, max(LONGEST_BRIDGE_US, LONGEST_STEPS * gravity.period_us)))
     if len(acc.values) < FEWEST_ROWS:
         raise NoPair(why="no common time")
 

@@ -490,6 +490,71 @@ def test_each_table_counts_its_times_from_its_own_offset() -> None:
     assert recording.time_zone == "UTC+01:00"
 
 
+def test_a_wall_clock_and_a_time_in_utc_are_not_taken_for_one_clock() -> None:
+    wall = [f"2026-03-02T08:58:{t:06.3f}" for t in TIME_S]
+    members: dict[str, str | bytes] = {
+        "acc.csv": "time,X (g),Y (g),Z (g)\n" + rows(wall, ACC_G),
+        "gyr.csv": "time_s,X (deg/s),Y (deg/s),Z (deg/s)\n" + rows(START_S + 3600 + TIME_S, GYR_DPS),
+    }
+
+    with pytest.raises(NoPair) as refusal:
+        read_archive(members)
+
+    assert refusal.value.facts["why"] == "no common time"
+
+
+@pytest.mark.parametrize("delay", [1, -1])
+def test_rows_that_came_late_are_put_in_order(delay: int) -> None:
+    order = np.arange(len(TIME_S))
+    for row in range(50, len(order) - 1, 700):
+        order[[row, row + delay]] = order[[row + delay, row]]
+    members: dict[str, str | bytes] = {
+        "acc.csv": "time_s,X (g),Y (g),Z (g)\n" + rows(TIME_S[order], ACC_G[order]),
+        "gyr.csv": "time_s,X (deg/s),Y (deg/s),Z (deg/s)\n" + rows(TIME_S[order], GYR_DPS[order]),
+    }
+
+    recording = read_archive(members)
+
+    np.testing.assert_allclose(recording.segments[0].acc_g, ACC_G, atol=2e-6)
+    assert codes(recording) == ["W-ORDER"]
+
+
+MILLIS = [f"{1000 * t:.0f}" for t in TIME_S]
+UNITS = ("(g)", "(deg/s)")
+M_HEALTH = "HEADER_TIME_STAMP,X_{0},Y_{0},Z_{0}"
+
+
+@pytest.mark.parametrize(
+    ("names", "before", "after"),
+    [
+        (["Index,Arrival_Time,Creation_Time,x,y,z,User"] * 2, [["7"] * len(TIME_S), MILLIS, MILLIS], ["a"]),
+        (
+            [M_HEALTH.format(f"{name}_PER_SECOND") for name in ("ACCELERATION_METERS", "ANGULAR_VELOCITY")],
+            [[f"2026-03-02T07:58:{t:06.3f}" for t in TIME_S]],
+            [],
+        ),
+        (["Milliseconds,AcclX,AcclY,AcclZ", "Milliseconds,GyroX,GyroY,GyroZ"], [MILLIS], []),
+        ([f'"t (ms)";"X {unit}";"Y {unit}";"Z {unit}"' for unit in UNITS], [MILLIS], []),
+    ],
+    ids=["HHAR", "mHealth", "GoPro", "decimal comma"],
+)
+def test_tables_of_public_layouts_are_a_pair(
+    names: list[str], before: list[list[str]], after: list[str]
+) -> None:
+    mark = ";" if ";" in names[0] else ","
+    tables = [
+        rows(*before, values, *([word] * len(TIME_S) for word in after), mark=mark, form="%.9E")
+        for values in (ACC_G, GYR_DPS)
+    ]
+    texts = [table.replace(".", ",") if mark == ";" else table for table in tables]
+    acc, gyr = (f"{head}\n{text}" for head, text in zip(names, texts, strict=True))
+
+    (run,) = read_archive({"ACCL.csv": acc, "AngularVelocity.csv": gyr}).segments
+
+    np.testing.assert_allclose(run.acc_g, ACC_G, atol=2e-6)
+    np.testing.assert_allclose(run.gyr_dps, GYR_DPS, atol=1e-3)
+
+
 def test_two_tables_of_different_hours_have_nothing_in_common() -> None:
     later = "time_s,X (deg/s),Y (deg/s),Z (deg/s)\n" + rows(TIME_S + 3600.0, GYR_DPS)
 
