@@ -123,6 +123,22 @@ class SeveralSensors(
     """A table of several sensors, and the one on the arm was not named, or no sensor has that name."""
 
 
+class NoPair(
+    UnknownFormat,
+    code="E-PAIR",
+    why=TERM,
+    cure=TERM,
+    list="names of the tables, or the header line of the only one",
+):
+    """No two tables are the acceleration and the angular rate of one device, at the same time.
+
+    The cure goes by the same term as the reason.
+    """
+
+    def __init__(self, why: str, **facts: Fact) -> None:
+        super().__init__(why=why, cure=why, **facts)
+
+
 class EpochFile(UnknownFormat, code="E-EPOCH", sec="s of an epoch"):
     """Counts or epochs instead of raw samples."""
 

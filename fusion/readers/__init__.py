@@ -28,12 +28,14 @@ from fusion.errors import (
     FailedReader,
     FusionError,
     NoGyroscope,
+    NoPair,
     NoSamples,
     RefusedXml,
     UnknownColumns,
     UnknownFormat,
     UnsafeArchive,
     UnsupportedFormat,
+    UnusableProfile,
     WrongExtension,
 )
 from fusion.plugins import find_entry_points, find_version
@@ -164,8 +166,14 @@ def read_recording(
         raise EmptyFile
     content = unpack(source, profile.sensor if profile else "")
     refuse_blank(content)
-    if profile is not None and _is_read_by_profile(content, profile):
+    if profile is not None and content.is_chosen:
+        profile = replace(profile, sensor="")
+    if content.pair is not None:
+        recording = pair.read(content, rate_hz, profile.date_order if profile else None)
+    elif profile is not None and _is_read_by_profile(content, profile):
         recording = lsm9ds1_csv.read_profiled(content, profile, rate_hz)
+    elif profile is not None and profile.sensor:
+        raise UnusableProfile(why="one sensor, unnamed", name="sensor")
     else:
         recording = _read_recognised(content, rate_hz)
     if content.left_aside:
@@ -358,11 +366,9 @@ def _explain_one_sensor(lines: Sequence[str], *, is_in_zip: bool) -> FusionError
             if channels and "gyr" not in channels:
                 return NoGyroscope()
             if channels == {"gyr"} or (len(axes) == len("xyz") and columns[0].channel == "time"):
-                where = "zip" if is_in_zip else "table"
                 if any(unit in ACC_UNITS_G for unit in axes.values()):
-                    return NoGyroscope(cure={"zip": "both in the zip", "table": "two tables"}[where])
-                why = {"zip": "one sensor in the zip", "table": "one sensor"}[where]
-                return UnknownColumns(why=why, list=line.strip()[:200])
+                    return NoGyroscope(cure="both in the zip" if is_in_zip else "two tables")
+                return NoPair(why="one sensor", list=line.strip()[:200])
     return None
 
 

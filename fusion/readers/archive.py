@@ -4,8 +4,10 @@ import gzip
 import re
 import zipfile
 from collections import Counter
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import PurePath
 from typing import IO, BinaryIO, Literal, cast
 
@@ -14,10 +16,10 @@ from fusion.errors import (
     EmptyFile,
     FusionError,
     NoGyroscope,
+    NoPair,
     SeveralSensors,
-    UnknownColumns,
     UnsafeArchive,
-    UnusableJoin,
+    UnusableTime,
 )
 from fusion.readers.source import (
     EMPTY_ZIP_MAGIC,
@@ -30,9 +32,9 @@ from fusion.readers.source import (
     open_archive,
     read_text,
 )
-from fusion.readers.tables.columns import parse_column_name, read_named_axis
-from fusion.readers.tables.layout import find_layout, split_fields
-from fusion.readers.tables.rows import plan_table
+from fusion.readers.tables.columns import find_own_axes, read_named_axis
+from fusion.readers.tables.layout import COLUMNS_OF_ONE, MIN_COLUMNS, TextLayout, decode_head, find_layout
+from fusion.readers.tables.rows import LONGEST_LIST, plan_table
 from fusion.recording import ACC_UNITS_G, GYR_UNITS_DPS
 
 PHYPHOX_FOLDER = "meta/"
@@ -47,11 +49,13 @@ ACCELERATIONS: tuple[Literal["total", "acc", "linear"], ...] = ("total", "acc", 
 PAIRED = ("gyr", *ACCELERATIONS)
 SENSOR_WORDS: Mapping[Kind, re.Pattern[str]] = {
     "other": re.compile(r"magn|(?<![a-z])mag(?![a-z])", re.IGNORECASE),
-    "gyr": re.compile(r"gyro(?:scope)?|(?<![a-z])gyr(?![a-z])", re.IGNORECASE),
+    "gyr": re.compile(
+        r"gyro(?:scope)?|(?<![a-z])gyr(?![a-z])|(?:angular|rotation)[ _]?(?:velocity|rate)", re.IGNORECASE
+    ),
     "gravity": re.compile(r"gravity", re.IGNORECASE),
     "linear": re.compile(r"(?:linear|user)[ _]?accel(?:eration|erometer)?", re.IGNORECASE),
     "total": re.compile(r"total[ _]?accel(?:eration)?", re.IGNORECASE),
-    "acc": re.compile(r"accel(?:eration|erometer)?|(?<![a-z])acc(?![a-z])", re.IGNORECASE),
+    "acc": re.compile(r"accel(?:eration|erometer)?|(?<![a-z])acc[el]?(?![a-z])", re.IGNORECASE),
 }
 """Words for a sensor in the name of a table."""
 PLACE_WORDS = re.compile(
@@ -63,8 +67,14 @@ public data sets HHAR (`Phones_accelerometer`), WISDM (`data_1600_gyro_watch`), 
 and RealWorld (`Gyroscope_walking_upperarm`).
 """
 SAMPLING_RATE = re.compile(r"[ _]?\d{1,6}(?:\.\d{1,6})?hz\b.*", re.IGNORECASE)
-OWN_START = re.compile(r"\d{8}[ _T-]\d{6}")
-"""Polar Sensor Logger writes the start time of each table into its name."""
+OWN_START = re.compile(
+    r"(?<!\d)(?:20\d{2}[-_.]?\d{2}[-_.]?\d{2}[ _T.-]{0,3}\d{2}[-_.:h]?\d{2}[-_.:m]?\d{2}(?:[-_.]?\d{3,6})?"
+    r"|1[4-9]\d{8}(?:\d{3}){0,3})(?!\d)"
+)
+"""The start time of each table in its name, as Polar Sensor Logger writes it, or since 1970: it may differ
+by a second."""
+WORDS = re.compile(r"[^\W_]+")
+SERIAL = re.compile(r"(?=.*\d)[0-9a-f]{4,}|(?=(?:.*\d){4})\w+", re.IGNORECASE)
 SEPARATORS = re.compile(r"[ _.-]+")
 
 
@@ -107,16 +117,19 @@ def find_recordings(tables: Mapping[str, str]) -> list[ArchivedRecording]:
 
 
 def _find_loose_pairs(sensors: Mapping[str, Kind]) -> list[ArchivedRecording]:
-    """Return the only angular rate with each acceleration that may be of the same device."""
+    """Return the only table of one sensor with each of the other that may be of the same device."""
     rates = [name for name, kind in sensors.items() if kind == "gyr"]
     kind = next((kind for kind in ACCELERATIONS if kind in sensors.values()), None)
     accelerations = [name for name, found in sensors.items() if found == kind]
-    near = [name for name in accelerations if len(rates) == 1 and not _are_apart(name, rates[0])]
+    if 1 not in (len(rates), len(accelerations)):
+        return []
     pairs = []
-    for name in near:
-        others = tuple(other for other in accelerations if other != name)
-        if pair := _find_pair({one: found for one, found in sensors.items() if one not in others}):
-            pairs.append(replace(pair, beside=others))
+    for name, rate in product(accelerations, rates):
+        others = tuple(other for other in (*accelerations, *rates) if other not in (name, rate))
+        pair = _find_pair({one: found for one, found in sensors.items() if one not in others})
+        if pair and not _are_apart(name, rate):
+            called = PurePath(name if len(rates) == 1 else rate).stem
+            pairs.append(replace(pair, name=called, beside=others))
     return pairs
 
 
@@ -127,16 +140,23 @@ def _find_sensors(tables: Mapping[str, str]) -> dict[str, Kind]:
 
 def _is_whole(head: str) -> bool:
     """Return whether a table holds both sensors."""
+    layout = _find_layout(head)
+    if layout is None or layout.header is None:
+        return False
     try:
-        layout = find_layout(head)
-        if layout is not None and layout.header is not None:
-            plan_table(layout)
-            return True
-    except SeveralSensors:
+        plan_table(layout)
+    except (SeveralSensors, UnusableTime):
         return True
     except FusionError:
         return False
-    return False
+    return True
+
+
+def _find_layout(head: str, fewest: int = MIN_COLUMNS) -> TextLayout | None:
+    """Understand the columns of a table; the order of its dates, if open, does not matter here."""
+    with suppress(FusionError):
+        return find_layout(head, "dmy", names_time=True, fewest=fewest)
+    return None
 
 
 def _find_sensor(name: str, head: str) -> Kind | None:
@@ -147,14 +167,13 @@ def _find_sensor(name: str, head: str) -> Kind | None:
     for kind, pattern in SENSOR_WORDS.items():
         if pattern.search(stem):
             return kind
-    header = head.split("\n", 1)[0]
-    fields = split_fields(header.strip("\ufeff\r"), max(",;\t", key=header.count))
-    columns = [parse_column_name(field) for field in fields]
-    axes = [axis for field in fields if (axis := read_named_axis(field))]
-    if sorted(axis for axis, _ in axes) != ["x", "y", "z"] or "time" not in {one.channel for one in columns}:
+    layout = _find_layout(head, COLUMNS_OF_ONE)
+    columns = layout.columns if layout else ()
+    axes = find_own_axes([one.name for one in columns])
+    if axes is None:
         return None
     channels = {one.channel for one in columns} & {"acc", "gyr", "linear", "gravity"}
-    units = {unit for _, unit in axes}
+    units = {(read_named_axis(columns[k].name) or ("", None))[1] or columns[k].unit for k in axes}
     if not channels and units <= set(ACC_UNITS_G):
         return "acc"
     if not channels and units <= set(GYR_UNITS_DPS):
@@ -194,9 +213,21 @@ def _find_pair(sensors: Mapping[str, Kind], device: str = "") -> ArchivedRecordi
 
 
 def _are_apart(one: str, other: str) -> bool:
-    """Return whether the names of two tables are of different devices or places on the body."""
-    places = [{word.lower() for word in PLACE_WORDS.findall(_name_device(name))} for name in (one, other)]
-    return all(places) and not places[0] & places[1]
+    """Return whether each of two names has a word for its device or its place that the other lacks.
+
+    Unless both names contain their sensor, only places on the body and serial numbers are such words.
+    """
+    stems = [PurePath(name).stem for name in (one, other)]
+    is_named = all(any(pattern.search(stem) for pattern in SENSOR_WORDS.values()) for stem in stems)
+    first, second = (
+        {
+            word.lower()
+            for word in WORDS.findall(_name_device(name))
+            if is_named or PLACE_WORDS.fullmatch(word) or SERIAL.fullmatch(word)
+        }
+        for name in (one, other)
+    )
+    return bool(first - second and second - first)
 
 
 def _name_apart(found: Sequence[ArchivedRecording]) -> dict[str, ArchivedRecording]:
@@ -207,7 +238,8 @@ def _name_apart(found: Sequence[ArchivedRecording]) -> dict[str, ArchivedRecordi
         path = PurePath(one.table or (one.pair.acceleration if one.pair else ""))
         name = one.name if counts[one.name] == 1 else str(path.with_suffix(""))
         name = name.replace(",", " ")
-        named[name if name not in named else str(path).replace(",", " ")] = one
+        name = name if name not in named else str(path).replace(",", " ")
+        named[name] = replace(one, name=name)
     return named
 
 
@@ -238,12 +270,19 @@ def unpack(source: Source, sensor: str = "") -> Source:
     if any(PurePath(name).name in DEVICE_PARTS for name in members):
         raise UnsafeArchive(reason="folder")
     if len(members) == 1:
-        return _open_member(archive, members[0], source, len(every) - 1)
-    chosen = _choose_recording(archive, members, sensor)
+        return open_member(archive, members[0], source, len(every) - 1)
+    chosen = _choose_recording(archive, members, sensor, source)
     left_aside = len(every) - chosen.n_files
     if chosen.pair:
-        return replace(source, pair=chosen.pair, left_aside=left_aside, beside=chosen.beside)
-    return _open_member(archive, chosen.table, source, left_aside)
+        return replace(
+            source,
+            pair=chosen.pair,
+            left_aside=left_aside,
+            beside=chosen.beside,
+            is_chosen=chosen.name == sensor,
+        )
+    member = open_member(archive, chosen.table, source, left_aside)
+    return replace(member, is_chosen=chosen.name == sensor)
 
 
 def is_in_zip(source: Source) -> bool:
@@ -254,37 +293,43 @@ def is_in_zip(source: Source) -> bool:
     return source.packed.read(len(ZIP_MAGIC)) == ZIP_MAGIC
 
 
-def _choose_recording(archive: zipfile.ZipFile, members: Sequence[str], sensor: str) -> ArchivedRecording:
-    tables = {name: _read_head(archive, name) for name in members if name.lower().endswith(TABLES)}
+def _choose_recording(
+    archive: zipfile.ZipFile, members: Sequence[str], sensor: str, source: Source
+) -> ArchivedRecording:
+    tables = {name: _read_head(archive, name, source) for name in members if name.lower().endswith(TABLES)}
     found = find_recordings(tables)
     if any(name.lower().endswith((".gt3x", ".cwa")) for name in members):
         raise UnsafeArchive(reason="several", count=len(members))
     if not found:
-        raise _explain_refusal(set(_find_sensors(tables).values()), len(members))
-    if len(found) == 1:
-        return found[0]
+        raise _explain_refusal(_find_sensors(tables), len(members))
     named = _name_apart(found)
     if sensor in named:
         return named[sensor]
+    if len(found) == 1 and (not sensor or found[0].table):  # the table may hold that sensor
+        return found[0]
     raise SeveralSensors(n=len(found), list=", ".join(named), **({"wanted": sensor} if sensor else {}))
 
 
-def _explain_refusal(kinds: Set[Kind], n_members: int) -> FusionError:
+def _explain_refusal(sensors: Mapping[str, Kind], n_members: int) -> FusionError:
     """Return the error for an archive without a recording, by the sensors of its tables."""
-    if not kinds & set(PAIRED):
+    paired = {name: kind for name, kind in sensors.items() if kind in PAIRED}
+    if not paired:
         return UnsafeArchive(reason="several", count=n_members)
-    if "gyr" not in kinds:
+    if "gyr" not in paired.values():
         return NoGyroscope(cure="both in the zip")
-    if kinds.isdisjoint(ACCELERATIONS):
-        return UnknownColumns(why="one sensor in the zip")
-    return UnusableJoin(why="tables apart")
+    if set(paired.values()) == {"gyr"}:
+        return NoPair(why="one sensor", list=", ".join(paired)[:LONGEST_LIST])
+    devices = Counter((_name_device(name), kind) for name, kind in paired.items())
+    why = "tables twice" if max(devices.values()) > 1 else "tables apart"
+    return NoPair(why=why, list=", ".join(paired)[:LONGEST_LIST])
 
 
-def _read_head(archive: zipfile.ZipFile, name: str) -> str:
-    return read_text(archive, name).decode("utf-8", "replace")
+def _read_head(archive: zipfile.ZipFile, name: str, packed: Source) -> str:
+    return decode_head(replace(packed, head=read_text(archive, name)))
 
 
-def _open_member(archive: zipfile.ZipFile, name: str, packed: Source, left_aside: int) -> Source:
+def open_member(archive: zipfile.ZipFile, name: str, packed: Source, left_aside: int = 0) -> Source:
+    """Return a member of an archive as a file that is unpacked as it is read."""
     file = UnpackedFile(lambda: archive.open(name), packed.size_bytes, name)
     return replace(_open_unpacked(file, PurePath(name).name, packed), left_aside=left_aside)
 

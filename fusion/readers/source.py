@@ -62,7 +62,7 @@ class Source:
     ``packed``: the packed file, if ``file`` is unpacked from it.
     ``pair``: the tables of the archive that are read as one recording.
     ``left_aside``: files of the archive that are not part of the recording; ``beside``: those of them that
-    are tables of another device's sensor.
+    are tables of another device's sensor. ``is_chosen``: it was chosen from the archive by its name.
     """
 
     file: BinaryIO
@@ -73,6 +73,7 @@ class Source:
     pair: PairNames | None = None
     left_aside: int = 0
     beside: tuple[str, ...] = ()
+    is_chosen: bool = False
 
     @property
     def read_bytes(self) -> int:

@@ -38,7 +38,7 @@ Channel = Literal["acc", "gyr", "linear", "gravity", "time", "counter", "other"]
 """``linear``: an acceleration without gravity."""
 
 ACC_STEMS = frozenset(
-    {"a", "acc", "accel", "accelerometer", "acceleration", "accelero", "gf", "gforce", "xl"}
+    {"a", "acc", "accl", "accel", "accelerometer", "acceleration", "accelero", "gf", "gforce", "xl"}
     | {
         "accelerometeracceleration",
         "accelerometre",
@@ -168,9 +168,11 @@ def read_axis(name: str) -> tuple[str, str | None] | None:
     """Find axis and unit of a name in a table of one sensor: `X (m/s^2)`, `x-axis (g)`; None for no axis."""
     plain, unit = _split_bracketed(_tidy(name))
     found = re.search(
-        r"(?:^|[^a-z])([xyz])(?:[ _.\-]*ax[ie]s)?$|(?:acceleration|accel|gyroscope|gyro)([xyz])$", plain
+        r"(?:^|[^a-z])([xyz])(?:[ _.\-]*ax[ie]s)?$|(?:acceleration|accel|gyroscope|gyro)([xyz])$"
+        r"|^([xyz])_(?:acc|angular)\w*$",
+        plain,
     )
-    return (found.group(1) or found.group(2), unit) if found else None
+    return (found[found.lastindex or 0], unit) if found else None
 
 
 def read_named_axis(name: str) -> tuple[str, str | None] | None:
@@ -202,6 +204,14 @@ def _match_vector(name: str, plain: str, unit: str | None) -> Column | None:
 
 
 Vector = tuple[int, int, int]
+
+
+def find_own_axes(names: Sequence[str]) -> Vector | None:
+    """Return the places of x, y and z in a table of one sensor; None unless each exists exactly once."""
+    axes = [found[0] if (found := read_named_axis(name)) else "" for name in names]
+    if any(axes.count(axis) != 1 for axis in "xyz"):
+        return None
+    return axes.index("x"), axes.index("y"), axes.index("z")
 
 
 def choose_vector(columns: Sequence[Column], channel: Channel) -> Vector | None:
@@ -586,7 +596,7 @@ NAMED_ZONES_H = {
 """Hours east of UTC: RFC 5322 §4.3, the French names of Eastern time, Central European time."""
 LARGEST_OFFSET_S = 14 * 3600
 SNIFFED_LINES = 400
-FIELDS_OF_A_ROW = 5
+FIELDS_OF_A_ROW = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -606,7 +616,9 @@ class DateDialect:
     is_doubtful: bool = False
 
 
-def find_dates(head: str, order: DateOrder | None = None) -> DateDialect | None:
+def find_dates(
+    head: str, order: DateOrder | None = None, fewest: int = FIELDS_OF_A_ROW
+) -> DateDialect | None:
     """Find how the rows of a table's head write date and time; None if they are ISO without an offset.
 
     ``order``: of day, month and year, as a person gives it.
@@ -614,7 +626,7 @@ def find_dates(head: str, order: DateOrder | None = None) -> DateDialect | None:
     Raises UnusableTime: day and month cannot be told apart, a spreadsheet has cut the seconds off, a zone's
     name does not tell its offset, or the stamps have a form that is not known.
     """
-    lines = {k: line for k, line in enumerate(head.split("\n")[:SNIFFED_LINES], 1) if _is_wide(line)}
+    lines = {k: line for k, line in enumerate(head.split("\n")[:SNIFFED_LINES], 1) if _is_wide(line, fewest)}
     if not any(STAMP_LIKE.search(line) for line in lines.values()):
         return None
     mark = ".," if any(";" in line or "\t" in line for line in lines.values()) else "."
@@ -645,20 +657,20 @@ def find_dates(head: str, order: DateOrder | None = None) -> DateDialect | None:
 
 
 @lru_cache(maxsize=2)
-def find_open_date(head: str) -> tuple[str, ...]:
+def find_open_date(head: str, fewest: int = FIELDS_OF_A_ROW) -> tuple[str, ...]:
     """Day, month and year of the first row as written, if their order is open; else nothing."""
-    found = _find_parts(head.split("\n")[:SNIFFED_LINES])
+    found = _find_parts(head.split("\n")[:SNIFFED_LINES], fewest)
     return found[0] if found and len(find_orders(found)) > 1 else ()
 
 
-def find_last_date(tail: str) -> tuple[str, ...]:
+def find_last_date(tail: str, fewest: int = FIELDS_OF_A_ROW) -> tuple[str, ...]:
     """The same of the last whole row of a table's tail; nothing if there is none."""
-    found = _find_parts(tail.split("\n")[1:-1])
+    found = _find_parts(tail.split("\n")[1:-1], fewest)
     return found[-1] if found else ()
 
 
-def _find_parts(lines: Sequence[str]) -> list[tuple[str, ...]]:
-    wide = [line for line in lines if _is_wide(line) and STAMP_LIKE.search(line)]
+def _find_parts(lines: Sequence[str], fewest: int) -> list[tuple[str, ...]]:
+    wide = [line for line in lines if _is_wide(line, fewest) and STAMP_LIKE.search(line)]
     for form in DATED_FORMS:
         pattern = re.compile(form % ".,")
         if found := [match for line in wide if (match := pattern.search(line))]:
@@ -696,8 +708,8 @@ def parse_zone_s(text: str) -> int | None:
     return None if offset_s > LARGEST_OFFSET_S else -offset_s if zone[0] == "-" else offset_s
 
 
-def _is_wide(line: str) -> bool:
-    return max(line.count(mark) for mark in ",;\t|") >= FIELDS_OF_A_ROW
+def _is_wide(line: str, fewest: int) -> bool:
+    return max(line.count(mark) for mark in ",;\t|") >= fewest - 1
 
 
 # Stamps of any dialect are rewritten to the ISO form of the kernels, on the clock of the first row.

@@ -25,6 +25,7 @@ from fusion.readers.tables.columns import (
     find_last_date,
     find_open_date,
     find_order_by_span,
+    find_own_axes,
     names_epochs,
     parse_column_name,
     read_unit,
@@ -39,11 +40,13 @@ SNIFFED_LINES, FEWEST_HEADER_LINES = 400, 40
 
 NUMBER = re.compile(r"\s*+\"?\s*+[-+]?(?:\d++(?:[.,]\d*+)?|[.,]\d++)(?:[eE][-+]?\d++)?\s*+\"?\s*+")
 CALENDAR = re.compile(r"\s*+\"?\d{4}-\d{1,2}-\d{1,2}[T ]\d{1,2}:\d{2}:\d{2}(?:[.,]\d++)?Z?\"?\s*+")
-WHOLE, WITH_COMMA = re.compile(r"[-+]?\d*"), re.compile(r"[-+]?\d*,\d+")
+WHOLE, WITH_COMMA = re.compile(r"[-+]?\d*"), re.compile(r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?")
 FILLERS = ',;" \t\r\n\f\v\u00a0'
 """Characters that spreadsheets append to the value of a preamble line."""
 WORD_ABSENT = frozenset({"", "-", "nan", "na", "null", "inf", "-inf"})
 MIN_COLUMNS = 6
+COLUMNS_OF_ONE = 4
+"""A table of one sensor has at least its time and its three axes."""
 
 
 def split_fields(line: str, delimiter: str) -> list[str]:
@@ -77,13 +80,13 @@ def _is_value(field: str) -> bool:
     return bool(NUMBER.fullmatch(field) or CALENDAR.fullmatch(field)) or field.lower() in WORD_ABSENT
 
 
-def is_row(line: str, delimiter: str) -> bool:
-    """Return whether a line is a row of at least six values, not all absent."""
-    if delimiter != " " and line.count(delimiter) < MIN_COLUMNS - 1:
+def is_row(line: str, delimiter: str, fewest: int = MIN_COLUMNS) -> bool:
+    """Return whether a line is a row of at least ``fewest`` values, not all absent."""
+    if delimiter != " " and line.count(delimiter) < fewest - 1:
         return False
     fields = split_fields(line, delimiter)
     present = sum(bool(NUMBER.fullmatch(field)) for field in fields)
-    return len(fields) >= MIN_COLUMNS and all(map(_is_value, fields)) and present >= len(fields) // 2
+    return len(fields) >= fewest and all(map(_is_value, fields)) and present >= len(fields) // 2
 
 
 # The lines above the first row and the columns that they describe.
@@ -448,9 +451,11 @@ class TextLayout:
         return {m[1].lower().replace(" ", "_"): m[2] + m[3].rstrip(FILLERS) for m in found if m}
 
 
-@lru_cache(maxsize=2)
-def find_layout(head: str, order: DateOrder | None = None, *, names_time: bool = False) -> TextLayout | None:
-    """Understand the head of a table; None if no rows of six numbers are found.
+@lru_cache(maxsize=4)
+def find_layout(
+    head: str, order: DateOrder | None = None, *, names_time: bool = False, fewest: int = MIN_COLUMNS
+) -> TextLayout | None:
+    """Understand the head of a table; None if no rows of ``fewest`` numbers are found.
 
     Every reader calls this for the same head, so the last results are cached.
 
@@ -474,20 +479,22 @@ def find_layout(head: str, order: DateOrder | None = None, *, names_time: bool =
         )
     rests = [line[found.end() :] for line in lines if (found := ARRIVED.match(line))]
     if len(rests) < FEWEST_LINES or 2 * len(rests) <= len(lines):
-        return _find_table(head, order, names_time=names_time)
+        return _find_table(head, order, names_time=names_time, fewest=fewest)
     counts = {mark: sum(rest.count(mark) for rest in rests) for mark in DELIMITERS[:-1]}
     delimiter = max(counts, key=lambda mark: counts[mark])
     delimiter = delimiter if counts[delimiter] >= len(rests) else " "
     widths = Counter(len(split_fields(rest, delimiter)) for rest in rests)
     arrivals = ArrivalWriter(delimiter, widths.most_common(1)[0][0])
-    layout = _find_table(arrivals.rewrite(head), order, names_time=names_time)
+    layout = _find_table(arrivals.rewrite(head), order, names_time=names_time, fewest=fewest)
     return replace(layout, writer=arrivals) if layout else None
 
 
-def _find_table(head: str, order: DateOrder | None, *, names_time: bool) -> TextLayout | None:
+def _find_table(
+    head: str, order: DateOrder | None, *, names_time: bool, fewest: int = MIN_COLUMNS
+) -> TextLayout | None:
     """Parse a head whose rows do not name their values."""
     try:
-        dates, doubt = find_dates(head, order), None
+        dates, doubt = find_dates(head, order, fewest), None
     except UnusableTime as error:  # another column may hold a time that can be read
         dates, doubt = None, error
     if dates is not None and not dates.is_iso:
@@ -499,22 +506,22 @@ def _find_table(head: str, order: DateOrder | None, *, names_time: bool) -> Text
         if any(names_epochs(split_fields(line, mark)) for mark in DELIMITERS[:-1]):
             raise EpochFile
     votes = {
-        mark: Counter(len(split_fields(line, mark)) for line in lines if is_row(line, mark))
+        mark: Counter(len(split_fields(line, mark)) for line in lines if is_row(line, mark, fewest))
         for mark in DELIMITERS
     }
     delimiter = max(DELIMITERS, key=lambda mark: max(votes[mark].values(), default=0))
     if not votes[delimiter]:
-        delimiter, lines = _hide_words(lines)
-    elif _begins_with_words(lines, delimiter):
-        hidden = _hide_words(lines)
+        delimiter, lines = _hide_words(lines, fewest)
+    elif _begins_with_words(lines, delimiter, fewest):
+        hidden = _hide_words(lines, fewest)
         delimiter, lines = hidden if hidden[1] and hidden[0] == delimiter else (delimiter, lines)
     if not lines:
         if doubt is not None:
             raise doubt
         return None
-    if delimiter == " " and (tabbed := _tab_single_spaces(lines)):
-        return replace(_describe(tabbed, "\t"), is_single_spaced=True)
-    layout = replace(_describe(lines, delimiter), dates=dates)
+    if delimiter == " " and (tabbed := _tab_single_spaces(lines, fewest)):
+        return replace(_describe(tabbed, "\t", fewest), is_single_spaced=True)
+    layout = replace(_describe(lines, delimiter, fewest), dates=dates)
     if doubt is None or any(c.channel == "time" and c.unit for c in layout.columns):
         return layout
     if not names_time or doubt.facts["why"] in ASKED:
@@ -522,26 +529,28 @@ def _find_table(head: str, order: DateOrder | None, *, names_time: bool) -> Text
     return replace(layout, doubt=doubt)
 
 
-def _begins_with_words(lines: Sequence[str], delimiter: str) -> bool:
-    """Return whether a line with a word among six numbers precedes the first row that has values alone."""
-    first = next(k for k, line in enumerate(lines) if is_row(line, delimiter))
+def _begins_with_words(lines: Sequence[str], delimiter: str, fewest: int) -> bool:
+    """Return whether a line with a word among its numbers precedes the first row that has values alone."""
+    first = next(k for k, line in enumerate(lines) if is_row(line, delimiter, fewest))
     width = lines[first].count(delimiter)
     above = [split_fields(line, delimiter) for line in lines[:first] if line.count(delimiter) == width]
-    return any(sum(bool(NUMBER.fullmatch(field)) for field in row) >= MIN_COLUMNS for row in above)
+    return any(sum(bool(NUMBER.fullmatch(field)) for field in row) >= fewest for row in above)
 
 
-def _hide_words(lines: Sequence[str]) -> tuple[str, list[str]]:
-    """Replace words in columns without a channel by 0; return no lines if rows have fewer than six numbers.
+def _hide_words(lines: Sequence[str], fewest: int) -> tuple[str, list[str]]:
+    """Replace words in columns without a channel by 0; return no lines if rows have too few numbers.
 
     Columns with a label or a device name are ignored, so that the rows can be read. If no header names six
     channels, a person may name them.
     """
     for k, line in enumerate(lines):
         for delimiter in DELIMITERS[:-1]:
-            columns = [parse_column_name(name) for name in split_fields(line, delimiter)]
-            if sum(column.channel in ("acc", "gyr") for column in columns) >= MIN_COLUMNS:
+            names = split_fields(line, delimiter)
+            columns = [parse_column_name(name) for name in names]
+            axes = sum(column.channel in ("acc", "gyr") for column in columns)
+            if axes >= MIN_COLUMNS or (fewest < MIN_COLUMNS and find_own_axes(names)):
                 hidden = [_hide_fields(row, delimiter, columns) for row in lines[k + 1 :]]
-                found = any(is_row(row, delimiter) for row in hidden)
+                found = any(is_row(row, delimiter, fewest) for row in hidden)
                 return delimiter, [*lines[: k + 1], *hidden] if found else []
     for delimiter in DELIMITERS[:-1]:
         fields = [split_fields(line, delimiter) for line in lines]
@@ -568,9 +577,9 @@ def _hide_fields(row: str, delimiter: str, columns: Sequence[Column]) -> str:
     return delimiter.join(fields)
 
 
-def _tab_single_spaces(lines: Sequence[str]) -> list[str] | None:
+def _tab_single_spaces(lines: Sequence[str], fewest: int) -> list[str] | None:
     """Replace spaces by tabs if the header has one name per space of a row, not one per run of spaces."""
-    rows = [k for k, line in enumerate(lines) if is_row(line, " ")]
+    rows = [k for k, line in enumerate(lines) if is_row(line, " ", fewest)]
     header = find_header(lines, rows[0], " ")
     if header is None:
         return None
@@ -579,11 +588,11 @@ def _tab_single_spaces(lines: Sequence[str]) -> list[str] | None:
     if any(len(lines[k].split(" ")) != width or len(lines[k].split()) == width for k in rows):
         return None
     tabbed = [line.replace(" ", "\t") if k >= header_at else line for k, line in enumerate(lines)]
-    return tabbed if any(is_row(line, "\t") for line in tabbed) else None
+    return tabbed if any(is_row(line, "\t", fewest) for line in tabbed) else None
 
 
-def _describe(lines: Sequence[str], delimiter: str) -> TextLayout:
-    rows = [k for k, line in enumerate(lines) if is_row(line, delimiter)]
+def _describe(lines: Sequence[str], delimiter: str, fewest: int = MIN_COLUMNS) -> TextLayout:
+    rows = [k for k, line in enumerate(lines) if is_row(line, delimiter, fewest)]
     found = find_header(lines, rows[0], delimiter)
     samples = tuple(tuple(split_fields(lines[k], delimiter)) for k in rows)
     columns = found.columns if found else tuple(Column("", "other") for _ in samples[0])
@@ -663,18 +672,18 @@ def read_layout(
 
 
 def sniff_layout(
-    source: Source, order: DateOrder | None = None, *, names_time: bool = False
+    source: Source, order: DateOrder | None = None, *, names_time: bool = False, fewest: int = MIN_COLUMNS
 ) -> TextLayout | None:
     """Parse a table from its head and, if day and month remain ambiguous, from its last row.
 
     Raises FusionError: as :func:`find_layout`.
     """
     head = decode_head(source)
-    first = find_open_date(head)
+    first = find_open_date(head, fewest)
     if first and order is None:
-        last = find_last_date(_read_tail(source))
+        last = find_last_date(_read_tail(source), fewest)
         order = find_order_by_span(first, last) if last else None
-    return find_layout(head, order, names_time=names_time)
+    return find_layout(head, order, names_time=names_time, fewest=fewest)
 
 
 def _read_tail(source: Source) -> str:

@@ -1,5 +1,6 @@
 """Parquet tables with columns named as in our CSV: `time_us` or `time_s`, `acc_x_g`, ..., `gyr_z_dps`."""
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,22 +21,21 @@ from fusion.errors import (
 from fusion.readers.samples import SampleColumns, check_rows, drop_blank_rows
 from fusion.readers.source import Source
 from fusion.readers.tables.columns import (
-    IN_MICROSECONDS,
-    TIME_UNITS_EXPONENT,
     Column,
     check_both_units,
     choose_acceleration,
     choose_vector,
-    find_time_unit,
     name_missing,
     parse_column_name,
 )
 from fusion.readers.tables.csv_lines import LARGEST_VALUE
+from fusion.readers.tables.layout import TextLayout
 from fusion.readers.tables.rows import (
     TableClock,
     TimeColumn,
     build_clock,
     build_recording,
+    choose_stamp,
     put_back_gravity,
 )
 from fusion.readers.time.grid import cut_counted, cut_stamped
@@ -87,7 +87,8 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:
         choice = _choose_columns(table.schema_arrow)
         check_pages(table.metadata, source.size_bytes)
         check_rows(table.metadata.num_rows, source.size_bytes, source.size_bytes)
-        time = _find_time(table, choice.stamp)
+        stamp, time = _find_time(table)
+        choice = replace(choice, stamp=stamp)
         columns, absent_rows = _gather(table, choice, time, source.size_bytes)
         if choice.gravity:
             gravity, _ = _gather(table, replace(choice, acc=choice.gravity), time, source.size_bytes)
@@ -154,38 +155,58 @@ def _choose_columns(schema: pa.Schema) -> _Choice:
         if gyr is not None and choose_vector(columns, "linear"):
             raise NoGravity
         raise UnknownColumns(list=", ".join(schema.names)[:200], **name_missing(columns))
-    stamps = (
-        column
-        for column, kind in zip(columns, schema.types, strict=True)
-        if column.channel == "time" and (column.unit in TIME_UNITS_EXPONENT or pa.types.is_timestamp(kind))
-    )
     check_both_units(columns, acc, gyr)
     return _Choice(
-        next(stamps, None),
+        None,
         tuple(columns[place] for place in acc),
         tuple(columns[place] for place in gyr),
         tuple(columns[place] for place in gravity or ()),
     )
 
 
-def _find_time(table: pq.ParquetFile, stamp: Column | None) -> TimeColumn:
-    """Find what the stamps are, by the first ones: their unit may not be that of the column's name.
+def _find_time(table: pq.ParquetFile) -> tuple[Column | None, TimeColumn]:
+    """Find the time by the first rows, as in a table of text; None if no column holds a time.
 
     Parquet keeps stamps with a zone in UTC, those without are a wall clock's.
     """
-    if stamp is None:
-        return TimeColumn()
-    kind = table.schema_arrow.field(stamp.name).type
-    if pa.types.is_timestamp(kind):
-        return TimeColumn("calendar", IN_MICROSECONDS, offset_s=0 if kind.tz else None)
-    batch = next(table.iter_batches(LOOKED_AT_ROWS, columns=[stamp.name]), None)
-    times = (
-        batch.column(0).filter(_have_times(batch.column(0))).cast(pa.float64()).to_pylist() if batch else []
-    )
-    unit = find_time_unit(times, stamp.unit) if times else None
-    return TimeColumn(
-        "number", unit or replace(IN_MICROSECONDS, exponent=TIME_UNITS_EXPONENT[stamp.unit or "us"])
-    )
+    schema = table.schema_arrow
+    columns = [
+        replace(column, unit="us") if pa.types.is_duration(kind) else column
+        for name, kind in zip(schema.names, schema.types, strict=True)
+        if (column := parse_column_name(name)).channel == "time" or pa.types.is_timestamp(kind)
+    ]
+    names = [column.name for column in columns]
+    batch = next(table.iter_batches(LOOKED_AT_ROWS, columns=names), None) if names else None
+    if batch is None:
+        return None, TimeColumn()
+    times = [_read_times(batch.column(name)) for name in names]
+    rows = tuple(row for row in zip(*map(_write_stamps, times), strict=True) if any(row))
+    place, time = choose_stamp(TextLayout(",", ".", ",".join(names), tuple(columns), 0, (), rows))
+    if place is None or not time.has_times:
+        return None, TimeColumn()
+    kind = times[place].type
+    is_zoned = pa.types.is_timestamp(kind) and kind.tz is not None
+    return columns[place], replace(time, offset_s=0) if is_zoned else time
+
+
+def _read_times(stamps: pa.Array) -> pa.Array:
+    """Return durations as microseconds, and words as stamps if they are dates with times."""
+    if pa.types.is_dictionary(stamps.type):
+        stamps = stamps.dictionary_decode()
+    if pa.types.is_duration(stamps.type):
+        return stamps.cast(pa.duration("us"), safe=False).cast(pa.int64())
+    if pa.types.is_string(stamps.type) or pa.types.is_large_string(stamps.type):
+        for zone in (None, "UTC"):
+            with suppress(pa.ArrowInvalid):
+                return stamps.cast(pa.timestamp("us", zone))
+    return stamps
+
+
+def _write_stamps(stamps: pa.Array) -> list[str]:
+    """Write times as a table of text does; "" for none."""
+    if pa.types.is_timestamp(stamps.type):
+        stamps = stamps.cast(pa.timestamp("us"), safe=False).cast(pa.string())
+    return ["" if value is None else str(value) for value in stamps.to_pylist()]
 
 
 def _gather(
@@ -205,7 +226,7 @@ def _gather(
         values = np.stack([vector.to_numpy(zero_copy_only=False) for vector in vectors], axis=1) * scales
         stamps = np.arange(seen, seen + rows)
         if choice.stamp is not None:
-            times = batch.column(choice.stamp.name)
+            times = _read_times(batch.column(choice.stamp.name))
             values[~_have_times(times)] = np.nan
             stamps = _to_microseconds(times, time.unit.exponent)
         kept = (np.abs(values) < LARGEST_VALUE).all(axis=1)  # also false for NaN
@@ -232,5 +253,8 @@ def _to_microseconds(stamps: pa.Array, exponent: int) -> NDArray[np.int64]:
         return np.asarray(micros.cast(pa.int64()).fill_null(0).to_numpy(zero_copy_only=False), np.int64)
     if pa.types.is_integer(stamps.type) and exponent >= 0:
         return np.asarray(stamps.cast(pa.int64()).fill_null(0).to_numpy() * np.int64(10**exponent))
+    if pa.types.is_integer(stamps.type):  # since 1970 in nanoseconds, more digits than a float64 holds
+        whole = np.asarray(stamps.cast(pa.int64()).fill_null(0).to_numpy(), np.int64)
+        return np.asarray((whole + 10**-exponent // 2) // 10**-exponent)
     times = stamps.cast(pa.float64()).to_numpy(zero_copy_only=False)
     return np.asarray(np.rint(np.where(np.isfinite(times), times, 0.0) * 10.0**exponent), np.int64)

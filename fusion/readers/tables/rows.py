@@ -21,6 +21,7 @@ from fusion.errors import (
     SeveralSensors,
     UnknownColumns,
     UnreadableRows,
+    UnusableProfile,
     UnusableTime,
 )
 from fusion.readers.samples import SampleColumns, drop_blank_rows
@@ -183,7 +184,7 @@ def plan_table(layout: TextLayout) -> TablePlan:
     targets = [IGNORED] * layout.n_columns
     for axis in range(3):
         targets[acc[axis]], targets[gyr[axis]] = 1 + axis, 4 + axis
-    place, time = _choose_stamp(layout)
+    place, time = choose_stamp(layout)
     if place is not None:
         if targets[place] != IGNORED:  # a profile that counts the columns without the time
             missing = ("ax", "ay", "az", "gx", "gy", "gz")[targets[place] - 1]
@@ -202,12 +203,15 @@ def plan_table(layout: TextLayout) -> TablePlan:
 def choose_sensor(layout: TextLayout, sensor: str = "") -> TextLayout:
     """Keep the columns of one sensor if a table contains several.
 
-    Raises SeveralSensors if no sensor was chosen, or if none has that name.
+    Raises SeveralSensors if no sensor was chosen, or if none has that name; UnusableProfile if the only one
+    has none.
     """
     sensors = find_sensors(layout.columns)
     names = ", ".join(name for name in sensors if name)[:LONGEST_LIST]
     if sensor and names and sensor not in sensors:
         raise SeveralSensors(n=len(sensors), list=names, wanted=sensor)
+    if sensor and sensors and not names:
+        raise UnusableProfile(why="one sensor, unnamed", name="sensor")
     if len(sensors) == 1:
         sensor = next(iter(sensors))
     if all(choose_vector(layout.columns, channel) for channel in ("acc", "gyr")):
@@ -236,12 +240,12 @@ def explain_wide_rows(layout: TextLayout) -> UnknownColumns:
     return UnknownColumns(list=names, why="wide rows", line=layout.first_line + 1)
 
 
-def _choose_stamp(layout: TextLayout) -> tuple[int | None, TimeColumn]:
+def choose_stamp(layout: TextLayout) -> tuple[int | None, TimeColumn]:
     """Return place and kind of the stamp column; without times, a packet counter shows lost packets.
 
     Raises UnusableTime if the only time is the part of a second, without the second.
     """
-    columns, calendars, has_part = layout.columns, _find_calendars(layout), False
+    columns, calendars, has_part = layout.columns, find_calendars(layout), False
     places = [k for k, column in enumerate(columns) if column.channel == "time"]
     places.sort(key=lambda k: (columns[k].name == ARRIVAL, columns[k].unit is None))
     if layout.header is not None and not columns[0].name:
@@ -283,7 +287,7 @@ def _is_part_of_second(times: Sequence[float], unit: TimeUnit) -> bool:
     return falls and all(0.0 <= time < second for time in times)
 
 
-def _find_calendars(layout: TextLayout) -> list[int]:
+def find_calendars(layout: TextLayout) -> list[int]:
     """Return the columns with dates and times, or times of day; their names do not matter."""
     rows = layout.sample_rows
     return [
@@ -387,7 +391,8 @@ def read_table(source: Source, plan: TablePlan) -> TableRows:
         raise UnreadableRows(k=bad, line=first_bad)
     if layout.first_line + int(tally[csv_lines.LINES]) == EXCEL_ROWS:
         raise CutByExcel
-    flags = () if plan.time.kind == "row number" else drop_blank_rows(columns)
+    is_whole_row = plan.time.kind != "row number" and 4 in plan.targets
+    flags = drop_blank_rows(columns) if is_whole_row else ()
     tail = int(not is_whole and bad > 0 and tally[csv_lines.LAST_BAD_LINE] == tally[csv_lines.LINES])
     if bad > tail:
         flags += (QualityFlag(Caveat.ROWS_DROPPED, bad - tail, facts={"line": first_bad}),)
@@ -405,6 +410,8 @@ def _make_rules(plan: TablePlan) -> csv_lines.Rules:
     for column, target in enumerate(plan.targets):
         if target != IGNORED:
             columns[target] = column
+    if columns[4] < 0:  # a table of one sensor: only lines with six readings are read on the plain path
+        columns[4:] = columns[1:4]
     return csv_lines.Rules(
         header=np.frombuffer((layout.header or "").split("\0")[0].encode(), np.uint8),
         targets=np.array(plan.targets, np.int64),

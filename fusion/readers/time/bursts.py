@@ -5,7 +5,7 @@ rows are missing.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -127,8 +127,10 @@ class Reading:
     falls: float
 
 
-def spread_bursts(stamps: Ints) -> tuple[QualityFlag, ...]:
+def spread_bursts(stamps: Ints, *, may_be_coarse: bool = True) -> tuple[QualityFlag, ...]:
     """Assign the times of an even sampling to rows that share a stamp, in place (W-JITTER).
+
+    ``may_be_coarse``: False if it is known that the stamps are no coarse clock's.
 
     A burst that only came late does not make a hole. Missing rows stay missing: time that the
     rows after it do not make up for.
@@ -138,12 +140,32 @@ def spread_bursts(stamps: Ints) -> tuple[QualityFlag, ...]:
     bursts = find_bursts(stamps)
     if bursts is None:
         return ()
+    bursts = replace(bursts, is_floor=bursts.is_floor and may_be_coarse)
     readings = [read_bursts(bursts, period_us) for period_us in propose_periods_us(bursts)]
     possible = [reading for reading in readings if reading.falls <= MOST_FALLS]
     if not possible:
         raise UnusableTime(why="irregular")
     place_rows(stamps, bursts, min(possible, key=measure_cost))
     return (QualityFlag(Caveat.JITTER),)
+
+
+def spread_shared(stamps: Ints) -> None:
+    """Spread the few rows that share a stamp among rows that do not, in place.
+
+    They fill the step before them, if it is as long as they take, else the step after them; otherwise
+    they stay.
+    """
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(stamps)) + 1, [len(stamps)]])
+    counts = np.diff(edges)
+    steps_us = np.diff(stamps[edges[:-1]])
+    usual_us = float(np.median(steps_us)) if len(steps_us) else 0.0
+    for run in np.flatnonzero(counts > 1).tolist():
+        first, stop = int(edges[run]), int(edges[run + 1])
+        rows, least_us = np.arange(counts[run]), (counts[run] - ALIKE_STEP) * usual_us
+        if run > 0 and steps_us[run - 1] >= least_us:
+            stamps[first:stop] -= (rows[::-1] * steps_us[run - 1]) // counts[run]
+        elif run < len(steps_us) and steps_us[run] >= least_us:
+            stamps[first:stop] += (rows * steps_us[run]) // counts[run]
 
 
 def propose_periods_us(bursts: Bursts) -> tuple[float, ...]:

@@ -3,6 +3,7 @@
 import io
 import struct
 import zipfile
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +13,11 @@ from fusion.errors import (
     CorruptArchive,
     FusionError,
     NoGyroscope,
+    NoPair,
     SeveralSensors,
-    UnknownColumns,
     UnsafeArchive,
-    UnusableJoin,
+    UnusableProfile,
+    UnusableTime,
 )
 from fusion.readers import ColumnProfile, read_recording
 from fusion.readers.tables.profile import propose_file_profile
@@ -217,10 +219,12 @@ def test_devices_are_told_apart_by_what_is_left_of_the_names(
 @pytest.mark.parametrize(
     ("names", "error", "facts"),
     [
-        (("left_ACC.csv", "right_GYRO.csv"), UnusableJoin, {"why": "tables apart"}),
-        (("phone/Accelerometer.csv", "watch/Gyroscope.csv"), UnusableJoin, {"why": "tables apart"}),
         (("wrist_acc.csv", "chest_acc.csv"), NoGyroscope, {"cure": "both in the zip"}),
-        (("Gyroscope.csv", "Magnetometer.csv"), UnknownColumns, {"why": "one sensor in the zip"}),
+        (
+            ("Gyroscope.csv", "Magnetometer.csv"),
+            NoPair,
+            {"why": "one sensor", "cure": "one sensor", "list": "Gyroscope.csv"},
+        ),
     ],
 )
 def test_tables_that_are_no_pair_are_refused_by_what_is_missing(
@@ -230,6 +234,76 @@ def test_tables_that_are_no_pair_are_refused_by_what_is_missing(
         read_archive({names[0]: ACC, names[1]: GYR})
 
     assert refusal.value.facts == facts
+
+
+@pytest.mark.parametrize(
+    ("acceleration", "angular_rate"),
+    [
+        ("left_ACC.csv", "right_GYRO.csv"),
+        ("phone/Accelerometer.csv", "watch/Gyroscope.csv"),
+        ("MetaWear_C2B2_Accelerometer_100Hz.csv", "MetaWear_D4A1_Gyroscope_100Hz.csv"),
+        ("Movesense_174630000192_acc.csv", "Movesense_174630000193_gyro.csv"),
+        ("Polar_H10_acc.csv", "Polar_Sense_gyro.csv"),
+        ("AB12.csv", "CD34.csv"),
+    ],
+)
+def test_tables_named_after_two_devices_are_no_pair(acceleration: str, angular_rate: str) -> None:
+    with pytest.raises(NoPair) as refusal:
+        read_archive({acceleration: ACC, angular_rate: GYR})
+
+    assert refusal.value.facts == {
+        "why": "tables apart",
+        "cure": "tables apart",
+        "list": f"{acceleration}, {angular_rate}",
+    }
+
+
+@pytest.mark.parametrize(
+    "form", ["{0}_2026-03-02_07-00-0{1}.csv", "20260302T07000{1}_{0}.csv", "177243828{1}255_{0}.csv"]
+)
+def test_two_tables_may_be_named_after_the_second_at_which_each_began(form: str) -> None:
+    recording = read_archive({form.format("acc", 0): ACC, form.format("gyro", 1): GYR})
+
+    np.testing.assert_allclose(recording.segments[0].acc_g, ACC_G, atol=2e-6)
+
+
+def test_a_person_chooses_the_angular_rate_that_goes_with_the_only_acceleration() -> None:
+    other = sensor_table(-GYR_DPS, " (deg/s)")
+    members: dict[str, str | bytes] = {"acc.csv": ACC, "gyr_one.csv": other, "gyr_two.csv": GYR}
+
+    with pytest.raises(SeveralSensors) as refusal:
+        read_archive(members)
+
+    assert refusal.value.facts["list"] == "gyr_one, gyr_two"
+    np.testing.assert_allclose(read_archive(members, "gyr_two").segments[0].gyr_dps, GYR_DPS, atol=1e-3)
+
+
+def test_several_recordings_of_one_device_are_refused_as_such() -> None:
+    members: dict[str, str | bytes] = {
+        f"arm_20260302_{hour}0000_{name}.csv": table
+        for hour in ("07", "08")
+        for name, table in (("acc", ACC), ("gyro", GYR))
+    }
+
+    with pytest.raises(NoPair) as refusal:
+        read_archive(members)
+
+    assert refusal.value.facts["why"] == "tables twice"
+
+
+WHOLE = f"time_s,{','.join(axes('acc_{}_g'))},{','.join(axes('gyr_{}_dps'))}\n{rows(TIME_S, ACC_G, GYR_DPS)}"
+
+
+def test_a_name_that_the_only_recording_does_not_have_is_refused() -> None:
+    pair: dict[str, str | bytes] = {"arm_acc.csv": ACC, "arm_gyro.csv": GYR}
+    with pytest.raises(SeveralSensors) as refusal:
+        read_archive(pair, "leg")
+    with pytest.raises(UnusableProfile) as unnamed:
+        read_archive({"shift.csv": WHOLE}, "leg")
+
+    assert refusal.value.facts == {"n": 1, "list": "arm", "wanted": "leg"}
+    assert unnamed.value.facts["why"] == "one sensor, unnamed"
+    np.testing.assert_allclose(read_archive(pair, "arm").segments[0].acc_g, ACC_G, atol=2e-6)
 
 
 def test_linear_acceleration_and_gravity_are_added() -> None:
@@ -288,6 +362,42 @@ def test_rows_that_arrive_three_at_a_time_are_spread_in_two_tables_too() -> None
     assert "W-ROWS-DROPPED" not in codes(recording)
 
 
+@pytest.mark.parametrize(
+    ("acc_rows", "gyr_rows"), [(10, 25), (10, 1), (1, 25)], ids=["both", "accelerometer", "gyroscope"]
+)
+def test_bursts_of_different_sizes_are_not_shifted_against_each_other(acc_rows: int, gyr_rows: int) -> None:
+    """At 100 Hz, each burst has the time of its last row."""
+    members: dict[str, str | bytes] = {
+        name: f"time_s,X ({unit}),Y ({unit}),Z ({unit})\n"
+        + rows(np.repeat(TIME_S[size - 1 :: size], size), values)
+        for name, unit, values, size in (
+            ("acc.csv", "g", ACC_G, acc_rows),
+            ("gyr.csv", "deg/s", GYR_DPS, gyr_rows),
+        )
+    }
+
+    (run,) = read_archive(members).segments
+
+    np.testing.assert_allclose(run.acc_g, ACC_G, atol=1e-4)
+    np.testing.assert_allclose(run.gyr_dps, GYR_DPS, atol=1e-3)
+
+
+@pytest.mark.parametrize("stamped", [0, 3], ids=["first", "last"])
+def test_four_rows_of_a_hundred_with_one_stamp_cost_nothing(stamped: int) -> None:
+    shared = TIME_S.copy()
+    for first in range(40, len(shared), 100):
+        shared[first : first + 4] = shared[first + stamped]
+    members: dict[str, str | bytes] = {
+        "acc.csv": "time_s,X (g),Y (g),Z (g)\n" + rows(shared, ACC_G),
+        "gyr.csv": "time_s,X (deg/s),Y (deg/s),Z (deg/s)\n" + rows(shared, GYR_DPS),
+    }
+
+    recording = read_archive(members)
+
+    np.testing.assert_allclose(recording.segments[0].acc_g, ACC_G, atol=1e-4)
+    assert codes(recording) == []
+
+
 def test_an_accelerometer_slower_than_the_gyroscope_is_named() -> None:
     slow = slice(None, None, 4)
     heads = "time_s," + ",".join(axes("{}"))
@@ -313,6 +423,154 @@ def test_a_table_with_times_of_a_calendar_only_is_half_of_a_pair() -> None:
 
     assert f"{recording.start:%Y-%m-%d %H:%M}" == "2026-03-02 07:00"
     np.testing.assert_allclose(recording.segments[0].acc_g, ACC_G, atol=2e-6)
+
+
+CLOCK = [datetime(2026, 3, 25, 23, 59, 52, 250_000, UTC) + timedelta(seconds=t) for t in TIME_S]
+"""Midnight comes after seven seconds."""
+
+
+def write_clock(form: str) -> list[str]:
+    return [f"{moment:{form.replace('%L', f'{moment.microsecond // 1000:03d}')}}" for moment in CLOCK]
+
+
+@pytest.mark.parametrize(
+    ("times", "start", "mark"),
+    [
+        (("%H:%M:%S.%L",), None, ","),
+        (("%Y-%m-%d", "%H:%M:%S.%L"), "2026-03-25T23:59:52.250000", ","),
+        (("%d.%m.%Y %H:%M:%S,%L",), "2026-03-25T23:59:52.250000", ";"),
+        (("%Y-%m-%dT%H:%M:%S.%L+01:00",), "2026-03-25T23:59:52.250000+01:00", ","),
+    ],
+    ids=["time of day", "two columns", "day first", "offset"],
+)
+def test_dates_and_times_of_any_form_are_the_time_of_two_tables(
+    times: tuple[str, ...], start: str | None, mark: str
+) -> None:
+    stamps = [write_clock(form) for form in times]
+    names = mark.join(["date", "time"][-len(times) :])
+    members: dict[str, str | bytes] = {
+        f"{name}.csv": f"{names}{mark}{mark.join(axes('{}'))}\n".replace("X", f"X ({unit})")
+        + rows(*stamps, values, mark=mark)
+        for name, unit, values in (("acc", "g", ACC_G), ("gyr", "deg/s", GYR_DPS))
+    }
+
+    recording = read_archive(members)
+
+    np.testing.assert_allclose(recording.segments[0].acc_g, ACC_G, atol=2e-6)
+    assert (recording.start.isoformat() if recording.start else None) == start
+    assert codes(recording) == ([] if start else ["W-NO-DATE"])
+
+
+def test_the_order_of_day_and_month_is_asked_of_two_tables_too() -> None:
+    stamps = [f"02/03/2026 07:58:{t:06.3f}" for t in TIME_S]
+    members: dict[str, str | bytes] = {
+        "acc.csv": "time,X (g),Y (g),Z (g)\n" + rows(stamps, ACC_G),
+        "gyr.csv": "time,X (deg/s),Y (deg/s),Z (deg/s)\n" + rows(stamps, GYR_DPS),
+    }
+
+    with pytest.raises(UnusableTime) as refusal:
+        read_archive(members)
+
+    assert refusal.value.facts == {"why": "date-order"}
+    told = read_recording(pack(members), profile=ColumnProfile(date_order="mdy"))
+    assert f"{told.start:%Y-%m-%d}" == "2026-02-03"
+
+
+def test_each_table_counts_its_times_from_its_own_offset() -> None:
+    utc = [f"2026-03-02T07:58:{t:06.3f}Z" for t in TIME_S]
+    local = [f"2026-03-02T08:58:{t:06.3f}+01:00" for t in TIME_S]
+    members: dict[str, str | bytes] = {
+        "acc.csv": "time,X (g),Y (g),Z (g)\n" + rows(utc, ACC_G),
+        "gyr.csv": "time,X (deg/s),Y (deg/s),Z (deg/s)\n" + rows(local, GYR_DPS),
+    }
+
+    recording = read_archive(members)
+
+    np.testing.assert_allclose(recording.segments[0].acc_g, ACC_G, atol=2e-6)
+    assert recording.time_zone == "UTC+01:00"
+
+
+def test_a_wall_clock_and_a_time_in_utc_are_not_taken_for_one_clock() -> None:
+    wall = [f"2026-03-02T08:58:{t:06.3f}" for t in TIME_S]
+    members: dict[str, str | bytes] = {
+        "acc.csv": "time,X (g),Y (g),Z (g)\n" + rows(wall, ACC_G),
+        "gyr.csv": "time_s,X (deg/s),Y (deg/s),Z (deg/s)\n" + rows(START_S + 3600 + TIME_S, GYR_DPS),
+    }
+
+    with pytest.raises(NoPair) as refusal:
+        read_archive(members)
+
+    assert refusal.value.facts["why"] == "no common time"
+
+
+@pytest.mark.parametrize("delay", [1, -1])
+def test_rows_that_came_late_are_put_in_order(delay: int) -> None:
+    order = np.arange(len(TIME_S))
+    for row in range(50, len(order) - 1, 700):
+        order[[row, row + delay]] = order[[row + delay, row]]
+    members: dict[str, str | bytes] = {
+        "acc.csv": "time_s,X (g),Y (g),Z (g)\n" + rows(TIME_S[order], ACC_G[order]),
+        "gyr.csv": "time_s,X (deg/s),Y (deg/s),Z (deg/s)\n" + rows(TIME_S[order], GYR_DPS[order]),
+    }
+
+    recording = read_archive(members)
+
+    np.testing.assert_allclose(recording.segments[0].acc_g, ACC_G, atol=2e-6)
+    assert codes(recording) == ["W-ORDER"]
+
+
+MILLIS = [f"{1000 * t:.0f}" for t in TIME_S]
+UNITS = ("(g)", "(deg/s)")
+M_HEALTH = "HEADER_TIME_STAMP,X_{0},Y_{0},Z_{0}"
+
+
+@pytest.mark.parametrize(
+    ("names", "before", "after"),
+    [
+        (["Index,Arrival_Time,Creation_Time,x,y,z,User"] * 2, [["7"] * len(TIME_S), MILLIS, MILLIS], ["a"]),
+        (
+            [M_HEALTH.format(f"{name}_PER_SECOND") for name in ("ACCELERATION_METERS", "ANGULAR_VELOCITY")],
+            [[f"2026-03-02T07:58:{t:06.3f}" for t in TIME_S]],
+            [],
+        ),
+        (["Milliseconds,AcclX,AcclY,AcclZ", "Milliseconds,GyroX,GyroY,GyroZ"], [MILLIS], []),
+        ([f'"t (ms)";"X {unit}";"Y {unit}";"Z {unit}"' for unit in UNITS], [MILLIS], []),
+    ],
+    ids=["HHAR", "mHealth", "GoPro", "decimal comma"],
+)
+def test_tables_of_public_layouts_are_a_pair(
+    names: list[str], before: list[list[str]], after: list[str]
+) -> None:
+    mark = ";" if ";" in names[0] else ","
+    tables = [
+        rows(*before, values, *([word] * len(TIME_S) for word in after), mark=mark, form="%.9E")
+        for values in (ACC_G, GYR_DPS)
+    ]
+    texts = [table.replace(".", ",") if mark == ";" else table for table in tables]
+    acc, gyr = (f"{head}\n{text}" for head, text in zip(names, texts, strict=True))
+
+    (run,) = read_archive({"ACCL.csv": acc, "AngularVelocity.csv": gyr}).segments
+
+    np.testing.assert_allclose(run.acc_g, ACC_G, atol=2e-6)
+    np.testing.assert_allclose(run.gyr_dps, GYR_DPS, atol=1e-3)
+
+
+def test_two_tables_of_different_hours_have_nothing_in_common() -> None:
+    later = "time_s,X (deg/s),Y (deg/s),Z (deg/s)\n" + rows(TIME_S + 3600.0, GYR_DPS)
+
+    with pytest.raises(NoPair) as refusal:
+        read_archive({"acc.csv": ACC, "gyr.csv": later})
+
+    assert refusal.value.facts["why"] == "no common time"
+
+
+@pytest.mark.parametrize("heads", ["X (g),Y (g),Z (g),light", "1,2,3,4"], ids=["no time", "no names"])
+def test_a_table_without_names_of_its_time_and_axes_is_no_half_of_a_pair(heads: str) -> None:
+    with pytest.raises(NoPair) as refusal:
+        read_archive({"acc.csv": f"{heads}\n{rows(ACC_G, TIME_S)}", "gyr.csv": GYR})
+
+    assert refusal.value.facts["why"] == "unnamed"
+    assert refusal.value.facts["list"] == f"acc.csv: {heads}"
 
 
 def test_an_arm_band_is_not_taken_for_a_description() -> None:

@@ -124,7 +124,7 @@ def test_a_hole_of_the_accelerometer_is_a_hole_of_both() -> None:
 def test_a_last_line_that_was_torn_off_costs_one_row() -> None:
     recording = read_pair(rows(TIME_S, ACC_MS2), rows(TIME_S, GYR_RAD) + "30.0,0.01,-0.")
 
-    assert counts(recording) == [("W-ROWS-DROPPED", 1)]
+    assert counts(recording) == [("W-TRUNC-TAIL", 1)]
     assert len(recording.segments[0]) == len(TIME_S)
 
 

@@ -121,3 +121,32 @@ def test_a_counter_of_32_bits_is_carried_on() -> None:
     recording = read(write({"time_us": (2**32 - 20_000_000 + MICROS) % 2**32, **columns()}))
 
     assert (recording.duration_us, codes(recording)) == (60_000_000, ["W-WRAP"])
+
+
+STAMPS = 1_772_438_280_255_000 + MICROS
+
+
+@pytest.mark.parametrize(
+    ("name", "stamps"),
+    [
+        ("timestamp", pa.array(STAMPS, pa.timestamp("us"))),
+        ("time_s", STAMPS / 1e6),
+        ("timestamp", STAMPS // 1000),
+        ("time_ns", STAMPS * 1000),
+        ("__index_level_0__", pa.array(STAMPS * 1000, pa.timestamp("ns"))),
+        ("time", pa.array(STAMPS, pa.timestamp("us")).cast(pa.string())),
+        ("time", pa.array(MICROS * 1000, pa.duration("ns"))),
+    ],
+    ids=["timestamps", "seconds", "no unit", "nanoseconds", "index", "words", "durations"],
+)
+def test_milliseconds_of_the_second_beside_a_time_are_not_the_time(name: str, stamps: Any) -> None:
+    recording = read(write({"ms": (STAMPS // 1000 % 1000).astype(np.int64), name: stamps, **columns()}))
+
+    assert (recording.duration_us, recording.rate_hz) == (60_000_000, pytest.approx(100.0))
+
+
+def test_milliseconds_of_the_second_alone_are_no_time() -> None:
+    with pytest.raises(UnusableTime) as refusal:
+        read(write({"ms": (STAMPS // 1000 % 1000).astype(np.int64), **columns()}))
+
+    assert refusal.value.facts["why"] == "form"
