@@ -64,7 +64,7 @@ CANONICAL_HEADER = "time_us,acc_x_g,acc_y_g,acc_z_g,gyr_x_dps,gyr_y_dps,gyr_z_dp
 def recognise(source: Source) -> bool:
     """Whether the head is text with a header that names columns."""
     layout = sniff_layout(source)
-    return layout is not None and bool(layout.header or layout.narrow_header)
+    return layout is not None and bool(layout.header or layout.misfit_header)
 
 
 def read(source: Source, rate_hz: float | None = None) -> Recording:
@@ -305,7 +305,7 @@ def recognise_binary(source: Source) -> bool:
 def recognise_text(source: Source) -> bool:
     """Return whether the head has ten columns, a stamp and nine whole numbers, and no header."""
     layout = None if b"\0" in source.head else sniff_layout(source)
-    if layout is None or layout.header or layout.narrow_header or layout.n_columns != len(TEXT_TARGETS):
+    if layout is None or layout.header or layout.misfit_header or layout.n_columns != len(TEXT_TARGETS):
         return False
     rows = layout.sample_rows[:50]
     is_whole = all(re.fullmatch(r"-?\d{1,5}", field) for row in rows for field in row[1:])

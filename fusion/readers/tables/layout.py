@@ -418,7 +418,8 @@ class TextLayout:
     are read with their spaces as tabs. ``device``: the known device whose header this is.
     ``writer``: how rows that name every value, or begin with a serial monitor's time, are rewritten.
     ``doubt``: why a time in a column cannot be read, if a person says which column is the time.
-    ``narrow_header``: a header with fewer names than the rows have fields; ``header`` is then None.
+    ``misfit_header``: a header with more or fewer names than the rows have fields; ``header`` is then None.
+    ``fields_of_a_row``: the fewest and the most; columns that are not always there come last.
     """
 
     delimiter: str
@@ -433,7 +434,8 @@ class TextLayout:
     device: KnownDevice | None = None
     writer: LabelWriter | ArrivalWriter | None = None
     doubt: UnusableTime | None = None
-    narrow_header: str = ""
+    misfit_header: str = ""
+    fields_of_a_row: tuple[int, int] = (0, 0)
 
     @property
     def n_columns(self) -> int:
@@ -596,10 +598,19 @@ def _describe(lines: Sequence[str], delimiter: str) -> TextLayout:
     if delimiter == "," and _holds(WITH_COMMA, samples):  # between quotes
         raise AmbiguousDecimal(line=rows[0] + 1)
     width = Counter(map(len, samples)).most_common(1)[0][0]
-    narrow_header = ""
-    if width > len(columns):  # which name belongs to which column is unknown
-        narrow_header, found = (found.names.strip() if found else ""), None
-        columns = (Column("", "other"),) * width
+    cut = {
+        k: lines[k].split() if delimiter == " " else _cut_fields(lines[k], delimiter)
+        for k in range(rows[0], len(lines))
+    }
+    usual, misfit_header = Counter(len(cut[k]) for k in rows).most_common(1)[0][0], ""
+    is_whole = any(len(fields) == len(columns) for fields in cut.values())
+    if width > len(columns) or (
+        usual < len(columns) and not is_whole
+    ):  # which name belongs to which is unknown
+        misfit_header, found = (found.names.strip() if found else ""), None
+    if found is None:
+        columns = (Column("", "other"),) * usual
+    above = split_fields(lines[rows[0] - 1], delimiter) if rows[0] and found is None else ()
     preamble = tuple(lines[: found.first_line if found else rows[0]])
     device = find_known_device(found.names, preamble) if found else None
     units = {"acc": device.acc_unit, "gyr": device.gyr_unit, "time": device.time_unit} if device else {}
@@ -614,7 +625,8 @@ def _describe(lines: Sequence[str], delimiter: str) -> TextLayout:
         preamble=preamble,
         sample_rows=samples,
         device=device,
-        narrow_header=narrow_header,
+        misfit_header=misfit_header,
+        fields_of_a_row=(min(usual, len(columns)), max(usual, len(columns), len(above))),
     )
 
 

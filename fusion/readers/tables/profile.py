@@ -42,7 +42,7 @@ from fusion.readers.tables.layout import (
     find_sensors,
     split_fields,
 )
-from fusion.readers.tables.rows import choose_sensor, explain_wide_rows, plan_table, read_times
+from fusion.readers.tables.rows import choose_sensor, explain_misfit, plan_table, read_times
 from fusion.recording import ACC_UNITS_G, GYR_UNITS_DPS
 
 Place = str | int
@@ -191,8 +191,8 @@ def _find_names(layout: TextLayout, profile: ColumnProfile) -> list[str]:
     if layout.header is not None:
         return [column.name for column in layout.columns]
     wanted = {p for p in (*profile.acceleration, *profile.angular_rate) if isinstance(p, str)}
-    if layout.narrow_header and wanted:
-        raise explain_wide_rows(layout)
+    if layout.misfit_header and wanted:
+        raise explain_misfit(layout)
     lines = [split_fields(line, layout.delimiter) for line in layout.preamble[-HEADER_REACH:]]
     best = max(lines, key=lambda names: len(wanted & set(names)), default=[])
     named = best if wanted & set(best) else []
@@ -347,8 +347,8 @@ def identify_header(file: BinaryIO) -> str:
     except FusionError:
         return ""
     names = [column.name for column in _find_columns(layout)]
-    text = json.dumps([layout.delimiter, names])
     mark = "" if any(names) else "-"
+    text = json.dumps([layout.delimiter, names if any(names) else names[: len(layout.sample_rows[0])]])
     return mark + hashlib.sha256(text.encode()).hexdigest()[:16]
 
 

@@ -53,6 +53,7 @@ from fusion.readers.tables.layout import (
     find_sensors,
     read_line_pieces,
     read_text_pieces,
+    split_fields,
 )
 from fusion.readers.time.clock import datetime_at_us, format_offset, is_clock_set, trust_clock
 from fusion.readers.time.grid import Grid, repair_row_times
@@ -218,8 +219,8 @@ def choose_sensor(layout: TextLayout, sensor: str = "") -> TextLayout:
 
 
 def _refuse_columns(layout: TextLayout) -> NoReturn:
-    if layout.narrow_header:
-        raise explain_wide_rows(layout)
+    if layout.misfit_header:
+        raise explain_misfit(layout)
     channels = {column.channel for column in layout.columns}
     is_named = any(GYROSCOPE.search(column.name) for column in layout.columns)  # `gyroscope_alpha`
     if "acc" in channels and "gyr" not in channels and not is_named:
@@ -230,10 +231,13 @@ def _refuse_columns(layout: TextLayout) -> NoReturn:
     raise UnknownColumns(list=names, **name_missing(layout.columns))
 
 
-def explain_wide_rows(layout: TextLayout) -> UnknownColumns:
-    """Return the error for rows with more fields than the header has names."""
-    names = layout.narrow_header[:LONGEST_LIST]
-    return UnknownColumns(list=names, why="wide rows", line=layout.first_line + 1)
+def explain_misfit(layout: TextLayout) -> UnknownColumns:
+    """Return the error for rows with more or fewer fields than the header has names."""
+    names = layout.misfit_header[:LONGEST_LIST]
+    is_wide = layout.n_columns > len(split_fields(layout.misfit_header, layout.delimiter))
+    return UnknownColumns(
+        list=names, why="wide rows" if is_wide else "narrow rows", line=layout.first_line + 1
+    )
 
 
 def _choose_stamp(layout: TextLayout) -> tuple[int | None, TimeColumn]:
@@ -405,9 +409,12 @@ def _make_rules(plan: TablePlan) -> csv_lines.Rules:
     for column, target in enumerate(plan.targets):
         if target != IGNORED:
             columns[target] = column
+    fewest, most = layout.fields_of_a_row
+    more = (IGNORED,) * (most - len(plan.targets))
     return csv_lines.Rules(
         header=np.frombuffer((layout.header or "").split("\0")[0].encode(), np.uint8),
-        targets=np.array(plan.targets, np.int64),
+        targets=np.array((*plan.targets, *more), np.int64),
+        fewest=max(fewest, int(columns.max()) + 1),
         columns=columns,
         scales=np.array([1.0] + 3 * [plan.acc_scale] + 3 * [plan.gyr_scale]),
         delimiter=ord(layout.delimiter),
