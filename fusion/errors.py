@@ -123,6 +123,10 @@ class SeveralSensors(
     """A table of several sensors, and the one on the arm was not named, or no sensor has that name."""
 
 
+class SeparateLines(UnknownFormat, code="E-LINES", list="a line of the file"):
+    """Each line contains one sensor or one axis, and the lines cannot be grouped into samples."""
+
+
 class EpochFile(UnknownFormat, code="E-EPOCH", sec="s of an epoch"):
     """Counts or epochs instead of raw samples."""
 

@@ -38,7 +38,7 @@ Channel = Literal["acc", "gyr", "linear", "gravity", "time", "counter", "other"]
 """``linear``: an acceleration without gravity."""
 
 ACC_STEMS = frozenset(
-    {"a", "acc", "accel", "accelerometer", "acceleration", "accelero", "gf", "gforce", "xl"}
+    {"a", "ac", "acc", "accel", "accelerometer", "acceleration", "accelero", "gf", "gforce", "xl"}
     | {
         "accelerometeracceleration",
         "accelerometre",

@@ -246,7 +246,8 @@ def _split_sensor(column: Column) -> Column:
 
 PAIR = re.compile(
     r"([A-Za-z_][\w .]{0,60}?(?: ?\([^)\n]{0,40}\))?) ?[:=] *+"
-    r"([-+]?(?:\d++(?:\.\d*+)?+|\.\d++)(?:[eE][-+]?\d++)?+)(?![\w:.])"
+    r"([-+]?(?:\d++(?:\.\d*+)?+|\.\d++)(?:[eE][-+]?\d++)?+)"
+    r"(?: ?(m/s(?:\^?2|\u00b2)|rad(?:ians)?/s|deg/s|\u00b0/s|m?dps|m?g)(?![\w:=/^]))?(?![\w:.])"
 )
 """A name has at most 61 characters and its unit 40: the search takes time in proportion to the line."""
 OF_A_DAY = r"\d{1,2}:\d{2}:\d{2}(?:[.,:]\d{1,6})?"
@@ -254,11 +255,15 @@ ARRIVED = re.compile(
     r"^(?:\[(?=[^\]\n]{7,30}\]) *(?:(?P<date>\d{4}-\d{2}-\d{2}[ T])|(?P<days>\d{1,5}) "
     r"|[A-Z][a-z]{2} (?P<month>[A-Z][a-z]{2}) {1,2}(?P<day>\d{1,2}) )?"
     rf"(?P<clock>{OF_A_DAY})(?: (?P<year>\d{{4}}))?\]"
-    rf"|(?P<bare_date>\d{{4}}-\d{{2}}-\d{{2}}[ T])?(?P<bare_clock>{OF_A_DAY}) ?(?:->|>))[ \t]*"
+    rf"|(?P<bare_date>\d{{4}}-\d{{2}}-\d{{2}}[ T])?(?P<bare_clock>{OF_A_DAY}) ?(?:->|>)"
+    rf"|(?P<begun_date>\d{{4}}-\d{{2}}-\d{{2}} )?(?P<begun_clock>{OF_A_DAY})"
+    r":?(?:[ \t]*$|[ \t]+(?=[A-Za-z][\w .]*[:=])| +(?=[^,;\t|]+[,;\t|])|\t(?=[^\t]*$))"
+    r"(?! *(?:[AaPp]\.?[Mm]\b|Z\b|UTC|GMT|[A-Z]?[ECMPHA][SDNA]?[TE]\b|[A-Z]\w{2,20}/"
+    r"|[+-](?:0\d|1[0-4]):?(?:00|30|45)[,;\t|])))[ \t]*"
 )
 """The time at which a serial monitor received a line: `12:30:01.123 -> `, `12:30:01 -> `,
-`[2026-03-02 12:30:01.123] `; Tera Term's `[Mon Mar 02 12:30:01.123 2026] `, and its time since the start,
-`[0 00:00:01.123] `, with the days."""
+`[2026-03-02 12:30:01.123] `; CoolTerm's, without a mark, unless AM, PM or a zone follows; Tera Term's
+`[Mon Mar 02 12:30:01.123 2026] `, and its time since the start, `[0 00:00:01.123] `, with the days."""
 ARRIVAL = "arrived"
 TRIPLE = re.compile(
     r"([A-Za-z]\w{0,30}) ?[:=] *([-+]?\d++(?:\.\d*+)?+)[, \t]++([-+]?\d++(?:\.\d*+)?+)"
@@ -296,16 +301,18 @@ class LabelWriter:
 
     def tabulate_head(self, head: str) -> str:
         """Rewrite the head as a table, with a line of names before the first row."""
-        lines = self.rewrite(head).split("\n")
-        first = next(k for k, line in enumerate(head.split("\n")) if _read_labels(line)[0] in self.groups)
+        lines = replace(self).rewrite(head).split("\n")
+        first = next(k for k, line in enumerate(head.split("\n")) if read_labels(line)[0] in self.groups)
         return "\n".join([*lines[:first], "\t".join(self.labels), *lines[first:]])
 
     def _rewrite_line(self, line: str) -> str | None:
-        """Return the row that ends with a line, the line itself if it belongs to none, None within a row."""
-        names, values = _read_labels(line)
+        """Return the row that ends with a line, the line itself if it belongs to none, None within a row.
+
+        Of several lines to a row, others between them (blank, or of the temperature) belong to none either.
+        """
+        names, values = read_labels(line)
         if names not in self.groups:
-            is_blank = not ARRIVED.sub("", line).strip()
-            return None if is_blank and len(self.groups) > 1 else line
+            return None if len(self.groups) > 1 and self._lines[0] >= 0 else line
         place = self.groups.index(names)
         filler = self._end_row(place)
         if place == 0:
@@ -327,7 +334,7 @@ class LabelWriter:
         return "\t".join(["nan"] * len(self.labels)) if is_lost else None
 
 
-def _read_labels(line: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def read_labels(line: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Read the names and the values of a line; `Accel X: 1 Y: 2 Z: 3` names three axes of one sensor.
 
     So does `A: 1, 2, 3 g`, with their unit.
@@ -339,16 +346,24 @@ def _read_labels(line: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
         name, *axes, unit = triple.groups()
         labels += [f"{name} {axis}" + (f" ({unit})" if unit else "") for axis in "XYZ"]
         return tuple(labels), (*values, *axes)
-    for label, value in PAIR.findall(rest):
+    units: list[str] = [""] * len(labels)
+    for label, value, unit in PAIR.findall(rest):
         is_later = label.lower() in ("y", "z") and labels and labels[-1][-1:].lower() in "xy"
         labels.append(labels[-1][:-1] + label if is_later else label)
         values.append(value)
-    return tuple(labels), tuple(values)
+        units.append(unit)
+        for k in range(len(units) - 2, -1, -1) if is_later and unit else ():  # `X: 1, Y: 2, Z: 3 m/s^2`
+            if units[k] or labels[k][:-1] != labels[-1][:-1]:
+                break
+            units[k] = unit
+    named = (f"{label} ({unit})" if unit else label for label, unit in zip(labels, units, strict=True))
+    return tuple(named), tuple(values)
 
 
 def _find_groups(lines: Sequence[str]) -> tuple[tuple[str, ...], ...]:
     """Find the names of the lines that form one row; empty if they name fewer than two sensors."""
-    named = [labels for labels, _ in map(_read_labels, lines) if len(labels) >= len(AXES)]
+    lines = [line for line in lines if ARRIVED.sub("", line).strip()]
+    named = [labels for labels, _ in map(read_labels, lines) if len(labels) >= len(AXES)]
     counts = Counter(named)
     usual = [labels for labels in dict.fromkeys(named) if counts[labels] >= FEWEST_LINES]
     columns = [parse_column_name(label) for labels in usual for label in labels]
@@ -358,14 +373,14 @@ def _find_groups(lines: Sequence[str]) -> tuple[tuple[str, ...], ...]:
 
 def _read_arrival(found: re.Match[str]) -> str:
     """Write the time of a serial monitor in the form of the other stamps, or as seconds since the start."""
-    clock = (found["clock"] or found["bare_clock"]).replace(",", ".")
+    clock = (found["clock"] or found["bare_clock"] or found["begun_clock"]).replace(",", ".")
     hour, minute, second, *fraction = clock.replace(".", ":").split(":")
     fraction = fraction or ["0"]
     if found["days"]:
         return (
             f"{86_400 * int(found['days']) + 3600 * int(hour) + 60 * int(minute) + int(second)}.{fraction[0]}"
         )
-    day = (found["date"] or found["bare_date"] or "").replace(" ", "T")
+    day = (found["date"] or found["bare_date"] or found["begun_date"] or "").replace(" ", "T")
     if found["month"] and found["year"]:
         day = f"{found['year']}-{MONTHS.get(found['month'].lower(), 0):02d}-{int(found['day']):02d}T"
     return f"{day}{hour}:{minute}:{second}.{fraction[0]}"
@@ -467,7 +482,7 @@ def find_layout(head: str, order: DateOrder | None = None, *, names_time: bool =
         day, month and year, as a person gives it).
     """
     lines = [line for line in head.split("\n")[:LABELLED_LINES] if line.strip()]
-    named = [labels for labels, _ in map(_read_labels, lines) if len(labels) >= MIN_COLUMNS]
+    named = [labels for labels, _ in map(read_labels, lines) if len(labels) >= MIN_COLUMNS]
     is_labelled = len(named) >= FEWEST_LINES and 2 * named.count(named[-1]) > len(lines)
     if groups := (named[-1],) if is_labelled else _find_groups(lines):  # most rows begin their values so
         layout = _find_table(LabelWriter(groups).tabulate_head(head), order, names_time=names_time)
@@ -483,6 +498,8 @@ def find_layout(head: str, order: DateOrder | None = None, *, names_time: bool =
     widths = Counter(len(split_fields(rest, delimiter)) for rest in rests)
     arrivals = ArrivalWriter(delimiter, widths.most_common(1)[0][0])
     layout = _find_table(arrivals.rewrite(head), order, names_time=names_time)
+    if layout and layout.header is None:
+        layout = replace(layout, columns=(Column(ARRIVAL, "time"), *layout.columns[1:]))
     return replace(layout, writer=arrivals) if layout else None
 
 

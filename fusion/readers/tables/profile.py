@@ -33,6 +33,7 @@ from fusion.readers.tables.columns import (
     parse_column_name,
 )
 from fusion.readers.tables.layout import (
+    ARRIVAL,
     DELIMITERS,
     MIN_COLUMNS,
     SNIFFED_LINES,
@@ -188,15 +189,14 @@ def apply_profile(layout: TextLayout, profile: ColumnProfile) -> TextLayout:
 
 def _find_names(layout: TextLayout, profile: ColumnProfile) -> list[str]:
     """Return the header's fields; an unrecognised header is the line just before the rows."""
-    if layout.header is not None:
-        return [column.name for column in layout.columns]
     wanted = {p for p in (*profile.acceleration, *profile.angular_rate) if isinstance(p, str)}
     if layout.misfit_header and wanted:
         raise explain_misfit(layout)
     lines = [split_fields(line, layout.delimiter) for line in layout.preamble[-HEADER_REACH:]]
     best = max(lines, key=lambda names: len(wanted & set(names)), default=[])
-    named = best if wanted & set(best) else []
-    return [*named, *[""] * (layout.n_columns - len(named))][: layout.n_columns]
+    if layout.header is not None or not wanted & set(best):
+        return [column.name for column in layout.columns]
+    return [*best, *[""] * (layout.n_columns - len(best))][: layout.n_columns]
 
 
 def _find_place(names: Sequence[str], place: Place) -> int:
@@ -347,8 +347,8 @@ def identify_header(file: BinaryIO) -> str:
     except FusionError:
         return ""
     names = [column.name for column in _find_columns(layout)]
-    mark = "" if any(names) else "-"
-    text = json.dumps([layout.delimiter, names if any(names) else names[: len(layout.sample_rows[0])]])
+    mark = "" if set(names) - {"", ARRIVAL} else "-"
+    text = json.dumps([layout.delimiter, [""] * len(layout.sample_rows[0]) if mark else names])
     return mark + hashlib.sha256(text.encode()).hexdigest()[:16]
 
 

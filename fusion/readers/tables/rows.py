@@ -187,8 +187,7 @@ def plan_table(layout: TextLayout) -> TablePlan:
     place, time = _choose_stamp(layout)
     if place is not None:
         if targets[place] != IGNORED:  # a profile that counts the columns without the time
-            missing = ("ax", "ay", "az", "gx", "gy", "gz")[targets[place] - 1]
-            raise UnknownColumns(missing=missing)
+            raise UnknownColumns(why="time counted")
         targets[place] = STAMP
     return TablePlan(
         layout,
