@@ -208,7 +208,7 @@ class UnknownRate(
     """The sampling rate cannot be determined."""
 
 
-class UnusableTime(UnusableRecording, code="E-TIME", why=TERM):
+class UnusableTime(UnusableRecording, code="E-TIME", why=TERM, column="whose values advance like a time"):
     """The times cannot be used."""
 
 

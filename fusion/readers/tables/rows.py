@@ -27,8 +27,11 @@ from fusion.readers.samples import SampleColumns, drop_blank_rows
 from fusion.readers.source import Source
 from fusion.readers.tables import csv_lines
 from fusion.readers.tables.columns import (
+    ENDS_IN_TIME,
+    EPOCH,
     GYROSCOPE,
     IN_MICROSECONDS,
+    UNIT_NAMES,
     Column,
     OffsetChange,
     StampWriter,
@@ -40,6 +43,7 @@ from fusion.readers.tables.columns import (
     count_from_1970,
     find_time_unit,
     flag_changes,
+    guess_exponent,
     name_missing,
     parse_zone_s,
     rewrite_pieces,
@@ -48,6 +52,7 @@ from fusion.readers.tables.csv_lines import IGNORED, STAMP
 from fusion.readers.tables.layout import (
     ARRIVAL,
     CALENDAR,
+    UTC_NAME,
     TextLayout,
     drop_lines,
     find_sensors,
@@ -249,12 +254,13 @@ def _choose_stamp(layout: TextLayout) -> tuple[int | None, TimeColumn]:
     places.sort(key=lambda k: (columns[k].name == ARRIVAL, columns[k].unit is None))
     if layout.header is not None and not columns[0].name:
         places.append(0)  # the index that programs write before the columns has no name
-    for place in places:
+    named = [k for k, c in enumerate(columns) if c.channel == "other" and ENDS_IN_TIME.search(c.name)]
+    for place in (*places, *calendars, *named):
         fields = [row[place] for row in layout.sample_rows if len(row) > place]
         if place in calendars:
-            return place, choose_calendar(layout)
+            return place, choose_calendar(layout, place)
         if place - 1 in calendars and not any(fields):  # the time of the date in the column before
-            return place - 1, choose_calendar(layout)
+            return place - 1, choose_calendar(layout, place - 1)
         times = read_times(fields, layout.decimal)
         distances = {after - before for before, after in pairwise(times)}
         if layout.columns[place].unit is None and distances == {1.0} and times[0] in (0.0, 1.0):
@@ -264,8 +270,6 @@ def _choose_stamp(layout: TextLayout) -> tuple[int | None, TimeColumn]:
             has_part = True
         elif unit is not None:
             return place, TimeColumn("number", unit)
-    if calendars:
-        return calendars[0], choose_calendar(layout)
     for place, column in enumerate(layout.columns):
         if column.channel == "counter" and column.name.strip().lower() == "packetcounter":
             fields = [row[place] for row in layout.sample_rows if len(row) > place]
@@ -277,6 +281,18 @@ def _choose_stamp(layout: TextLayout) -> tuple[int | None, TimeColumn]:
     if has_part:
         raise UnusableTime(why="form")
     return None, TimeColumn()
+
+
+def find_unnamed_time(layout: TextLayout, columns: Sequence[Column]) -> tuple[int, str] | None:
+    """Return the first column of another name that advances as stamps do, and its unit; None for none."""
+    for place, column in enumerate(columns):
+        fields = [row[place] for row in layout.sample_rows if len(row) > place]
+        times = read_times(fields, layout.decimal) if column.channel == "other" else []
+        distances = {after - before for before, after in pairwise(times)}
+        exponent = guess_exponent(times) if distances - {1.0} and min(distances) > 0.0 else None
+        if exponent is not None:
+            return place, UNIT_NAMES[exponent]
+    return None
 
 
 def _is_part_of_second(times: Sequence[float], unit: TimeUnit) -> bool:
@@ -296,12 +312,14 @@ def _find_calendars(layout: TextLayout) -> list[int]:
     ]
 
 
-def choose_calendar(layout: TextLayout) -> TimeColumn:
-    """Describe a column of dates with times, or of times of day."""
+def choose_calendar(layout: TextLayout, place: int) -> TimeColumn:
+    """Describe a column of dates with times, or of times of day; its name may state that it is in UTC."""
     dates = layout.dates
+    offset_s = 0 if UTC_NAME.search(layout.columns[place].name) else None
     if dates is None:
-        return TimeColumn("calendar")
-    return TimeColumn("calendar", IN_MICROSECONDS, dates.offset_s, dates.has_date, dates.is_doubtful)
+        return TimeColumn("calendar", offset_s=offset_s)
+    offset_s = offset_s if dates.offset_s is None else dates.offset_s
+    return TimeColumn("calendar", IN_MICROSECONDS, offset_s, dates.has_date, dates.is_doubtful)
 
 
 def read_times(fields: Sequence[str], decimal: str) -> list[float]:
@@ -534,12 +552,26 @@ def _read_stated_start(facts: Mapping[str, str]) -> datetime | None:
     return None
 
 
-def find_clock(layout: TextLayout, time: TimeColumn, first_us: int) -> TableClock:
+def find_clock_place(plan: TablePlan, first_us: int) -> int | None:
+    """Return the column of a calendar beside stamps that count from power-on; None for none."""
+    is_count = plan.time.kind == "number" and plan.time.read_start(first_us) is None
+    calendars = _find_calendars(plan.layout) if is_count else []
+    return calendars[0] if calendars else None
+
+
+def find_clock(plan: TablePlan, first_us: int) -> TableClock:
     """Read the clock at the first row: from the preamble (`# start: 2026-03-02T07:58:00-05:00`) or a stamp.
 
-    If both exist and differ, the rows' time is used; the preamble's offset applies to both.
+    If both exist and differ, the rows' time is used; the preamble's offset applies to both. Stamps that count
+    from power-on leave the start to a calendar in another column.
     """
-    start = time.read_start(first_us)
+    layout, time = plan.layout, plan.time
+    start, place = time.read_start(first_us), find_clock_place(plan, first_us)
+    if place is not None:
+        time = choose_calendar(layout, place)
+        with suppress(ValueError):
+            moment = datetime.fromisoformat(layout.sample_rows[0][place].strip("Z").replace(",", "."))
+            start = time.read_start((moment - EPOCH) // timedelta(microseconds=1))
     flags: tuple[QualityFlag, ...] = ()
     stated = _read_stated_start(layout.facts())
     if stated is not None:

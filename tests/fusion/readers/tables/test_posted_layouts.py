@@ -1,8 +1,11 @@
 """Layouts of single tables as people post them: which rows count, and what a refusal asks for."""
 
+from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
+
 import pytest
 
-from fusion.errors import SeparateLines, UnknownColumns, UnknownRate
+from fusion.errors import SeparateLines, UnknownColumns, UnknownRate, UnusableTime
 from fusion.readers import ColumnProfile, propose_profile
 from fusion.readers.tables.layout import ARRIVED, find_layout
 from fusion.recording import DEG_PER_RAD, STANDARD_GRAVITY, acc_scale_g, gyr_scale_dps
@@ -180,3 +183,133 @@ def test_the_time_of_a_monitor_is_column_1_in_form_and_message() -> None:
     assert (proposal.columns, proposal.time) == (("arrived", *[""] * 6), "arrived")
     for time in (1, "arrived", None):
         check_whole(read_with(STAMPED, ColumnProfile((2, 3, 4), (5, 6, 7), "g", "dps", time=time)))
+
+
+# A time in several columns, and several times in one table.
+
+
+def moment(k: int, hours: int = 0) -> datetime:
+    return datetime(2026, 3, 25, 7) + timedelta(hours=hours, milliseconds=10 * k)  # noqa: DTZ001 (no zone)
+
+
+def make_timed(names: str, write: Callable[[int], str]) -> str:
+    return f"{names},{CHANNELS}\n" + "".join(f"{write(k)},{line(k)}\n" for k in range(ROWS))
+
+
+@pytest.mark.parametrize(
+    ("names", "form"),
+    [
+        ("hour,minute,second", "{0.hour},{0.minute},{0.second}.{1:03d}"),
+        ("HH,MM,SS,ms", "{0.hour},{0.minute},{0.second},{1}"),
+        ("year,month,day,hour,minute,second,millisecond", "{0:%Y},{0:%m},{0:%d},7,{0:%M},{0:%S},{1}"),
+        ("heure,minute,seconde", "{0:%H},{0:%M},{0.second}.{1:03d}"),
+    ],
+)
+def test_hour_minute_and_second_in_columns_are_one_time(names: str, form: str) -> None:
+    text = make_timed(names, lambda k: form.format(moment(k), moment(k).microsecond // 1000))
+
+    recording = read_text(text)
+
+    check_whole(recording)
+    assert recording.understood["ignored"] == ""
+    assert recording.start == (moment(0) if names.startswith("year") else None)
+
+
+def test_hour_minute_and_second_pass_midnight() -> None:
+    late = [moment(k) + timedelta(hours=16, minutes=59, seconds=54) for k in range(ROWS)]
+
+    check_whole(
+        read_text(
+            make_timed(
+                "hour,minute,second", lambda k: f"{late[k]:%H,%M,%S}.{late[k].microsecond // 1000:03d}"
+            )
+        )
+    )
+
+
+@pytest.mark.parametrize("name", ["loggingTime(ms)", "runtime_ms", "sensorTimestamp [ms]", "Zeit (ms)"])
+def test_a_name_that_ends_in_time_is_a_time_if_no_other_is(name: str) -> None:
+    check_whole(read_text(make_timed(name, lambda k: str(10 * k))))
+
+
+@pytest.mark.parametrize("name", ["SecondsSinceStart", "stamp"])
+def test_rows_that_carry_a_time_are_never_asked_for_a_rate(name: str) -> None:
+    with pytest.raises(UnusableTime) as refusal:
+        read_text(make_timed(name, lambda k: f"{0.01 * k:.2f}"))
+
+    assert refusal.value.facts == {"column": name}
+
+
+def test_a_count_of_rows_is_no_time() -> None:
+    with pytest.raises(UnknownRate):
+        read_text(make_timed("frame", str))
+
+
+@pytest.mark.parametrize("names", ["datetime,millis", "rtc,millis", "millis,datetime"])
+def test_a_clock_beside_a_count_of_milliseconds_gives_the_start(names: str) -> None:
+    """The count has the finer steps: the clock shows whole seconds."""
+    fields = {"millis": lambda k: str(10 * k + 55), "clock": lambda k: f"{moment(k):%Y-%m-%d %H:%M:%S}"}
+    order = ["millis" if name == "millis" else "clock" for name in names.split(",")]
+
+    recording = read_text(make_timed(names, lambda k: ",".join(fields[name](k) for name in order)))
+
+    check_whole(recording)
+    assert (recording.start, recording.understood["time"]) == (moment(0), "number")
+
+
+def test_a_date_and_a_time_beside_a_count_give_the_start() -> None:
+    write = "{0:%d/%m/%Y},{0:%H:%M:%S},{1}"
+
+    recording = read_text(make_timed("date,time,millis", lambda k: write.format(moment(k), 10 * k)))
+
+    check_whole(recording)
+    assert recording.start == moment(0)
+    assert recording.understood["ignored"] == ""
+
+
+FORMS = ("%Y-%m-%d %H:%M:%S", "%d/%m/%Y %H:%M:%S")
+ENDS = (("", ""), ("Z", ""), ("Z", "-05:00"))
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("ends", ENDS, ids=["bare", "Z", "offset"])
+@pytest.mark.parametrize("is_utc_first", [True, False])
+def test_of_a_time_in_utc_and_a_local_one_the_local_one_is_used(
+    form: str, ends: tuple[str, str], is_utc_first: bool
+) -> None:
+    def write(k: int) -> str:
+        parts = [moment(k, hours).strftime(form) + f".{k % 100:02d}" for hours in (5, 0)]
+        fields = [part + end for part, end in zip(parts, ends, strict=True)]
+        return ",".join(fields if is_utc_first else fields[::-1])
+
+    text = make_timed("time_utc,time_local" if is_utc_first else "time_local,time_utc", write)
+    recording = read_text(text)
+    asked = ColumnProfile((3, 4, 5), (6, 7, 8), "g", "dps", time="time_utc")
+
+    check_whole(recording)
+    assert recording.start is not None
+    assert recording.start.replace(tzinfo=None) == moment(0)
+    assert recording.time_zone == ("UTC-05:00" if ends[1] else None)
+    assert recording.understood["ignored"] == "time_utc"
+    assert not {"W-UTC", "W-OFFSET", "W-DST"} & {flag.code for flag in recording.flags}
+    in_utc = read_with(text, asked)
+    assert (in_utc.start, in_utc.time_zone) == (moment(0, 5).replace(tzinfo=UTC), "UTC+00:00")
+    assert in_utc.understood["ignored"] == "time_local"
+
+
+def test_a_column_named_utc_is_in_utc() -> None:
+    recording = read_text(make_timed("utc", lambda k: f"{moment(k):%Y-%m-%d %H:%M:%S}.{k % 100:02d}"))
+
+    assert recording.start == moment(0).replace(tzinfo=UTC)
+    assert "W-UTC" in {flag.code for flag in recording.flags}
+
+
+def test_the_offset_of_another_time_in_a_row_is_no_change_of_the_clock() -> None:
+    write = "{0:%d/%m/%Y %H:%M:%S}.{2:02d}-05:00,{1:%d/%m/%Y %H:%M:%S}Z"
+
+    recording = read_text(
+        make_timed("received,sent", lambda k: write.format(moment(k), moment(k, 5), k % 100))
+    )
+
+    assert "W-OFFSET" not in {flag.code for flag in recording.flags}
+    check_whole(recording)
