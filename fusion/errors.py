@@ -139,6 +139,10 @@ class NoPair(
         super().__init__(why=why, cure=why, **facts)
 
 
+class SeparateLines(UnknownFormat, code="E-LINES", list="a line of the file"):
+    """Each line contains one sensor or one axis, and the lines cannot be grouped into samples."""
+
+
 class EpochFile(UnknownFormat, code="E-EPOCH", sec="s of an epoch"):
     """Counts or epochs instead of raw samples."""
 
@@ -220,7 +224,7 @@ class UnknownRate(
     """The sampling rate cannot be determined."""
 
 
-class UnusableTime(UnusableRecording, code="E-TIME", why=TERM):
+class UnusableTime(UnusableRecording, code="E-TIME", why=TERM, column="whose values advance like a time"):
     """The times cannot be used."""
 
 

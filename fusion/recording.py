@@ -305,7 +305,9 @@ DEGREE_WORDS = (
 GYR_UNITS_DPS = {
     **dict.fromkeys(DEGREE_WORDS, 1.0),
     **dict.fromkeys(("mdps", "mdeg/s"), 1e-3),
-    **dict.fromkeys(("rad/s", "rads", "rps", "rad/sec", "radps", "rads-1"), DEG_PER_RAD),
+    **dict.fromkeys(
+        ("rad/s", "rads", "rps", "rad/sec", "radps", "rads-1", "radian/s", "radians/s"), DEG_PER_RAD
+    ),
 }
 
 

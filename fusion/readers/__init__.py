@@ -31,6 +31,7 @@ from fusion.errors import (
     NoPair,
     NoSamples,
     RefusedXml,
+    SeparateLines,
     UnknownColumns,
     UnknownFormat,
     UnsafeArchive,
@@ -51,10 +52,12 @@ from fusion.readers.tables.layout import (
     MIN_COLUMNS,
     NUMBER,
     SNIFFED_LINES,
+    ArrivalWriter,
     TextLayout,
     decode_head,
     find_form,
     find_layout,
+    read_labels,
     split_fields,
 )
 from fusion.readers.tables.profile import (
@@ -322,7 +325,8 @@ def _explain_text(source: Source) -> FusionError:
     head = decode_head(source)
     layout, lines = find_layout(head), head.split("\n")
     if layout is not None:
-        return _name_header(lines, layout) or UnknownColumns(why="no header", line=layout.first_line + 1)
+        why = "no header, stamped" if isinstance(layout.writer, ArrivalWriter) else "no header"
+        return _name_header(lines, layout) or UnknownColumns(why=why, line=layout.first_line + 1)
     for line in lines[:SNIFFED_LINES]:
         for mark in DELIMITERS:
             names = [parse_column_name(field) for field in split_fields(line, mark)]
@@ -330,7 +334,14 @@ def _explain_text(source: Source) -> FusionError:
                 if _holds_records(lines, mark):
                     return UnknownColumns(why="kinds of lines", list=line.strip()[:200])
                 return NoSamples()  # a table without rows
-    return _explain_one_sensor(lines, is_in_zip=is_in_zip(source)) or UnknownFormat(kind="text")
+    refusal = _explain_one_sensor(lines, is_in_zip=is_in_zip(source)) or _explain_labels(lines)
+    return refusal or UnknownFormat(kind="text")
+
+
+def _explain_labels(lines: Sequence[str]) -> FusionError | None:
+    """Return the error for lines that name one axis or one sensor each, as sketches print them."""
+    named = [line for line in lines[:SNIFFED_LINES] if any(map(read_axis, read_labels(line)[0]))]
+    return SeparateLines(list=named[0].strip()[:200]) if len(named) >= MIN_COLUMNS else None
 
 
 def _holds_records(lines: Sequence[str], mark: str) -> bool:
@@ -362,7 +373,7 @@ def _explain_one_sensor(lines: Sequence[str], *, is_in_zip: bool) -> FusionError
             channels = {column.channel for column in columns} & {"acc", "linear", "gyr"}
             is_of_one = len(axes) == len("xyz") and any(one.channel == "time" for one in columns)
             if (channels or is_of_one) and "gyr" not in channels and any(map(_names_gyroscope, lines)):
-                return UnknownColumns(why="sensor rows", list=line.strip()[:200])
+                return SeparateLines(list=line.strip()[:200])
             if channels and "gyr" not in channels:
                 return NoGyroscope()
             if channels == {"gyr"} or (len(axes) == len("xyz") and columns[0].channel == "time"):

@@ -155,7 +155,7 @@ def _is_whole(head: str) -> bool:
 def _find_layout(head: str, fewest: int = MIN_COLUMNS) -> TextLayout | None:
     """Understand the columns of a table; the order of its dates, if open, does not matter here."""
     with suppress(FusionError):
-        return find_layout(head, "dmy", names_time=True, fewest=fewest)
+        return find_layout(head, "dmy", stated_time="", fewest=fewest)
     return None
 
 

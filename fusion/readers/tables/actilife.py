@@ -58,7 +58,7 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
     stated_hz = float(stated.group(1)) if stated else 100.0
     if plan.time.has_times:
         changes = plan.time.repair(rows.columns, rows.changes)
-        clock = find_clock(plan.layout, plan.time, int(rows.columns.stamps[0]))
+        clock = find_clock(plan, int(rows.columns.stamps[0]))
         grid = cut_stamped(rows.columns)
         changes += flag_drift(stated_hz, MICROSECONDS / grid.period_us)
     else:
@@ -130,5 +130,5 @@ def _plan_table(layout: TextLayout | None, header: dict[str, str], head: str) ->
     stamps = [k for k, column in enumerate(layout.columns) if column.channel == "time"]
     if stamps and all(CALENDAR.fullmatch(row[stamps[0]]) for row in layout.sample_rows[:5]):
         targets[stamps[0]] = STAMP
-        return TablePlan(layout, tuple(targets), choose_calendar(layout))
+        return TablePlan(layout, tuple(targets), choose_calendar(layout, stamps[0]))
     return TablePlan(layout, tuple(targets))

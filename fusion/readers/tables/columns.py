@@ -38,7 +38,7 @@ Channel = Literal["acc", "gyr", "linear", "gravity", "time", "counter", "other"]
 """``linear``: an acceleration without gravity."""
 
 ACC_STEMS = frozenset(
-    {"a", "acc", "accl", "accel", "accelerometer", "acceleration", "accelero", "gf", "gforce", "xl"}
+    {"a", "ac", "acc", "accl", "accel", "accelerometer", "acceleration", "accelero", "gf", "gforce", "xl"}
     | {
         "accelerometeracceleration",
         "accelerometre",
@@ -74,6 +74,8 @@ TIME_STEMS = frozenset(
     | {"devicetime", "us", "ms", "usec", "msec", "sec", "secs", "arrived"}
 )
 TIME_WORDS = frozenset({"time", "timestamp"})
+ENDS_IN_TIME = re.compile(r"(?:time(?:stamp)?|zeit|tiempo|tempo)(?![a-z])", re.IGNORECASE)
+"""A name such as `loggingTime` is a time if no other column is, because devices write several of them."""
 COUNTER_STEMS = frozenset(
     {"index", "sample", "samples", "nsamples", "samplenumber", "packetcounter", "counter", "packet"}
     | {"row", "n", "samplecount", "count", "sequence", "seq"}
@@ -133,7 +135,7 @@ def parse_column_name(name: str) -> Column:
         return Column(name, "time", unit=next((one for one in units if one in TIME_UNITS_EXPONENT), None))
     if stem.removeprefix("imu") in COUNTER_STEMS:
         return Column(name, "counter")
-    return Column(name, "other")
+    return Column(name, "other", unit=unit if unit in TIME_UNITS_EXPONENT else None)
 
 
 def _tidy(name: str) -> str:
@@ -753,10 +755,12 @@ class StampWriter:
         self._offset_s = dialect.offset_s
         self._day = FIRST_DAY
         self._last_s: float | None = None
+        self._line_end = -1
 
     def rewrite(self, text: str) -> str:
         """Write every stamp as `2026-03-14T08:00:00.010`; a separate time column is left empty."""
         write = self._write if self._dialect.has_date else self._write_undated
+        self._line_end = -1
         return self._dialect.pattern.sub(write, text)
 
     def _write(self, found: re.Match[str]) -> str:
@@ -764,14 +768,17 @@ class StampWriter:
         year, month, day = (parts[order.index(letter)] for letter in "ymd")
         clock = f"{_count_hour(found):02d}:{found['minute']}:{_read_seconds(found)}"
         stamp = f"{_complete_year(int(year))}-{_read_part(month):02d}-{day:0>2}T{clock}"
-        moved, between = self._move(stamp, found["zone"]), found["between"]
+        is_first = found.start() > self._line_end  # a second stamp of a row has an offset of its own
+        if is_first:
+            self._line_end = found.string.find("\n", found.end()) % (len(found.string) + 1)
+        moved, between = self._move(stamp, found["zone"], is_first=is_first), found["between"]
         return (
             found.group()
             if moved is None
             else moved + (re.sub(r"[T \"]", "", between) if re.search(r"[,;\t|]", between) else "")
         )
 
-    def _move(self, stamp: str, zone: str | None) -> str | None:
+    def _move(self, stamp: str, zone: str | None, *, is_first: bool = True) -> str | None:
         """Convert a stamp to the first row's clock; None for an impossible date.
 
         A stamp without a zone, among stamps with one, takes the last zone.
@@ -780,16 +787,16 @@ class StampWriter:
         if offset_s is None or self._dialect.offset_s is None:
             return None if zone else stamp
         step_s = offset_s - self._dialect.offset_s
-        if step_s == 0 and offset_s == self._offset_s:
+        if step_s == 0 and (offset_s == self._offset_s or not is_first):
             return stamp
         try:
             moment = datetime.fromisoformat(stamp.replace(",", ".")) - timedelta(seconds=step_s)
         except (ValueError, OverflowError):
             return None
-        if offset_s != self._offset_s and self._offset_s is not None:
+        if is_first and offset_s != self._offset_s and self._offset_s is not None:
             at_us = (moment - EPOCH) // timedelta(microseconds=1)
             self.changes.append(OffsetChange(at_us, self._offset_s, offset_s, self._dialect.offset_s))
-        self._offset_s = offset_s
+        self._offset_s = offset_s if is_first else self._offset_s
         return moment.isoformat(timespec="microseconds")
 
     def _write_undated(self, found: re.Match[str]) -> str:

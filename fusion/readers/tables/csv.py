@@ -13,12 +13,12 @@ from fusion.caveats import Caveat
 from fusion.conventions import parse_arm_axis
 from fusion.devices import find_device_name
 from fusion.diary import parse_pose_held
-from fusion.errors import NoSamples, UnknownColumns, UnknownRate
+from fusion.errors import NoSamples, UnknownColumns, UnknownRate, UnusableTime
 from fusion.readers.samples import PAUSE, SampleColumns, drop_blank_rows
 from fusion.readers.source import Source, read_chunks
 from fusion.readers.tables.columns import DateOrder, TimeUnit
 from fusion.readers.tables.csv_lines import IGNORED, STAMP
-from fusion.readers.tables.layout import TextLayout, flag_text, read_layout, sniff_layout
+from fusion.readers.tables.layout import ClockWriter, Place, TextLayout, flag_text, read_layout, sniff_layout
 from fusion.readers.tables.profile import ColumnProfile, apply_profile
 from fusion.readers.tables.rows import (
     PACKET_NUMBERS,
@@ -28,6 +28,8 @@ from fusion.readers.tables.rows import (
     add_gravity,
     build_recording,
     find_clock,
+    find_clock_place,
+    find_unnamed_time,
     plan_table,
     read_table,
 )
@@ -64,7 +66,7 @@ CANONICAL_HEADER = "time_us,acc_x_g,acc_y_g,acc_z_g,gyr_x_dps,gyr_y_dps,gyr_z_dp
 def recognise(source: Source) -> bool:
     """Whether the head is text with a header that names columns."""
     layout = sniff_layout(source)
-    return layout is not None and bool(layout.header or layout.narrow_header)
+    return layout is not None and bool(layout.header or layout.misfit_header)
 
 
 def read(source: Source, rate_hz: float | None = None) -> Recording:
@@ -87,7 +89,7 @@ def read_profiled(source: Source, profile: ColumnProfile, rate_hz: float | None 
 
     Raises FusionError: as :func:`read`.
     """
-    layout = _read_layout(source, profile.date_order, names_time=profile.names_columns)
+    layout = _read_layout(source, profile.date_order, stated_time=profile.stated_time)
     plan = plan_table(apply_profile(layout, profile))
     if layout.doubt is not None and profile.time is not None and not plan.time.has_times:
         raise layout.doubt
@@ -99,8 +101,10 @@ def read_profiled(source: Source, profile: ColumnProfile, rate_hz: float | None 
     return _read_planned(source, plan, rate_hz or profile.rate_hz)
 
 
-def _read_layout(source: Source, order: DateOrder | None = None, *, names_time: bool = False) -> TextLayout:
-    layout = read_layout(source, order, names_time=names_time)
+def _read_layout(
+    source: Source, order: DateOrder | None = None, *, stated_time: Place | None = None
+) -> TextLayout:
+    layout = read_layout(source, order, stated_time=stated_time)
     if layout is None:
         raise UnknownColumns(why="no header")
     return layout
@@ -124,7 +128,7 @@ def _read_planned(source: Source, plan: TablePlan, rate_hz: float | None) -> Rec
     separator = " " if layout.is_single_spaced else layout.delimiter
     return build_recording(
         grid,
-        find_clock(layout, time, first_us),
+        find_clock(plan, first_us),
         (
             *rows.flags,
             *repairs,
@@ -134,7 +138,7 @@ def _read_planned(source: Source, plan: TablePlan, rate_hz: float | None) -> Rec
             *_flag_rates(plan, grid, rate_hz),
         ),
         {
-            **_describe_columns(plan, stated),
+            **_describe_columns(plan, stated, first_us),
             "time": time.describe(first_us),
             "time_exponent": str(time.unit.exponent),
             "delimiter": {"\t": "tab", " ": "space"}.get(separator, separator),
@@ -155,7 +159,7 @@ def _cut_rows(plan: TablePlan, columns: SampleColumns, rate_hz: float | None) ->
     if plan.time.has_times:
         return cut_stamped(columns)
     if plan.time.kind == "row number":
-        return cut_counted(columns, rate_hz or _find_burst_rate_hz(columns))
+        return cut_counted(columns, rate_hz or _find_burst_rate_hz(columns, plan.layout))
     # packets that were lost are missing time
     if not rate_hz or not SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
         raise UnknownRate(**({"m": rate_hz} if rate_hz else {}))
@@ -174,12 +178,17 @@ def choose_rate_hz(layout: TextLayout, rate_hz: float | None) -> float | None:
     return stated_hz if SLOWEST_HZ <= stated_hz <= FASTEST_HZ else rate_hz
 
 
-def _find_burst_rate_hz(columns: SampleColumns) -> float:
-    """Find the rate of a layout without time by its form, in Hz; else a person has to give it."""
+def _find_burst_rate_hz(columns: SampleColumns, layout: TextLayout) -> float:
+    """Find the rate of a layout without time by its form, in Hz; else a person has to give it.
+
+    Raises UnknownRate, or UnusableTime if a column without a known name advances like a time.
+    """
     ends = np.flatnonzero(np.diff(columns.stamps // PAUSE)) + 1
     bursts = np.diff(np.concatenate([[0], ends]))
     if len(bursts) >= 2 and np.all(bursts == ARDUINO_BURST_ROWS):
         return ARDUINO_RATE_HZ
+    if unnamed := find_unnamed_time(layout, layout.columns):
+        raise UnusableTime(column=layout.columns[unnamed[0]].name or str(unnamed[0] + 1))
     raise UnknownRate
 
 
@@ -256,11 +265,17 @@ def _read_stated(plan: TablePlan, *, is_in_g: bool) -> Stated:
     )
 
 
-def _describe_columns(plan: TablePlan, stated: Stated) -> dict[str, str]:
+def _describe_columns(plan: TablePlan, stated: Stated, first_us: int) -> dict[str, str]:
     columns, device = plan.layout.columns, plan.layout.device
     rows, used = plan.layout.sample_rows, {k for k, target in enumerate(plan.targets) if target >= STAMP}
-    used |= {k + 1 for k in used if plan.targets[k] == STAMP and plan.layout.dates and _is_empty(rows, k + 1)}
-    ignored = (column.name for k, column in enumerate(columns) if k not in used and column.channel == "other")
+    clock_place, writer = find_clock_place(plan, first_us), plan.layout.writer
+    used |= {clock_place} if clock_place is not None else set()
+    used |= {k + 1 for k in used if plan.layout.dates and rows and _is_empty(rows, k + 1)}
+    if isinstance(writer, ClockWriter):
+        used = used - set(writer.emptied) | set(writer.parts)
+    ignored = (
+        one.name for k, one in enumerate(columns) if k not in used and one.channel in ("other", "time")
+    )
     described = {
         "layout": "table with header",
         "columns": ", ".join(column.name for column in columns)[:400],
@@ -305,7 +320,7 @@ def recognise_binary(source: Source) -> bool:
 def recognise_text(source: Source) -> bool:
     """Return whether the head has ten columns, a stamp and nine whole numbers, and no header."""
     layout = None if b"\0" in source.head else sniff_layout(source)
-    if layout is None or layout.header or layout.narrow_header or layout.n_columns != len(TEXT_TARGETS):
+    if layout is None or layout.header or layout.misfit_header or layout.n_columns != len(TEXT_TARGETS):
         return False
     rows = layout.sample_rows[:50]
     is_whole = all(re.fullmatch(r"-?\d{1,5}", field) for row in rows for field in row[1:])

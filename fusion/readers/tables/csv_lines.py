@@ -55,6 +55,7 @@ class Rules(NamedTuple):
 
     ``header``: bytes of the header line.
     ``targets``: for each column -1 ignored, 0 the stamp, 1 to 3 acceleration, 4 to 6 angular rate.
+    ``fewest``: fields that a row has at least; the columns after them are ignored.
     ``columns``, ``scales``: shape (7,): the column of each target, -1 for none, and its factor.
     ``delimiter``, ``decimal``: codes of the characters.
     ``stamp_kind``, ``stamp_exponent``: where the stamps come from, and the power of ten to microseconds.
@@ -62,6 +63,7 @@ class Rules(NamedTuple):
 
     header: Bytes
     targets: NDArray[np.int64]
+    fewest: int
     columns: NDArray[np.int64]
     scales: NDArray[np.float64]
     delimiter: int
@@ -701,13 +703,15 @@ def _take_row(
 ) -> tuple[int, int]:
     """Read one line into ``fields``, shape (7,), and ``stamps[0]``; return its end and its worst field.
 
-    Further fields are unreadable unless they are empty.
+    Fields after the last column are unreadable unless they are empty.
     """
     delimiter, decimal = rules.delimiter, rules.decimal
     worst = NUMBER
     for column in range(len(rules.targets)):
         if column > 0:
             if buffer[at_byte] != delimiter:
+                if column >= rules.fewest:
+                    break
                 return at_byte, UNREADABLE
             at_byte += 1
         while delimiter == SPACE and buffer[at_byte] == SPACE:

@@ -16,6 +16,7 @@ from fusion.readers.source import Source, UnpackedFile, read_chunks
 from fusion.readers.tables.columns import (
     MONTHS,
     REMARKS,
+    STAMP_LIKE,
     Column,
     DateDialect,
     DateOrder,
@@ -33,6 +34,8 @@ from fusion.readers.tables.columns import (
 from fusion.readers.tables.csv_lines import LEAD_BYTES, TRAIL_BYTES, LinePiece
 from fusion.recording import QualityFlag, acc_scale_g
 
+Place = str | int
+"""A column by its name in the header, or by its number, counted from 1."""
 DELIMITERS = (";", "\t", ",", "|", " ")
 SNIFFED_LINES, FEWEST_HEADER_LINES = 400, 40
 
@@ -249,7 +252,8 @@ def _split_sensor(column: Column) -> Column:
 
 PAIR = re.compile(
     r"([A-Za-z_][\w .]{0,60}?(?: ?\([^)\n]{0,40}\))?) ?[:=] *+"
-    r"([-+]?(?:\d++(?:\.\d*+)?+|\.\d++)(?:[eE][-+]?\d++)?+)(?![\w:.])"
+    r"([-+]?(?:\d++(?:\.\d*+)?+|\.\d++)(?:[eE][-+]?\d++)?+)"
+    r"(?: ?(m/s(?:\^?2|\u00b2)|rad(?:ians)?/s|deg/s|\u00b0/s|m?dps|m?g)(?![\w:=/^]))?(?![\w:.])"
 )
 """A name has at most 61 characters and its unit 40: the search takes time in proportion to the line."""
 OF_A_DAY = r"\d{1,2}:\d{2}:\d{2}(?:[.,:]\d{1,6})?"
@@ -257,11 +261,15 @@ ARRIVED = re.compile(
     r"^(?:\[(?=[^\]\n]{7,30}\]) *(?:(?P<date>\d{4}-\d{2}-\d{2}[ T])|(?P<days>\d{1,5}) "
     r"|[A-Z][a-z]{2} (?P<month>[A-Z][a-z]{2}) {1,2}(?P<day>\d{1,2}) )?"
     rf"(?P<clock>{OF_A_DAY})(?: (?P<year>\d{{4}}))?\]"
-    rf"|(?P<bare_date>\d{{4}}-\d{{2}}-\d{{2}}[ T])?(?P<bare_clock>{OF_A_DAY}) ?(?:->|>))[ \t]*"
+    rf"|(?P<bare_date>\d{{4}}-\d{{2}}-\d{{2}}[ T])?(?P<bare_clock>{OF_A_DAY}) ?(?:->|>)"
+    rf"|(?P<begun_date>\d{{4}}-\d{{2}}-\d{{2}} )?(?P<begun_clock>{OF_A_DAY})"
+    r":?(?:[ \t]*$|[ \t]+(?=[A-Za-z][\w .]*[:=])| +(?=[^,;\t|]+[,;\t|])|\t(?=[^\t]*$))"
+    r"(?! *(?:(?i:[AP]\.?M\b|Z\b|UTC|GMT|[A-Z]?[ECMPHA][SDNA]?[TE]\b)|[A-Z]\w{2,20}/"
+    r"|[+-](?:0\d|1[0-4]):?(?:00|30|45)[,;\t|])))[ \t]*"
 )
 """The time at which a serial monitor received a line: `12:30:01.123 -> `, `12:30:01 -> `,
-`[2026-03-02 12:30:01.123] `; Tera Term's `[Mon Mar 02 12:30:01.123 2026] `, and its time since the start,
-`[0 00:00:01.123] `, with the days."""
+`[2026-03-02 12:30:01.123] `; CoolTerm's, without a mark, unless AM, PM or a zone follows; Tera Term's
+`[Mon Mar 02 12:30:01.123 2026] `, and its time since the start, `[0 00:00:01.123] `, with the days."""
 ARRIVAL = "arrived"
 TRIPLE = re.compile(
     r"([A-Za-z]\w{0,30}) ?[:=] *([-+]?\d++(?:\.\d*+)?+)[, \t]++([-+]?\d++(?:\.\d*+)?+)"
@@ -299,16 +307,18 @@ class LabelWriter:
 
     def tabulate_head(self, head: str) -> str:
         """Rewrite the head as a table, with a line of names before the first row."""
-        lines = self.rewrite(head).split("\n")
-        first = next(k for k, line in enumerate(head.split("\n")) if _read_labels(line)[0] in self.groups)
+        lines = replace(self).rewrite(head).split("\n")
+        first = next(k for k, line in enumerate(head.split("\n")) if read_labels(line)[0] in self.groups)
         return "\n".join([*lines[:first], "\t".join(self.labels), *lines[first:]])
 
     def _rewrite_line(self, line: str) -> str | None:
-        """Return the row that ends with a line, the line itself if it belongs to none, None within a row."""
-        names, values = _read_labels(line)
+        """Return the row that ends with a line, the line itself if it belongs to none, None within a row.
+
+        Of several lines to a row, others between them (blank, or of the temperature) belong to none either.
+        """
+        names, values = read_labels(line)
         if names not in self.groups:
-            is_blank = not ARRIVED.sub("", line).strip()
-            return None if is_blank and len(self.groups) > 1 else line
+            return None if len(self.groups) > 1 and self._lines[0] >= 0 else line
         place = self.groups.index(names)
         filler = self._end_row(place)
         if place == 0:
@@ -330,7 +340,7 @@ class LabelWriter:
         return "\t".join(["nan"] * len(self.labels)) if is_lost else None
 
 
-def _read_labels(line: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def read_labels(line: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Read the names and the values of a line; `Accel X: 1 Y: 2 Z: 3` names three axes of one sensor.
 
     So does `A: 1, 2, 3 g`, with their unit.
@@ -342,16 +352,24 @@ def _read_labels(line: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
         name, *axes, unit = triple.groups()
         labels += [f"{name} {axis}" + (f" ({unit})" if unit else "") for axis in "XYZ"]
         return tuple(labels), (*values, *axes)
-    for label, value in PAIR.findall(rest):
+    units: list[str] = [""] * len(labels)
+    for label, value, unit in PAIR.findall(rest):
         is_later = label.lower() in ("y", "z") and labels and labels[-1][-1:].lower() in "xy"
         labels.append(labels[-1][:-1] + label if is_later else label)
         values.append(value)
-    return tuple(labels), tuple(values)
+        units.append(unit)
+        for k in range(len(units) - 2, -1, -1) if is_later and unit else ():  # `X: 1, Y: 2, Z: 3 m/s^2`
+            if units[k] or labels[k][:-1] != labels[-1][:-1]:
+                break
+            units[k] = unit
+    named = (f"{label} ({unit})" if unit else label for label, unit in zip(labels, units, strict=True))
+    return tuple(named), tuple(values)
 
 
 def _find_groups(lines: Sequence[str]) -> tuple[tuple[str, ...], ...]:
     """Find the names of the lines that form one row; empty if they name fewer than two sensors."""
-    named = [labels for labels, _ in map(_read_labels, lines) if len(labels) >= len(AXES)]
+    lines = [line for line in lines if ARRIVED.sub("", line).strip()]
+    named = [labels for labels, _ in map(read_labels, lines) if len(labels) >= len(AXES)]
     counts = Counter(named)
     usual = [labels for labels in dict.fromkeys(named) if counts[labels] >= FEWEST_LINES]
     columns = [parse_column_name(label) for labels in usual for label in labels]
@@ -361,14 +379,14 @@ def _find_groups(lines: Sequence[str]) -> tuple[tuple[str, ...], ...]:
 
 def _read_arrival(found: re.Match[str]) -> str:
     """Write the time of a serial monitor in the form of the other stamps, or as seconds since the start."""
-    clock = (found["clock"] or found["bare_clock"]).replace(",", ".")
+    clock = (found["clock"] or found["bare_clock"] or found["begun_clock"]).replace(",", ".")
     hour, minute, second, *fraction = clock.replace(".", ":").split(":")
     fraction = fraction or ["0"]
     if found["days"]:
         return (
             f"{86_400 * int(found['days']) + 3600 * int(hour) + 60 * int(minute) + int(second)}.{fraction[0]}"
         )
-    day = (found["date"] or found["bare_date"] or "").replace(" ", "T")
+    day = (found["date"] or found["bare_date"] or found["begun_date"] or "").replace(" ", "T")
     if found["month"] and found["year"]:
         day = f"{found['year']}-{MONTHS.get(found['month'].lower(), 0):02d}-{int(found['day']):02d}T"
     return f"{day}{hour}:{minute}:{second}.{fraction[0]}"
@@ -404,6 +422,121 @@ class ArrivalWriter:
         return len(split_fields(line, self.delimiter))
 
 
+# A time in several columns: its parts, or in UTC and as local time.
+
+TIME_PARTS: Mapping[str, int] = {
+    **dict.fromkeys(("year", "yyyy", "annee"), 0),
+    **dict.fromkeys(("month", "mois"), 1),
+    **dict.fromkeys(("day", "dd", "jour"), 2),
+    **dict.fromkeys(("hour", "hours", "hh", "hr", "h", "heure", "heures"), 3),
+    **dict.fromkeys(("minute", "minutes", "min", "mins", "mm", "m"), 4),
+    **dict.fromkeys(("second", "seconds", "sec", "secs", "ss", "s", "seconde", "secondes"), 5),
+    **dict.fromkeys(("millisecond", "milliseconds", "millis", "msec", "ms", "millisecondes"), 6),
+}
+"""Names of the columns of year, month, day, hour, minute, second and thousandths of it."""
+OF_DATE, OF_CLOCK, THOUSANDTHS = (0, 1, 2), (3, 4, 5), 6
+LATEST_PARTS = (2099, 12, 31, 23, 59, 60, 999)
+ANY_DATE = re.compile(r"\d{1,4}([/.\-])\d{1,2}\1\d{1,4}")
+UTC_NAME = re.compile(r"(?<![a-z])(?:utc|gmt)(?![a-z])", re.IGNORECASE)
+
+
+@dataclass(frozen=True, slots=True)
+class ClockWriter:
+    """Joins the parts of a time (`7,58,0.01` to `07:58:00.01`), and empties the columns of another clock.
+
+    ``parts``: the columns of :data:`TIME_PARTS`, -1 for none; the time replaces the first of them.
+    """
+
+    delimiter: str
+    parts: tuple[int, ...] = ()
+    emptied: tuple[int, ...] = ()
+
+    def rewrite(self, text: str) -> str:
+        """Rewrite whole lines."""
+        return "\n".join(map(self._rewrite_line, text.split("\n")))
+
+    def _rewrite_line(self, line: str) -> str:
+        fields = _cut_fields(line, self.delimiter)
+        places = [place for place in self.parts if place >= 0]
+        if len(fields) <= max((*places, *self.emptied)) or not any(map(str.isdigit, line)):
+            return line
+        if self.parts:
+            joined = join_parts([fields[k].strip('" \r') if k >= 0 else "" for k in self.parts])
+            if joined is None:
+                return line
+            for place in places:
+                fields[place] = joined if place == min(places) else ""
+        for place in self.emptied:
+            if STAMP_LIKE.search(fields[place]):
+                fields[place] = ""
+        return self.delimiter.join(fields)
+
+
+def join_parts(parts: Sequence[str]) -> str | None:
+    """Write the values of :data:`TIME_PARTS`, "" for none, as a time; None if they are no time."""
+    whole = [part.partition(".")[0] if k == OF_CLOCK[2] else part for k, part in enumerate(parts)]
+    if not all(
+        part.isdigit() and int(part) <= most for part, most in zip(whole, LATEST_PARTS, strict=True) if part
+    ):
+        return None
+    year, month, day, hour, minute, _, thousandths = parts
+    second, _, fraction = parts[OF_CLOCK[2]].partition(".")
+    fraction = fraction or (f"{int(thousandths):03d}" if thousandths else "")
+    clock = f"{hour:0>2}:{minute:0>2}:{second:0>2}" + (f".{fraction}" if fraction else "")
+    return f"{year}-{month:0>2}-{day:0>2}T{clock}" if year and month and day else clock
+
+
+def _find_clock_parts(lines: Sequence[str], stated_time: Place | None) -> ClockWriter | None:
+    """Find a header that names the parts of a time, or one time in UTC beside another; None for others.
+
+    Of a time in UTC and one that is not, the latter is used, unless a person states the former.
+    """
+    for k, line in enumerate(lines[:FEWEST_HEADER_LINES]):
+        for delimiter in DELIMITERS[:-1]:
+            names = split_fields(COMMENT.sub("", line), delimiter)
+            if len(names) < MIN_COLUMNS or any(map(NUMBER.fullmatch, names)):
+                continue
+            rows = [split_fields(row, delimiter) for row in lines[k + 1 : k + 1 + FEWEST_HEADER_LINES]]
+            rows = [row for row in rows if len(row) >= MIN_COLUMNS][-FEWEST_LINES:]
+            parts = _find_parts(names, rows)
+            emptied = _find_other_clock(names, rows, stated_time)
+            if parts or emptied:
+                return ClockWriter(delimiter, parts, emptied)
+    return None
+
+
+def _find_other_clock(
+    names: Sequence[str], rows: Sequence[Sequence[str]], stated_time: Place | None
+) -> tuple[int, ...]:
+    """Return the columns of times in UTC if others are not, with a date if those in UTC have one."""
+    stamps = {k for row in rows for k, field in enumerate(row[: len(names)]) if STAMP_LIKE.search(field)}
+    dated = {k for row in rows for k in stamps if k < len(row) and ANY_DATE.search(row[k])}
+    utc = {k for k in stamps if UTC_NAME.search(names[k])}
+    wanted = stated_time - 1 if isinstance(stated_time, int) else None
+    wanted = names.index(stated_time) if stated_time in names else wanted
+    if not utc or utc == stamps or (dated & utc and not dated - utc):
+        return ()
+    return tuple(sorted(stamps - utc if wanted in utc else utc))
+
+
+def _find_parts(names: Sequence[str], rows: Sequence[Sequence[str]]) -> tuple[int, ...]:
+    """Return the columns of the parts of a time if hour, minute and second are there; else nothing."""
+    found = [-1] * len(LATEST_PARTS)
+    for place, name in enumerate(names):
+        part = TIME_PARTS.get(re.sub(r"[\W_]", "", name.lower()))
+        if part is not None and found[part] < 0:
+            found[part] = place
+    if any(found[part] < 0 for part in OF_CLOCK) or not rows:
+        return ()
+    if any(found[part] < 0 for part in OF_DATE):
+        found[:3] = [-1] * 3
+    read = [join_parts([row[k] if 0 <= k < len(row) else "" for k in found]) for row in rows]
+    if None in read and found[THOUSANDTHS] >= 0:  # a counter of milliseconds since power-on
+        found[THOUSANDTHS] = -1
+        read = [join_parts([row[k] if 0 <= k < len(row) else "" for k in found]) for row in rows]
+    return () if None in read else tuple(found)
+
+
 # The layout of a head.
 
 ASKED = ("date-order", "dates")
@@ -421,7 +554,8 @@ class TextLayout:
     are read with their spaces as tabs. ``device``: the known device whose header this is.
     ``writer``: how rows that name every value, or begin with a serial monitor's time, are rewritten.
     ``doubt``: why a time in a column cannot be read, if a person says which column is the time.
-    ``narrow_header``: a header with fewer names than the rows have fields; ``header`` is then None.
+    ``misfit_header``: a header with more or fewer names than the rows have fields; ``header`` is then None.
+    ``fields_of_a_row``: the fewest and the most; columns that are not always there come last.
     """
 
     delimiter: str
@@ -434,9 +568,10 @@ class TextLayout:
     dates: DateDialect | None = None
     is_single_spaced: bool = False
     device: KnownDevice | None = None
-    writer: LabelWriter | ArrivalWriter | None = None
+    writer: LabelWriter | ArrivalWriter | ClockWriter | None = None
     doubt: UnusableTime | None = None
-    narrow_header: str = ""
+    misfit_header: str = ""
+    fields_of_a_row: tuple[int, int] = (0, 0)
 
     @property
     def n_columns(self) -> int:
@@ -453,13 +588,14 @@ class TextLayout:
 
 @lru_cache(maxsize=4)
 def find_layout(
-    head: str, order: DateOrder | None = None, *, names_time: bool = False, fewest: int = MIN_COLUMNS
+    head: str, order: DateOrder | None = None, *, stated_time: Place | None = None, fewest: int = MIN_COLUMNS
 ) -> TextLayout | None:
     """Understand the head of a table; None if no rows of ``fewest`` numbers are found.
 
     Every reader calls this for the same head, so the last results are cached.
 
-    ``names_time``: a person says which column is the time, or that there is none.
+    ``stated_time``: the column that a person states as the time, by name or number from 1; "": none is;
+    0: all columns are to be shown; None: nobody states anything.
 
     Raises
     ------
@@ -470,27 +606,32 @@ def find_layout(
         day, month and year, as a person gives it).
     """
     lines = [line for line in head.split("\n")[:LABELLED_LINES] if line.strip()]
-    named = [labels for labels, _ in map(_read_labels, lines) if len(labels) >= MIN_COLUMNS]
+    named = [labels for labels, _ in map(read_labels, lines) if len(labels) >= MIN_COLUMNS]
     is_labelled = len(named) >= FEWEST_LINES and 2 * named.count(named[-1]) > len(lines)
     if groups := (named[-1],) if is_labelled else _find_groups(lines):  # most rows begin their values so
-        layout = _find_table(LabelWriter(groups).tabulate_head(head), order, names_time=names_time)
+        layout = _find_table(LabelWriter(groups).tabulate_head(head), order, stated_time=stated_time)
         return (
             replace(layout, writer=LabelWriter(groups), first_line=layout.first_line - 1) if layout else None
         )
     rests = [line[found.end() :] for line in lines if (found := ARRIVED.match(line))]
     if len(rests) < FEWEST_LINES or 2 * len(rests) <= len(lines):
-        return _find_table(head, order, names_time=names_time, fewest=fewest)
+        writer = None if stated_time == 0 else _find_clock_parts(head.split("\n"), stated_time)
+        rewritten = writer.rewrite(head) if writer else head
+        layout = _find_table(rewritten, order, stated_time=stated_time, fewest=fewest)
+        return replace(layout, writer=writer) if layout else None
     counts = {mark: sum(rest.count(mark) for rest in rests) for mark in DELIMITERS[:-1]}
     delimiter = max(counts, key=lambda mark: counts[mark])
     delimiter = delimiter if counts[delimiter] >= len(rests) else " "
     widths = Counter(len(split_fields(rest, delimiter)) for rest in rests)
     arrivals = ArrivalWriter(delimiter, widths.most_common(1)[0][0])
-    layout = _find_table(arrivals.rewrite(head), order, names_time=names_time, fewest=fewest)
+    layout = _find_table(arrivals.rewrite(head), order, stated_time=stated_time, fewest=fewest)
+    if layout and layout.header is None:
+        layout = replace(layout, columns=(Column(ARRIVAL, "time"), *layout.columns[1:]))
     return replace(layout, writer=arrivals) if layout else None
 
 
 def _find_table(
-    head: str, order: DateOrder | None, *, names_time: bool, fewest: int = MIN_COLUMNS
+    head: str, order: DateOrder | None, *, stated_time: Place | None, fewest: int = MIN_COLUMNS
 ) -> TextLayout | None:
     """Parse a head whose rows do not name their values."""
     try:
@@ -524,7 +665,7 @@ def _find_table(
     layout = replace(_describe(lines, delimiter, fewest), dates=dates)
     if doubt is None or any(c.channel == "time" and c.unit for c in layout.columns):
         return layout
-    if not names_time or doubt.facts["why"] in ASKED:
+    if stated_time is None or doubt.facts["why"] in ASKED:
         raise doubt
     return replace(layout, doubt=doubt)
 
@@ -605,10 +746,19 @@ def _describe(lines: Sequence[str], delimiter: str, fewest: int = MIN_COLUMNS) -
     if delimiter == "," and _holds(WITH_COMMA, samples):  # between quotes
         raise AmbiguousDecimal(line=rows[0] + 1)
     width = Counter(map(len, samples)).most_common(1)[0][0]
-    narrow_header = ""
-    if width > len(columns):  # which name belongs to which column is unknown
-        narrow_header, found = (found.names.strip() if found else ""), None
-        columns = (Column("", "other"),) * width
+    cut = {
+        k: lines[k].split() if delimiter == " " else _cut_fields(lines[k], delimiter)
+        for k in range(rows[0], len(lines))
+    }
+    usual, misfit_header = Counter(len(cut[k]) for k in rows).most_common(1)[0][0], ""
+    is_whole = any(len(fields) == len(columns) for fields in cut.values())
+    if width > len(columns) or (
+        usual < len(columns) and not is_whole
+    ):  # which name belongs to which is unknown
+        misfit_header, found = (found.names.strip() if found else ""), None
+    if found is None:
+        columns = (Column("", "other"),) * usual
+    above = split_fields(lines[rows[0] - 1], delimiter) if rows[0] and found is None else ()
     preamble = tuple(lines[: found.first_line if found else rows[0]])
     device = find_known_device(found.names, preamble) if found else None
     units = {"acc": device.acc_unit, "gyr": device.gyr_unit, "time": device.time_unit} if device else {}
@@ -623,7 +773,8 @@ def _describe(lines: Sequence[str], delimiter: str, fewest: int = MIN_COLUMNS) -
         preamble=preamble,
         sample_rows=samples,
         device=device,
-        narrow_header=narrow_header,
+        misfit_header=misfit_header,
+        fields_of_a_row=(min(usual, len(columns)), max(usual, len(columns), len(above))),
     )
 
 
@@ -641,7 +792,7 @@ COARSEST_STEP_G = 0.009
 
 
 def read_layout(
-    source: Source, order: DateOrder | None = None, *, names_time: bool = False
+    source: Source, order: DateOrder | None = None, *, stated_time: Place | None = None
 ) -> TextLayout | None:
     """Parse a table from its head, and from its middle and tail if the head has whole numbers only.
 
@@ -652,7 +803,7 @@ def read_layout(
     fusion.errors.FusionError
         As :func:`find_layout`.
     """
-    layout = sniff_layout(source, order, names_time=names_time)
+    layout = sniff_layout(source, order, stated_time=stated_time)
     if layout is None or find_form(source.head).encoding or isinstance(source.file, UnpackedFile):
         return layout
     has_point = any(re.search(r"\d\.\d", field) for row in layout.sample_rows for field in row)
@@ -672,7 +823,11 @@ def read_layout(
 
 
 def sniff_layout(
-    source: Source, order: DateOrder | None = None, *, names_time: bool = False, fewest: int = MIN_COLUMNS
+    source: Source,
+    order: DateOrder | None = None,
+    *,
+    stated_time: Place | None = None,
+    fewest: int = MIN_COLUMNS,
 ) -> TextLayout | None:
     """Parse a table from its head and, if day and month remain ambiguous, from its last row.
 
@@ -683,7 +838,7 @@ def sniff_layout(
     if first and order is None:
         last = find_last_date(_read_tail(source), fewest)
         order = find_order_by_span(first, last) if last else None
-    return find_layout(head, order, names_time=names_time, fewest=fewest)
+    return find_layout(head, order, stated_time=stated_time, fewest=fewest)
 
 
 def _read_tail(source: Source) -> str:

@@ -7,7 +7,6 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
-from itertools import pairwise
 from statistics import median
 from typing import Any, BinaryIO, get_args
 
@@ -24,29 +23,27 @@ from fusion.readers.archive import unpack
 from fusion.readers.source import open_source
 from fusion.readers.tables.columns import (
     TIME_UNITS_EXPONENT,
-    UNIT_NAMES,
     Channel,
     Column,
     DateOrder,
     choose_vector,
-    guess_exponent,
     parse_column_name,
 )
 from fusion.readers.tables.layout import (
+    ARRIVAL,
     DELIMITERS,
     MIN_COLUMNS,
     SNIFFED_LINES,
+    Place,
     TextLayout,
     decode_head,
     find_layout,
     find_sensors,
     split_fields,
 )
-from fusion.readers.tables.rows import choose_sensor, explain_wide_rows, plan_table, read_times
+from fusion.readers.tables.rows import choose_sensor, explain_misfit, find_unnamed_time, plan_table
 from fusion.recording import ACC_UNITS_G, GYR_UNITS_DPS
 
-Place = str | int
-"""A column by its name in the header, or by its number, counted from 1."""
 HEADER_REACH = 4
 CHOICES: Mapping[str, Sequence[object]] = {
     "acceleration_unit": ("", *ACC_UNITS_G),
@@ -95,6 +92,11 @@ class ColumnProfile:
     def names_columns(self) -> bool:
         """Return whether the profile names columns."""
         return bool(self.sensor or self.acceleration)
+
+    @property
+    def stated_time(self) -> Place | None:
+        """Return the column of the time, "" if there is none, None if the profile names no columns."""
+        return (self.time or "") if self.names_columns else None
 
     def __post_init__(self) -> None:
         """Raise ValueError with the allowed values for an unknown unit or order of the date."""
@@ -188,15 +190,14 @@ def apply_profile(layout: TextLayout, profile: ColumnProfile) -> TextLayout:
 
 def _find_names(layout: TextLayout, profile: ColumnProfile) -> list[str]:
     """Return the header's fields; an unrecognised header is the line just before the rows."""
-    if layout.header is not None:
-        return [column.name for column in layout.columns]
     wanted = {p for p in (*profile.acceleration, *profile.angular_rate) if isinstance(p, str)}
-    if layout.narrow_header and wanted:
-        raise explain_wide_rows(layout)
+    if layout.misfit_header and wanted:
+        raise explain_misfit(layout)
     lines = [split_fields(line, layout.delimiter) for line in layout.preamble[-HEADER_REACH:]]
     best = max(lines, key=lambda names: len(wanted & set(names)), default=[])
-    named = best if wanted & set(best) else []
-    return [*named, *[""] * (layout.n_columns - len(named))][: layout.n_columns]
+    if layout.header is not None or not wanted & set(best):
+        return [column.name for column in layout.columns]
+    return [*best, *[""] * (layout.n_columns - len(best))][: layout.n_columns]
 
 
 def _find_place(names: Sequence[str], place: Place) -> int:
@@ -303,11 +304,11 @@ def propose_profile(head: bytes) -> ProfileProposal:
 def _find_proposed_layout(text: str) -> TextLayout | None:
     """Understand the head of a table; the order of its dates, if open, does not matter here."""
     try:
-        return find_layout(text, names_time=True)
+        return find_layout(text, stated_time=0)
     except UnusableTime as refusal:
         if refusal.facts["why"] != "date-order":
             raise
-        return find_layout(text, "dmy", names_time=True)
+        return find_layout(text, "dmy", stated_time=0)
 
 
 def _find_first_rows(text: str, layout: TextLayout) -> tuple[tuple[str, ...], ...]:
@@ -347,8 +348,8 @@ def identify_header(file: BinaryIO) -> str:
     except FusionError:
         return ""
     names = [column.name for column in _find_columns(layout)]
-    text = json.dumps([layout.delimiter, names])
-    mark = "" if any(names) else "-"
+    mark = "" if set(names) - {"", ARRIVAL} else "-"
+    text = json.dumps([layout.delimiter, [""] * len(layout.sample_rows[0]) if mark else names])
     return mark + hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
@@ -367,8 +368,11 @@ def check_profile(head: bytes, profile: ColumnProfile) -> None:
 
 def _find_head_layout(head: bytes, profile: ColumnProfile | None = None) -> TextLayout:
     text = decode_head(open_source(io.BytesIO(head), is_hashed=False))
-    names_time = profile is not None and profile.names_columns
-    layout = find_layout(text, profile.date_order if profile else None, names_time=names_time)
+    layout = find_layout(
+        text,
+        profile.date_order if profile else None,
+        stated_time=profile.stated_time if profile else None,
+    )
     if layout is None:
         raise UnknownFormat(kind="text")
     return layout
@@ -404,10 +408,7 @@ def _find_time(layout: TextLayout, columns: Sequence[Column]) -> tuple[int | Non
     for place, column in enumerate(columns):
         if column.channel == "time":
             return place, column.unit or ""
-    for place, column in enumerate(columns):
-        times = read_times([row[place] for row in layout.sample_rows if len(row) > place], layout.decimal)
-        advances = len(times) > 1 and all(before < after for before, after in pairwise(times))
-        exponent = guess_exponent(times) if column.channel == "other" and advances else None
-        if exponent is not None:
-            return place, UNIT_NAMES[exponent]
+    found = find_unnamed_time(layout, columns)
+    if found is not None:
+        return found
     return None, ""

@@ -28,8 +28,11 @@ from fusion.readers.samples import SampleColumns, drop_blank_rows
 from fusion.readers.source import Source
 from fusion.readers.tables import csv_lines
 from fusion.readers.tables.columns import (
+    ENDS_IN_TIME,
+    EPOCH,
     GYROSCOPE,
     IN_MICROSECONDS,
+    UNIT_NAMES,
     Column,
     OffsetChange,
     StampWriter,
@@ -41,6 +44,7 @@ from fusion.readers.tables.columns import (
     count_from_1970,
     find_time_unit,
     flag_changes,
+    guess_exponent,
     name_missing,
     parse_zone_s,
     rewrite_pieces,
@@ -49,11 +53,13 @@ from fusion.readers.tables.csv_lines import IGNORED, STAMP
 from fusion.readers.tables.layout import (
     ARRIVAL,
     CALENDAR,
+    UTC_NAME,
     TextLayout,
     drop_lines,
     find_sensors,
     read_line_pieces,
     read_text_pieces,
+    split_fields,
 )
 from fusion.readers.time.clock import datetime_at_us, format_offset, is_clock_set, trust_clock
 from fusion.readers.time.grid import Grid, repair_row_times
@@ -187,8 +193,7 @@ def plan_table(layout: TextLayout) -> TablePlan:
     place, time = choose_stamp(layout)
     if place is not None:
         if targets[place] != IGNORED:  # a profile that counts the columns without the time
-            missing = ("ax", "ay", "az", "gx", "gy", "gz")[targets[place] - 1]
-            raise UnknownColumns(missing=missing)
+            raise UnknownColumns(why="time counted")
         targets[place] = STAMP
     return TablePlan(
         layout,
@@ -222,8 +227,8 @@ def choose_sensor(layout: TextLayout, sensor: str = "") -> TextLayout:
 
 
 def _refuse_columns(layout: TextLayout) -> NoReturn:
-    if layout.narrow_header:
-        raise explain_wide_rows(layout)
+    if layout.misfit_header:
+        raise explain_misfit(layout)
     channels = {column.channel for column in layout.columns}
     is_named = any(GYROSCOPE.search(column.name) for column in layout.columns)  # `gyroscope_alpha`
     if "acc" in channels and "gyr" not in channels and not is_named:
@@ -234,10 +239,13 @@ def _refuse_columns(layout: TextLayout) -> NoReturn:
     raise UnknownColumns(list=names, **name_missing(layout.columns))
 
 
-def explain_wide_rows(layout: TextLayout) -> UnknownColumns:
-    """Return the error for rows with more fields than the header has names."""
-    names = layout.narrow_header[:LONGEST_LIST]
-    return UnknownColumns(list=names, why="wide rows", line=layout.first_line + 1)
+def explain_misfit(layout: TextLayout) -> UnknownColumns:
+    """Return the error for rows with more or fewer fields than the header has names."""
+    names = layout.misfit_header[:LONGEST_LIST]
+    is_wide = layout.n_columns > len(split_fields(layout.misfit_header, layout.delimiter))
+    return UnknownColumns(
+        list=names, why="wide rows" if is_wide else "narrow rows", line=layout.first_line + 1
+    )
 
 
 def choose_stamp(layout: TextLayout) -> tuple[int | None, TimeColumn]:
@@ -250,12 +258,13 @@ def choose_stamp(layout: TextLayout) -> tuple[int | None, TimeColumn]:
     places.sort(key=lambda k: (columns[k].name == ARRIVAL, columns[k].unit is None))
     if layout.header is not None and not columns[0].name:
         places.append(0)  # the index that programs write before the columns has no name
-    for place in places:
+    named = [k for k, c in enumerate(columns) if c.channel == "other" and ENDS_IN_TIME.search(c.name)]
+    for place in (*places, *calendars, *named):
         fields = [row[place] for row in layout.sample_rows if len(row) > place]
         if place in calendars:
-            return place, choose_calendar(layout)
+            return place, choose_calendar(layout, place)
         if place - 1 in calendars and not any(fields):  # the time of the date in the column before
-            return place - 1, choose_calendar(layout)
+            return place - 1, choose_calendar(layout, place - 1)
         times = read_times(fields, layout.decimal)
         distances = {after - before for before, after in pairwise(times)}
         if layout.columns[place].unit is None and distances == {1.0} and times[0] in (0.0, 1.0):
@@ -265,8 +274,6 @@ def choose_stamp(layout: TextLayout) -> tuple[int | None, TimeColumn]:
             has_part = True
         elif unit is not None:
             return place, TimeColumn("number", unit)
-    if calendars:
-        return calendars[0], choose_calendar(layout)
     for place, column in enumerate(layout.columns):
         if column.channel == "counter" and column.name.strip().lower() == "packetcounter":
             fields = [row[place] for row in layout.sample_rows if len(row) > place]
@@ -278,6 +285,18 @@ def choose_stamp(layout: TextLayout) -> tuple[int | None, TimeColumn]:
     if has_part:
         raise UnusableTime(why="form")
     return None, TimeColumn()
+
+
+def find_unnamed_time(layout: TextLayout, columns: Sequence[Column]) -> tuple[int, str] | None:
+    """Return the first column of another name that advances as stamps do, and its unit; None for none."""
+    for place, column in enumerate(columns):
+        fields = [row[place] for row in layout.sample_rows if len(row) > place]
+        times = read_times(fields, layout.decimal) if column.channel == "other" else []
+        distances = {after - before for before, after in pairwise(times)}
+        exponent = guess_exponent(times) if distances - {1.0} and min(distances) > 0.0 else None
+        if exponent is not None:
+            return place, UNIT_NAMES[exponent]
+    return None
 
 
 def _is_part_of_second(times: Sequence[float], unit: TimeUnit) -> bool:
@@ -297,12 +316,14 @@ def find_calendars(layout: TextLayout) -> list[int]:
     ]
 
 
-def choose_calendar(layout: TextLayout) -> TimeColumn:
-    """Describe a column of dates with times, or of times of day."""
+def choose_calendar(layout: TextLayout, place: int) -> TimeColumn:
+    """Describe a column of dates with times, or of times of day; its name may state that it is in UTC."""
     dates = layout.dates
+    offset_s = 0 if UTC_NAME.search(layout.columns[place].name) else None
     if dates is None:
-        return TimeColumn("calendar")
-    return TimeColumn("calendar", IN_MICROSECONDS, dates.offset_s, dates.has_date, dates.is_doubtful)
+        return TimeColumn("calendar", offset_s=offset_s)
+    offset_s = offset_s if dates.offset_s is None else dates.offset_s
+    return TimeColumn("calendar", IN_MICROSECONDS, offset_s, dates.has_date, dates.is_doubtful)
 
 
 def read_times(fields: Sequence[str], decimal: str) -> list[float]:
@@ -412,9 +433,12 @@ def _make_rules(plan: TablePlan) -> csv_lines.Rules:
             columns[target] = column
     if columns[4] < 0:  # a table of one sensor: only lines with six readings are read on the plain path
         columns[4:] = columns[1:4]
+    fewest, most = layout.fields_of_a_row
+    more = (IGNORED,) * (most - len(plan.targets))
     return csv_lines.Rules(
         header=np.frombuffer((layout.header or "").split("\0")[0].encode(), np.uint8),
-        targets=np.array(plan.targets, np.int64),
+        targets=np.array((*plan.targets, *more), np.int64),
+        fewest=max(fewest, int(columns.max()) + 1),
         columns=columns,
         scales=np.array([1.0] + 3 * [plan.acc_scale] + 3 * [plan.gyr_scale]),
         delimiter=ord(layout.delimiter),
@@ -535,12 +559,26 @@ def _read_stated_start(facts: Mapping[str, str]) -> datetime | None:
     return None
 
 
-def find_clock(layout: TextLayout, time: TimeColumn, first_us: int) -> TableClock:
+def find_clock_place(plan: TablePlan, first_us: int) -> int | None:
+    """Return the column of a calendar beside stamps that count from power-on; None for none."""
+    is_count = plan.time.kind == "number" and plan.time.read_start(first_us) is None
+    calendars = find_calendars(plan.layout) if is_count else []
+    return calendars[0] if calendars else None
+
+
+def find_clock(plan: TablePlan, first_us: int) -> TableClock:
     """Read the clock at the first row: from the preamble (`# start: 2026-03-02T07:58:00-05:00`) or a stamp.
 
-    If both exist and differ, the rows' time is used; the preamble's offset applies to both.
+    If both exist and differ, the rows' time is used; the preamble's offset applies to both. Stamps that count
+    from power-on leave the start to a calendar in another column.
     """
-    start = time.read_start(first_us)
+    layout, time = plan.layout, plan.time
+    start, place = time.read_start(first_us), find_clock_place(plan, first_us)
+    if place is not None:
+        time = choose_calendar(layout, place)
+        with suppress(ValueError):
+            moment = datetime.fromisoformat(layout.sample_rows[0][place].strip("Z").replace(",", "."))
+            start = time.read_start((moment - EPOCH) // timedelta(microseconds=1))
     flags: tuple[QualityFlag, ...] = ()
     stated = _read_stated_start(layout.facts())
     if stated is not None:

@@ -10,6 +10,7 @@ from fusion.errors import (
     AmbiguousDecimal,
     FusionError,
     NoGyroscope,
+    SeparateLines,
     SeveralSensors,
     UnknownColumns,
     UnknownUnit,
@@ -116,15 +117,6 @@ def test_a_monitor_s_time_without_milliseconds_is_stripped() -> None:
 
 def test_six_names_that_a_person_writes_above_a_monitor_s_rows_are_enough() -> None:
     check_whole(read_text(f"{CHANNELS}\n" + make_rows("{clock} -> {row}")))
-
-
-def test_a_profile_that_takes_the_time_for_a_sensor_is_refused() -> None:
-    profile = ColumnProfile((1, 2, 3), (4, 5, 6))
-
-    with pytest.raises(UnknownColumns) as refusal:
-        read_with(make_rows("{clock} -> {row}"), profile)
-
-    assert refusal.value.facts["missing"] == "ax"
 
 
 def test_the_line_that_putty_writes_above_a_log_does_no_harm() -> None:
@@ -476,10 +468,10 @@ def test_text_that_holds_no_two_sensors_is_refused(text: str) -> None:
 def test_rows_of_one_sensor_each_are_not_called_acceleration_only() -> None:
     rows = "".join(f"{k},accelerometer,0.1,0.2,9.8\n{k},gyroscope,0.1,0.2,0.3\n" for k in range(200))
 
-    with pytest.raises(UnknownColumns) as refusal:
+    with pytest.raises(SeparateLines) as refusal:
         read_text("time_ms,sensor,x,y,z\n" + rows)
 
-    assert refusal.value.facts["why"] == "sensor rows"
+    assert refusal.value.facts == {"list": "time_ms,sensor,x,y,z"}
 
 
 def test_a_zip_with_one_sensor_is_not_asked_for_a_zip() -> None:
