@@ -51,7 +51,8 @@ from app.live.ports import (
 HISTORY_S = 60.0
 MAX_SESSIONS = 50
 ENDED_TERM_S = 3600.0
-"""How long an ended session can be queried."""
+"""How long an ended session can be queried, if it is among the last :data:`MOST_ENDED`."""
+MOST_ENDED = 200
 TICK_S = 0.2
 SENDER_LIMIT_S = 5.0
 STALL_S = 60.0
@@ -135,6 +136,8 @@ class SessionProcess:
     def end(self, sender: threading.Thread) -> None:
         """Kill the process if it runs; close the pipe when the thread that sends has noticed."""
         end_child(self._child)
+        with suppress(ValueError):  # its end is not reported
+            self._child.close()  # otherwise an ended session holds two open files
         sender.join(SENDER_LIMIT_S)
         if not sender.is_alive():  # else it could send into a file that reuses the number of the pipe
             self._pipe.close()
@@ -410,10 +413,12 @@ class LiveHub:
         return session
 
     def _drop_ended(self) -> None:
-        for ended_id, ended in list(self._sessions.items()):
-            if ended.state != "running" and time.monotonic() - ended.ended_s > ENDED_TERM_S:
-                del self._sessions[ended_id], self._threads[ended_id]
-                ended.files.shown.unlink(missing_ok=True)
+        ended = [session for session in self._sessions.values() if session.state != "running"]
+        ended.sort(key=lambda session: session.ended_s, reverse=True)
+        for rank, session in enumerate(ended):
+            if rank >= MOST_ENDED or time.monotonic() - session.ended_s > ENDED_TERM_S:
+                del self._sessions[session.id], self._threads[session.id]
+                session.files.shown.unlink(missing_ok=True)
 
     def get(self, session_id: str) -> RunningSession:
         """Return a session that is running or ended less than an hour ago. Raises NotHere."""

@@ -55,10 +55,10 @@ def count_rows(files: SessionFiles) -> int:
 class Started:
     """A session of a board that has sent 300 rows, and its messages."""
 
-    def __init__(self, shelf: Shelf, files: SessionFiles) -> None:
+    def __init__(self, shelf: Shelf, files: SessionFiles, hub: LiveHub | None = None) -> None:
         port = PushedPort()
         port.push((PREAMBLE + HEADER + write_rows(0, 300)).encode())
-        self.hub, self.messages = LiveHub(shelf), list[dict[str, Any]]()
+        self.hub, self.messages = hub or LiveHub(shelf), list[dict[str, Any]]()
         self.session = self.hub.start(OPTIONS, files, LIMITS, port)
         self.session.watch(lambda message: self.messages.append(dict(message)))
         wait_for(lambda: self.messages[-1].get("status", {}).get("frames") == 300)
@@ -96,6 +96,50 @@ def test_a_board_that_changes_its_rate_ends_the_session_with_the_code_and_what_c
 
     assert (end["state"], end["code"], end["analysis"]) == ("failed", "E-TIME", "an_1")
     assert shelf.kept == [300]
+
+
+def list_pipes() -> set[str]:
+    return {link for link in map(read_link, Path("/proc/self/fd").iterdir()) if link.startswith("pipe:")}
+
+
+def read_link(path: Path) -> str:
+    try:
+        return str(path.readlink())
+    except FileNotFoundError:  # the folder itself was listed
+        return ""
+
+
+def test_an_ended_session_holds_no_open_file(tmp_path: Path) -> None:
+    shelf = Shelf(tmp_path)
+    first = Started(shelf, shelf.begin())  # starts the fork server
+    first.session.stop()
+    first.wait_for_end()
+    before = list_pipes()
+    started = Started(shelf, shelf.begin())
+    during = list_pipes()
+
+    started.session.stop()
+    started.wait_for_end()
+
+    assert during - before
+    assert list_pipes() <= before
+
+
+def test_the_hub_forgets_the_oldest_ended_session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(hubs, "MOST_ENDED", 1)
+    shelf = Shelf(tmp_path)
+    first = Started(shelf, shelf.begin())
+    first.session.stop()
+    first.wait_for_end()
+    second = Started(shelf, shelf.begin(), first.hub)
+    second.session.stop()
+    second.wait_for_end()
+
+    third = Started(shelf, shelf.begin(), first.hub)
+
+    assert set(first.hub._sessions) == {second.session.id, third.session.id}
+    third.session.stop()
+    third.wait_for_end()
 
 
 @pytest.mark.parametrize("error", [OSError("full"), OperationalError("", None, OSError("database away"))])
