@@ -121,6 +121,7 @@ class HeadlineFigures:
     method_version: int = 0
     day: str = ""
     calibration_state: str = ""
+    analysed_s: float | None = None
 
 
 def read_headline(results: Path) -> HeadlineFigures | None:
@@ -138,6 +139,7 @@ def read_headline(results: Path) -> HeadlineFigures | None:
             method_version=int(method["version"]),
             day=summarise_day(found["exposure"]["minutes"]["p50_deg"]),
             calibration_state=(found.get("calibration") or {}).get("state") or "",
+            analysed_s=found["time"]["analysed_s"],
         )
     except (OSError, ValueError, KeyError, TypeError):
         return None
@@ -401,7 +403,13 @@ def _read_entry(row: Any, report: Job | None) -> Entry:
     headline, tags = None, read_tags(row.tags)
     if row.verdict:
         figures = (row.verdict, row.start, row.recorded_s, row.above_60_percent)
-        made = (row.method or "", row.method_version or 0, row.day or "", row.calibration_state or "")
+        made = (
+            row.method or "",
+            row.method_version or 0,
+            row.day or "",
+            row.calibration_state or "",
+            row.analysed_s,
+        )
         headline = HeadlineFigures(*figures, *made)
     if report is None:
         return Entry(read_job(row), headline, tags=tags)

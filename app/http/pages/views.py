@@ -459,8 +459,8 @@ def find_durations(services: Services, entries: Sequence[Entry]) -> tuple[Analys
 
 
 def _format_verdict(headline: HeadlineFigures, words: Words) -> str:
-    """Return the quality in two words, and separately that a recording is short."""
-    is_short = headline.recorded_s is not None and headline.recorded_s < FEW_H * 3600
+    """Return the quality in two words, and separately that little of a day was analysed, as in the report."""
+    is_short = headline.analysed_s is not None and headline.analysed_s < FEW_H * 3600
     shown = (words["verdict_short"].get(headline.verdict, ""), words["column"]["short"] if is_short else "")
     return ", ".join(filter(None, shown))
 

@@ -14,7 +14,7 @@ from sqlalchemy import (
     Text,
 )
 
-REVISION = "b1"  # of these tables; changing them needs a migration in app/library/migrations
+REVISION = "b2"  # of these tables; changing them needs a migration in app/library/migrations
 
 metadata = MetaData()
 
@@ -185,6 +185,7 @@ answers = Table(
     Column("method_version", Integer),
     Column("day", Text),
     Column("calibration_state", String(16)),
+    Column("analysed_s", Float),
 )
 
 # A named filter and order of the list.

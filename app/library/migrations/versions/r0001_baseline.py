@@ -8,7 +8,7 @@ from alembic import op
 
 from app.library.database.tables import metadata
 
-revision = "b1"
+revision = "b2"
 down_revision = None
 
 
