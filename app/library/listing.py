@@ -403,14 +403,8 @@ def _read_entry(row: Any, report: Job | None) -> Entry:
     headline, tags = None, read_tags(row.tags)
     if row.verdict:
         figures = (row.verdict, row.start, row.recorded_s, row.above_60_percent)
-        made = (
-            row.method or "",
-            row.method_version or 0,
-            row.day or "",
-            row.calibration_state or "",
-            row.analysed_s,
-        )
-        headline = HeadlineFigures(*figures, *made)
+        made = (row.method or "", row.method_version or 0, row.day or "", row.calibration_state or "")
+        headline = HeadlineFigures(*figures, *made, analysed_s=row.analysed_s)
     if report is None:
         return Entry(read_job(row), headline, tags=tags)
     return Entry(report, headline, read_job(row), tags)
