@@ -71,7 +71,7 @@ def mark_drawing_safe(svg: str) -> Markup:
     return Markup(svg)  # noqa: S704
 
 
-_RANGE = re.compile(r"\d[\d.,]*(?:\s(?:min|s|h|%))?–\d[\d.,]*(?:\s(?:min|s|h|%))?")
+_RANGE = re.compile(r"(?<![\d.,])\d[\d.,]*(?:\s(?:min|s|h|%))?–\d[\d.,]*(?:\s(?:min|s|h|%))?")
 
 
 def keep_ranges_whole(text: str) -> Markup:
