@@ -130,11 +130,12 @@ class HeadlineFigures:
     calibration_state: str = ""
     above_60_low_percent: float | None = None
     above_60_high_percent: float | None = None
+    analysed_s: float | None = None
 
     @property
     def is_short(self) -> bool:
-        """Whether less than 4 h were recorded, too little to rank it among working days."""
-        return self.recorded_s is not None and self.recorded_s < SHORT_S
+        """Whether less than 4 h were analysed, as in the report, too little to rank it among working days."""
+        return self.analysed_s is not None and self.analysed_s < SHORT_S
 
     @property
     def interval(self) -> Interval | None:
@@ -160,6 +161,7 @@ def read_headline(results: Path) -> HeadlineFigures | None:
             calibration_state=(found.get("calibration") or {}).get("state") or "",
             above_60_low_percent=above.get("low"),
             above_60_high_percent=above.get("high"),
+            analysed_s=found["time"]["analysed_s"],
         )
     except (OSError, ValueError, KeyError, TypeError):
         return None
@@ -421,7 +423,7 @@ def _choose_order(wanted: LibraryFilter) -> tuple[ColumnElement[Any], ...]:
     is_falling = (wanted.order in DESCENDING) != wanted.is_reversed
     turned = (column.desc() if is_falling else column.asc()).nulls_last()
     is_ranking = wanted.order in ("quality", "above_60")
-    short_last = (case((answers.c.recorded_s < SHORT_S, 1), else_=0),) if is_ranking else ()
+    short_last = (case((answers.c.analysed_s < SHORT_S, 1), else_=0),) if is_ranking else ()
     return (*short_last, turned, *_newest_first())
 
 
@@ -514,7 +516,8 @@ def _read_entry(row: Any, report: Job | None) -> Entry:
     if row.verdict:
         figures = (row.verdict, row.start, row.recorded_s, row.above_60_percent)
         made = (row.method or "", row.method_version or 0, row.day or "", row.calibration_state or "")
-        headline = HeadlineFigures(*figures, *made, row.above_60_low_percent, row.above_60_high_percent)
+        interval = row.above_60_low_percent, row.above_60_high_percent
+        headline = HeadlineFigures(*figures, *made, *interval, row.analysed_s)
     if report is None:
         return Entry(read_job(row), headline, None, tags, row.folder, row.subject)
     return Entry(report, headline, read_job(row), tags, row.folder, row.subject)

@@ -14,7 +14,7 @@ from sqlalchemy import (
     Text,
 )
 
-REVISION = "b2"  # of these tables; changing them needs a migration in app/library/migrations
+REVISION = "b3"  # of these tables; changing them needs a migration in app/library/migrations
 
 metadata = MetaData()
 
@@ -189,6 +189,7 @@ answers = Table(
     Column("calibration_state", String(16)),
     Column("above_60_low_percent", Float),
     Column("above_60_high_percent", Float),
+    Column("analysed_s", Float),
 )
 
 # A named filter and order of the list.

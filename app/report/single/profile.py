@@ -282,7 +282,8 @@ def _build_uncertainty(context: Context) -> Drawing:
     above = findings.find_above_60()
     interval, days = above.interval, combine_days(above.percent, above.interval)
     is_short = findings.extent == "short"
-    combined = None if is_short else days.combined
+    is_poor = findings.quality.verdict == "poor"  # then no range is one to rely on
+    combined = None if is_short or is_poor else days.combined
     between = None if is_short else days.between
 
     def build_bar(name: str, spread: Interval | None, *, is_combined: bool = False) -> UncertaintyBar:

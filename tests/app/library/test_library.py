@@ -8,7 +8,7 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import delete
 
-from app.http.pages.views import draw_spark
+from app.http.pages.views import build_entry, draw_spark
 from app.library.batches import identify_study
 from app.library.database.tables import saved_views
 from app.library.jobs import JobStore
@@ -49,6 +49,18 @@ def add_report(store: JobStore, add_job: AddJob) -> AddJob:
 
 def list_ids(library: Library, wanted: LibraryFilter) -> list[str]:
     return [entry.job.id for entry in library.find_page(wanted, 10)]
+
+
+def test_a_recording_is_short_by_what_was_analysed_as_in_its_report(
+    library: Library, store: JobStore, add_job: AddJob
+) -> None:
+    add_job()
+    finish_next(store, HeadlineFigures("good", "2026-03-02T07:00:00", 28800.0, 7.0, analysed_s=3.9 * 3600))
+
+    (entry,) = library.find_page(LibraryFilter(), 10)
+    figures = build_entry(entry, "en").figures
+    assert figures is not None
+    assert figures["quality"] == "good data, short"
 
 
 def test_a_recording_shows_its_newest_analysis_alone(

@@ -35,7 +35,7 @@ NAMES = {
     *("P10–P90 by minute median not analysed no data", "Time Above 60° Task (write in)"),
     *("Task Above 60° Share", "Tasks most above 60°", "Quarter hours most above 60°"),
     "ActiGraph GT9X Link",
-    *("2. Next time, calibrate leaning to the side (the N-", "pose reads low)."),
+    *("2. Next time, calibrate leaning to the side (the", "N-pose reads low)."),
     "this day: pose up to 15° low",
 }
 STANDINGS = {

@@ -264,6 +264,16 @@ def test_all_sources_together_lead_the_list_on_the_scale_of_the_tile() -> None:
     assert ">10 %<" in plain(sure.svg)
 
 
+def test_poor_data_have_no_range_to_rely_on_and_no_step_that_relies_on_them() -> None:
+    upside = (QualityFlag("W-UPSIDE", 1, 25_500.0),)
+    poor = replace(make_analysis(exposure=ranged_day()), quality=Quality("poor", ("W-UPSIDE",), upside))
+    profile = profile_of(poor)
+
+    assert "any day of this work" not in profile.sure.alternative
+    assert profile.next_steps[0] == "Check pose and sensor axis: the angle may be upside down."
+    assert not any("planned change" in step or "Look at" in step for step in profile.next_steps)
+
+
 @pytest.mark.parametrize(("high", "is_told"), [(7.0, False), (9.0, True)])
 def test_a_day_below_the_proposal_does_not_speak_for_other_days(high: float, is_told: bool) -> None:
     # 5.0 + sqrt(2.0² + 3.92²) = 9.4; 5.0 + sqrt(4.0² + 3.92²) = 10.6

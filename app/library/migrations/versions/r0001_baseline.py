@@ -8,7 +8,7 @@ from alembic import op
 
 from app.library.database.tables import metadata
 
-revision = "b2"
+revision = "b3"
 down_revision = None
 
 
