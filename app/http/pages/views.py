@@ -349,7 +349,8 @@ class ShownEntry:
 
     ``when`` is the start of the recording or, if unknown (``is_added``), when it was added. ``figures`` is
     None without a report. ``attempt`` is a newer analysis that is running or failed; the row keeps its
-    report. ``tags``: each with the query that lists its recordings.
+    report. ``tags``: each with the query that lists its recordings. ``questions``: the open ones, see
+    :func:`list_questions`.
     """
 
     row: JobRow
@@ -511,7 +512,7 @@ def build_entry(entry: Entry, language: Language, took: Sequence[AnalysisDuratio
 
 
 def list_questions(job: Job, headline: HeadlineFigures) -> tuple[str, ...]:
-    """List what nobody has answered about a recording with a report: "who", "arm", "pose"."""
+    """Return the open questions about a recording with a report: "who", "arm", "pose"."""
     is_open = {
         "who": not job.request.subject,
         "arm": job.request.side is None,

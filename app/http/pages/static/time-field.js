@@ -7,7 +7,7 @@ import { fill } from "./say.js";
 const FIELD = ".moment, [data-moments]";
 const ROW = ".period, .window, .span";
 // "1", "10:", "10h2", "102": a time that is not finished is not marked before the field is left.
-const UNFINISHED = /^(?:\d{4}-\d{2}-\d{2}[ T])?(?:\d{1,3}|\d{1,2}\s?[:.,h]\s?\d?|\d{1,2}([:.,])\d{2}\1\d?)$|^\d{4}-?[\d-]*$/i;
+const UNFINISHED = /^(?:\d{4}-\d{2}-\d{2}[ T])?(?:\d{1,3}|\d{1,2}\s?[:.,h]\s?\d?|\d{1,2}([:.,])\d{2}\1\d?)$|^\d{4}-[\d-]*$/i;
 
 let count = 0;
 
