@@ -55,6 +55,8 @@ ANY_FILE_S = 3.0
 """Time that an analysis of any file takes, however short, s."""
 USUAL_S_PER_MB = {".gt3x": 0.3, ".cwa": 0.3, ".zip": 0.3, ".gz": 0.2, "": 0.05}
 """Time per size of a file until this computer has analysed one of the kind; "" for tables, s/MB."""
+OPEN_POSES = ("assumed", "none")
+"""States of a calibration that nobody has confirmed (:data:`fusion.conventions.CalibrationState`)."""
 PREPARING_S = 10.0
 """Usual time of the preparation, once after installation, s."""
 MAX_PERIODS = 12
@@ -516,7 +518,7 @@ def list_questions(job: Job, headline: HeadlineFigures) -> tuple[str, ...]:
     is_open = {
         "who": not job.request.subject,
         "arm": job.request.side is None,
-        "pose": headline.calibration_state == "assumed",
+        "pose": headline.calibration_state in OPEN_POSES,
     }
     return tuple(name for name, is_missing in is_open.items() if is_missing)
 
