@@ -134,15 +134,15 @@ def build_row(job: Job, language: Language, took: Sequence[AnalysisDuration] = (
         str(words["state"][job.state.value]),
         round(100 * job.progress),
     )
-    times = []
-    if job.started_at is not None and job.state not in (JobState.QUEUED, JobState.CANCELLED):
+    times, left_s = [], estimate_left_s(job, took, now)
+    if left_s:
+        times.append(fill(row_words["time_left"], {"duration": format_duration(left_s, language)}))
+    elif job.started_at is not None and job.state not in (JobState.QUEUED, JobState.CANCELLED):
         seconds = max(0.0, ((job.ended_at or now) - job.started_at).total_seconds())
         shown = format_duration(seconds if job.ended_at else float(int(seconds)), language)
         times.append(fill(row_words["took" if job.ended_at else "running_for"], {"duration": shown}))
-    left_s = estimate_left_s(job, took, now)
-    if left_s is not None:
-        shown = fill(row_words["time_left"], {"duration": format_duration(left_s, language)})
-        times.append(shown if left_s else str(row_words["longer"]))
+        if left_s is not None:
+            times.append(str(row_words["longer"]))
     duration = ", ".join(times)
     # a first report needs no number, and a failed analysis has none
     has_version = request.version > 1 and job.state not in (JobState.FAILED, JobState.CANCELLED)
