@@ -36,6 +36,7 @@ from app.report.words.numbers import (
     format_percent,
 )
 from app.report.words.wording import Language, Words, fill, load_wording
+from app.request import ReportRequest
 from app.services import Services
 from fusion import errors
 from fusion.caveats import FEW_H
@@ -509,15 +510,15 @@ def build_entry(entry: Entry, language: Language, took: Sequence[AnalysisDuratio
         figures=figures,
         tags=tuple((tag, urlencode({"tag": tag})) for tag in entry.tags),
         attempt=build_row(attempt, language, took) if attempt else None,
-        questions=list_questions(job, headline) if headline else (),
+        questions=list_questions(job.request, headline) if headline else (),
     )
 
 
-def list_questions(job: Job, headline: HeadlineFigures) -> tuple[str, ...]:
+def list_questions(request: ReportRequest, headline: HeadlineFigures) -> tuple[str, ...]:
     """Return the open questions about a recording with a report: "who", "arm", "pose"."""
     is_open = {
-        "who": not job.request.subject,
-        "arm": job.request.side is None,
+        "who": not request.subject,
+        "arm": request.side is None,
         "pose": headline.calibration_state in OPEN_POSES,
     }
     return tuple(name for name, is_missing in is_open.items() if is_missing)
