@@ -497,7 +497,7 @@ def _build_conditions(wanted: LibraryFilter, report_id: ColumnElement[Any]) -> l
 def _is_in_group(group: Group, job: Any, headline: Any, report_id: ColumnElement[Any]) -> ColumnElement[bool]:
     """Return the condition of a group from the columns of analyses and answers."""
     failed, has_no_report = job.state == JobState.FAILED, report_id.is_(None)
-    is_long = func.coalesce(headline.recorded_s, SHORT_S) >= SHORT_S
+    is_long = func.coalesce(headline.analysed_s, SHORT_S) >= SHORT_S
     conditions: Mapping[str, ColumnElement[bool]] = {
         "all": true(),
         "active": job.state.in_(_ACTIVE),

@@ -16,9 +16,11 @@ from app.report.words.numbers import format_duration
 from app.report.words.wording import Language, fill, load_wording
 from app.settings import Settings
 from fusion.simulation import write_recordings
+from tests.fusion.pose.test_poses import ASIDE, Course, tilted
 from tests.pages.conftest import keep_picture
 from tests.pages.steps import END_MS, find_row, open_home, wait_for_end
 from tests.pages.test_everyone import SCREENS, Look, list_barriers
+from tests.pages.test_pose import send
 from tests.ways_in.servers import RunningServer
 
 pytestmark = pytest.mark.browser
@@ -188,6 +190,24 @@ def test_a_pose_held_at_another_time_is_typed_and_a_window_that_moved_is_refused
 
     expect(page.get_by_role("heading", name="The answer in short")).to_be_visible(timeout=END_MS)
     expect(page.locator(".verdict").first).to_contain_text("Calibration pose: stated (07:00:05")
+
+
+def test_if_no_stretch_can_be_proposed_the_time_of_the_pose_can_be_typed(
+    page: Page, server: RunningServer, tmp_path: Path
+) -> None:
+    late = Course().move(620.0).hold(10.0, ASIDE).walk(120.0, tilted(15.0))  # after the first ten minutes
+    send(server, tmp_path, "restless.csv", late.record())
+    page.goto(f"{server.address}?text=restless&lang=en")
+
+    mark = page.locator(".open-question")
+    expect(mark).to_have_text("pose?")
+    mark.click()
+
+    card = wait_for_questions(page)
+    expect(card.locator(".stretch")).to_have_count(0)
+    expect(card).to_contain_text("Calibration pose: none found.")
+    card.get_by_label("At another time").check()
+    expect(card.locator("[name=pose_start]")).to_be_visible()
 
 
 @pytest.fixture(scope="module")

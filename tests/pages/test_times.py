@@ -28,7 +28,7 @@ def unclocked(server: RunningServer, tmp_path_factory: pytest.TempPathFactory) -
 
 def find_note(page: Page, field: Locator) -> Locator:
     """Return the message that is read with a field."""
-    return page.locator(f"#{field.get_attribute('aria-describedby')}")
+    return page.locator(f"#{(field.get_attribute('aria-describedby') or '').split()[0]}")
 
 
 @pytest.mark.parametrize(("width", "language"), SCREENS)
@@ -63,6 +63,12 @@ def test_a_period_is_typed_in_any_spelling_and_marked_where_it_cannot_be(
         field.scroll_into_view_if_needed()
         box = field.bounding_box() or pytest.fail("not shown")
         assert 0 <= box["x"] <= box["x"] + box["width"] <= width
+    slips = page.locator("#slips")
+    slips.fill("7h01; 1075")
+    expect(find_note(page, slips)).to_have_text(words["unreadable"])
+    slips.fill("7h01; 0702")
+    slips.press("Tab")
+    expect(slips).to_have_value("07:01:00; 07:02:00")
     keep_picture(page, f"times-{width}-{language}")
     assert list_barriers(page, Look(language, "light", width), "#correction") == []
 

@@ -36,6 +36,7 @@ from app.report.words.numbers import (
     format_percent,
 )
 from app.report.words.wording import Language, Words, fill, load_wording
+from app.request import ReportRequest
 from app.services import Services
 from fusion import errors
 from fusion.conventions import METHOD_VERSION
@@ -54,6 +55,8 @@ ANY_FILE_S = 3.0
 """Time that an analysis of any file takes, however short, s."""
 USUAL_S_PER_MB = {".gt3x": 0.3, ".cwa": 0.3, ".zip": 0.3, ".gz": 0.2, "": 0.05}
 """Time per size of a file until this computer has analysed one of the kind; "" for tables, s/MB."""
+OPEN_POSES = ("assumed", "none")
+"""States of a calibration that nobody has confirmed (:data:`fusion.conventions.CalibrationState`)."""
 PREPARING_S = 10.0
 """Usual time of the preparation, once after installation, s."""
 MAX_PERIODS = 12
@@ -131,15 +134,15 @@ def build_row(job: Job, language: Language, took: Sequence[AnalysisDuration] = (
         str(words["state"][job.state.value]),
         round(100 * job.progress),
     )
-    times = []
-    if job.started_at is not None and job.state not in (JobState.QUEUED, JobState.CANCELLED):
+    times, left_s = [], estimate_left_s(job, took, now)
+    if left_s:
+        times.append(fill(row_words["time_left"], {"duration": format_duration(left_s, language)}))
+    elif job.started_at is not None and job.state not in (JobState.QUEUED, JobState.CANCELLED):
         seconds = max(0.0, ((job.ended_at or now) - job.started_at).total_seconds())
         shown = format_duration(seconds if job.ended_at else float(int(seconds)), language)
         times.append(fill(row_words["took" if job.ended_at else "running_for"], {"duration": shown}))
-    left_s = estimate_left_s(job, took, now)
-    if left_s is not None:
-        shown = fill(row_words["time_left"], {"duration": format_duration(left_s, language)})
-        times.append(shown if left_s else str(row_words["longer"]))
+        if left_s is not None:
+            times.append(str(row_words["longer"]))
     duration = ", ".join(times)
     # a first report needs no number, and a failed analysis has none
     has_version = request.version > 1 and job.state not in (JobState.FAILED, JobState.CANCELLED)
@@ -328,6 +331,7 @@ class ShownEntry:
     None without a report. ``attempt`` is a newer analysis that is running or failed; the row keeps its
     report. If only its label changes (``is_set``), the row has the new name and arm at once, and no progress.
     ``tags``: each with the query that lists its recordings. ``studies``: the named ones it is in.
+    ``questions``: the open ones, see :func:`list_questions`.
     """
 
     row: JobRow
@@ -500,16 +504,16 @@ def build_entry(
         tags=tuple((tag, urlencode({"tag": tag})) for tag in entry.tags),
         attempt=build_row(attempt, language, took) if attempt else None,
         is_set=is_set,
-        questions=list_questions(job, headline) if headline else (),
+        questions=list_questions(said, headline) if headline else (),
     )
 
 
-def list_questions(job: Job, headline: HeadlineFigures) -> tuple[str, ...]:
-    """List what nobody has answered about a recording with a report: "who", "arm", "pose"."""
+def list_questions(request: ReportRequest, headline: HeadlineFigures) -> tuple[str, ...]:
+    """Return the open questions about a recording with a report: "who", "arm", "pose"."""
     is_open = {
-        "who": not job.request.subject,
-        "arm": job.request.side is None,
-        "pose": headline.calibration_state == "assumed",
+        "who": not request.subject,
+        "arm": request.side is None,
+        "pose": headline.calibration_state in OPEN_POSES,
     }
     return tuple(name for name, is_missing in is_open.items() if is_missing)
 

@@ -14,11 +14,11 @@ from fastapi import APIRouter, Depends, Query, Response
 from app.batch.folder import Task
 from app.batch.inputs import assign_participants
 from app.errors import BadParameter, NoSuchFile, NotFinished, NotHere, ResultDamaged
+from app.http.pages.recording.analysis import find_results
 from app.http.pages.recording.day import (
     START,
     Choice,
     DayClock,
-    Question,
     add_correction,
     build_day,
     choose_pose,
@@ -30,7 +30,7 @@ from app.http.pages.recording.day import (
 )
 from app.http.pages.recording.page_one import read_page_one
 from app.http.pages.rendering import Form, Page, UsedForm, UsedPage, first, read_body
-from app.http.pages.views import build_row, find_durations
+from app.http.pages.views import OPEN_POSES, build_row, find_durations
 from app.library.jobs import JobFilter
 from app.library.listing import Entry
 from app.library.rows import Job, JobState
@@ -59,7 +59,7 @@ def show_finish(
     entry = Entry(job, None)
     row = build_row(job, page.language, find_durations(page.services, [entry]))
     proposal = propose_description(path or job.file_name)
-    asked: dict[str, Any] = dict.fromkeys(("day", "question", "pose_state", "curves"))
+    asked: dict[str, Any] = dict.fromkeys(("day", "question", "choices", "pose_state", "curves", "is_open"))
     if job.state is JobState.SUCCEEDED:
         with suppress(ResultDamaged, NoSuchFile):
             asked |= _build_asked(page, job)
@@ -142,6 +142,8 @@ def _find_job(page: Page, recording_id: str) -> Job:
 def _build_asked(page: Page, job: Job) -> dict[str, Any]:
     """Return the day, the question about the pose with its small curves, and what is known of the pose.
 
+    ``is_open``: nobody has stated the pose, also if no stretch can be proposed.
+
     Raises NoSuchFile or ResultDamaged.
     """
     day = load_day(page.services, job)
@@ -149,16 +151,21 @@ def _build_asked(page: Page, job: Job) -> dict[str, Any]:
     question = next((one for one in shown["questions"] if one.key == "which-pose"), None)
     page_one = read_page_one(page.services, job, None, page.language)
     state = page_one.report.pose_state if page_one else ""
-    curves = [draw_start(day, question, page, width_px) for width_px in (WIDE, NARROW)] if question else []
     start = format_iso_moment(shown["start"], page.language)
-    return {"day": shown, "question": question, "pose_state": state, "curves": curves, "start": start}
+    found = (find_results(page.services, job) or {}).get("calibration") or {}
+    is_open = question is not None or found.get("state") in OPEN_POSES
+    choices = question.choices if question else ()
+    curves = [draw_start(day, choices, page, width_px) for width_px in (WIDE, NARROW)] if is_open else []
+    known = {"choices": choices, "pose_state": state, "is_open": is_open, "start": start}
+    return {"day": shown, "question": question, "curves": curves, **known}
 
 
-def draw_start(day: DayFile, question: Question, page: Page, width_px: float) -> str:
+def draw_start(day: DayFile, choices: Sequence[Choice], page: Page, width_px: float) -> str:
     """Draw the start of the recording as a small curve, with each stretch that may be the pose marked."""
     clock, words, key = DayClock.of(day.facts), page.words()["finish"], f"start-{width_px:.0f}"
-    marks = list(_list_marks(question.choices))
-    end_s = min(max(marks[-1][1] + AROUND_S, SHORTEST_VIEW_S), clock.duration_s)
+    marks = _list_marks(choices)
+    last_s = max((stop_s for _, stop_s, _ in marks), default=0.0)
+    end_s = min(max(last_s + AROUND_S, SHORTEST_VIEW_S), clock.duration_s)
     plot_px = width_px - SCALE_PX
 
     def place(at_s: float) -> float:
@@ -185,7 +192,7 @@ def draw_start(day: DayFile, question: Question, page: Page, width_px: float) ->
     body.append(path("".join(commands), f'class="trace" fill="none" stroke="{RAMP[3]}"'))
     body.append(text(0, HEIGHT_PX - 3, clock.show(0.0, page.language)))
     body.append(text(plot_px, HEIGHT_PX - 3, clock.show(end_s, page.language), anchor="end"))
-    listed = "; ".join(f"{n}: {choice.span}" for n, choice in enumerate(_list_stretches(question.choices), 1))
+    listed = "; ".join(f"{n}: {choice.span}" for n, choice in enumerate(_list_stretches(choices), 1))
     described = (str(words["curve"]), fill(words["curve_list"], {"list": listed}))
     return picture(width_px, HEIGHT_PX, key, described, body)
 

@@ -1,11 +1,13 @@
 // Fields for times, the same on every page: read as they are typed, marked if they cannot be used, and written
-// as they were read when the field is left. Every time in a row (.period, .window, .span) belongs to one range.
+// as they were read when the field is left. Every time in a row (.period, .window, .span) belongs to one range;
+// a field with data-moments takes several times, separated by ";".
 
 import { fill } from "./say.js";
 
+const FIELD = ".moment, [data-moments]";
 const ROW = ".period, .window, .span";
 // "1", "10:", "10h2", "102": a time that is not finished is not marked before the field is left.
-const UNFINISHED = /^(?:\d{4}-\d{2}-\d{2}[ T])?(?:\d{1,3}|\d{1,2}\s?[:.,h]\s?\d?|\d{1,2}([:.,])\d{2}\1\d?)$|^\d{4}-?[\d-]*$/i;
+const UNFINISHED = /^(?:\d{4}-\d{2}-\d{2}[ T])?(?:\d{1,3}|\d{1,2}\s?[:.,h]\s?\d?|\d{1,2}([:.,])\d{2}\1\d?)$|^\d{4}-[\d-]*$/i;
 
 let count = 0;
 
@@ -14,25 +16,26 @@ export class TimeFields {
   constructor(form, clock, onCheck = () => {}) {
     Object.assign(this, { form, clock, onCheck, words: JSON.parse(form.dataset.times) });
     this.bounds = { from: clock.format(0), to: clock.format(clock.durationS) };
-    form.addEventListener("input", ({ target }) => target.matches(".moment") && this.check(target));
+    form.addEventListener("input", ({ target }) => target.matches(FIELD) && this.check(target));
     form.addEventListener("change", ({ target }) => {
-      if (target.matches(".moment, [data-moments]")) target.value = clock.normalise(target.value);
-      if (target.matches(".moment")) this.check(target);
+      if (!target.matches(FIELD)) return;
+      target.value = clock.normalise(target.value);
+      this.check(target, true);
     });
   }
 
   // Check every row again, for example after undo.
   checkAll() {
-    for (const field of this.form.querySelectorAll(".moment")) this.mark(field, this.find(field));
+    for (const field of this.form.querySelectorAll(FIELD)) this.mark(field, this.find(field));
   }
 
   get isFine() {
-    return !this.form.querySelector(".moment[aria-invalid=true]");
+    return !this.form.querySelector(":is(.moment, [data-moments])[aria-invalid=true]");
   }
 
-  check(typed) {
+  check(typed, isLeft = false) {
     for (const field of typed.closest(ROW)?.querySelectorAll(".moment") || [typed]) {
-      const isUnfinished = field === document.activeElement && UNFINISHED.test(field.value.trim());
+      const isUnfinished = field === typed && !isLeft && UNFINISHED.test(field.value.split(";").at(-1).trim());
       const fault = this.find(field);
       this.mark(field, isUnfinished && fault === "unreadable" ? "" : fault);
     }
@@ -41,9 +44,12 @@ export class TimeFields {
 
   // Return why a field cannot be used: a fault of Clock.parse, or "reversed"; "" if it can.
   find(field) {
-    if (!field.value.trim()) return "";
-    const { second, fault } = this.clock.parse(field.value);
+    const times = field.value.split(";").filter((text) => text.trim()).map((text) => this.clock.parse(text));
+    if (!times.length) return "";
+    if (times.length > 1 && field.matches(".moment")) return "unreadable";
+    const { fault } = times.find((time) => time.fault) || {};
     if (fault) return fault === "unreadable" && !this.clock.hasClock ? "no_seconds" : fault;
+    const [{ second }] = times;
     const [start, end] = field.closest(ROW)?.querySelectorAll(".moment") || [];
     return field === end && this.clock.read(start.value || start.placeholder) >= second ? "reversed" : "";
   }
@@ -58,12 +64,13 @@ export class TimeFields {
 
   // The message is next to its field, and read with it.
   getNote(field) {
-    const known = document.getElementById(field.getAttribute("aria-describedby"));
+    const known = document.getElementById(field.dataset.note);
     if (known) return known;
     const note = Object.assign(document.createElement("span"), { id: `time-note-${(count += 1)}`, className: "time-note", hidden: true });
     note.setAttribute("role", "status");
-    field.closest("label").after(note);
-    field.setAttribute("aria-describedby", note.id);
+    (field.closest("label") || field).after(note);
+    field.dataset.note = note.id;
+    field.setAttribute("aria-describedby", [note.id, field.getAttribute("aria-describedby")].filter(Boolean).join(" "));
     return note;
   }
 }
