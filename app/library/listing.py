@@ -318,6 +318,11 @@ class Library(RowStore):
         query = select(func.count(recordings.c.subject.distinct())).where(*self._are_people(text))
         return int(self._read_value(query))
 
+    def count_of_person(self, subject: str) -> int:
+        """Return the number of recordings of a subject code, with a report or not; 0 for "" and unknown."""
+        mine = (recordings.c.state == STORED, recordings.c.subject == subject, recordings.c.subject != "")
+        return int(self._read_value(select(func.count(recordings.c.id)).where(*mine)))
+
     def _are_people(self, text: str) -> tuple[ColumnElement[bool], ...]:
         is_named = func.lower(recordings.c.subject).contains(text.lower(), autoescape=True)
         return recordings.c.state == STORED, recordings.c.subject != "", is_named
