@@ -62,7 +62,7 @@ def test_the_page_of_a_person_shows_both_arms_one_above_the_other(
     show(page, f"{server.address}person?subject=S012", language, width)
 
     names = ("Left arm", "Right arm") if language == "en" else ("Bras gauche", "Bras droit")
-    upper, lower = (page.locator("svg:visible").get_by_text(name) for name in names)
+    upper, lower = (page.locator(".drawn text:visible", has_text=name) for name in names)
     assert find_y(upper) < find_y(lower)
     day = page.locator(".month .is-measured", has_text="2")
     expect(day.locator(f'a[href$="{left}"]')).to_be_visible()

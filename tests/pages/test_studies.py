@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page, expect
 
-from tests.pages.steps import END_MS, make_file, open_home
+from tests.pages.steps import END_MS, open_home
 from tests.ways_in.servers import RunningServer
 
 pytestmark = pytest.mark.browser
@@ -17,7 +17,7 @@ def dropped(page: Page, server: RunningServer, tmp_path: Path) -> Page:
     folder = tmp_path / "Packing line"
     folder.mkdir()
     for name in ("in_study_1.csv", "in_study_2.csv"):
-        make_file(folder, name)
+        (folder / name).write_text(f"{name} of {tmp_path.name} is not a recording\n")
     open_home(page, server)
     page.set_input_files("#folder", folder)
     expect(page.get_by_role("heading", level=1)).to_have_text("Packing line", timeout=END_MS)
