@@ -147,7 +147,7 @@ def test_from_twelve_dropped_recordings_to_who_has_most_takes_at_most_four_click
     expect(page.locator(".whose input[value=P04]")).to_have_count(2)
     clicks.on(page.get_by_role("button", name="Save subjects and arms"))
     expect(page.locator("#proposed")).to_have_count(0)
-    expect(page.locator(".whose td.told")).to_have_text([re.compile("short")] * 12, timeout=END_MS)
+    expect(page.locator(".whose td.told")).to_have_text([re.compile("short")] * 12, timeout=3 * END_MS)
     expect(
         page.get_by_text(re.compile(r"12\s+recordings are shorter than 4.h and not ranked"))
     ).to_be_visible()
