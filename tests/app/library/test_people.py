@@ -249,6 +249,21 @@ def test_a_subject_and_an_arm_are_proposed_from_folders_and_names_and_count_once
     assert after[1].folder == "P02/left"
 
 
+def test_a_subject_saved_while_the_first_analysis_runs_stays_when_it_ends(
+    client: TestClient, store: JobStore, storage: Storage
+) -> None:
+    upload = storage.open_upload(1_000_000)
+    upload.write(b"1")
+    job = store.add(upload.keep(), ReportRequest("1"), "web", study=STUDY)
+    form = {"recording": [job.recording_id], "subject": ["S1"], "side": ["left"]}
+    assert client.post(f"/studies/{STUDY_ID}/whose", data=form).status_code == 303
+
+    finish_next(store, HeadlineFigures("good", "2026-03-02T07:00:00", WHOLE_S, 5.0))
+
+    kept = client.get(f"/api/v1/recordings/{job.recording_id}").json()
+    assert (kept["subject"], kept["side"]) == ("S1", "left")
+
+
 def test_a_subject_that_cannot_be_used_changes_nothing(client: TestClient, shelf: Shelf) -> None:
     jobs = [shelf.put(file, 5.0, study=STUDY) for file in ("1", "2")]
     form = {"recording": [job.recording_id for job in jobs], "subject": ["S1", "x" * 101], "side": ["", ""]}
