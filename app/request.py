@@ -94,7 +94,7 @@ def propose_description(path: str) -> Proposal:
 
     ``P01_right.gt3x``, ``P01R.gt3x`` and ``P01/right/shift.gt3x`` suggest P01 and the right arm. A code is up
     to four letters and up to four digits, the first in a name, or the word after "sub", "participant",
-    "sujet", ... Codes of devices, days and tasks ("ax6", "day2") are no person. A single letter is an arm
+    "sujet", ... Codes of devices, days and tasks ("ax6", "day2") do not count. A single letter is an arm
     only after a code or as a whole name: "dps_g" is a unit. If a folder and the file suggest two people, or
     if both arms are named, nothing is suggested. A person confirms every proposal before it is used.
     """

@@ -47,7 +47,17 @@ from tests.ways_in.servers import RunningServer, wait_for
 SPAWN = multiprocessing.get_context("spawn")
 WORST_BYTES, WAITING_FILES, HOSTILE_SOCKETS = 1 << 20, 6, 2
 PIECES = (b"a", b"ax: 0 ", b"(", b'" ', b", ", b"1:01:01.1 -> ", b"gyr", b"X,", b"\xff", b"1,2,3\n", b"0\n")
-PAGES = ("/", "/rows", "/live", "/studies", "/persons", "/trash", "/account", "/healthz", "/api/v1/analyses?limit=20")
+PAGES = (
+    "/",
+    "/rows",
+    "/live",
+    "/studies",
+    "/persons",
+    "/trash",
+    "/account",
+    "/healthz",
+    "/api/v1/analyses?limit=20",
+)
 PAGE_PAUSE_S, SHIFT_PAUSE_S, SAMPLE_S, SOCKET_S = 0.25, 20.0, 10.0, 60.0
 QUIET_ROUNDS, QUIET_S = 2, 40.0
 Rows = list[list[str]]

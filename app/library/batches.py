@@ -19,7 +19,7 @@ from app.errors import NotHere
 from app.library.audit_log import record
 from app.library.claims import enqueue_all, replace_job
 from app.library.database.connect import lock_tables
-from app.library.database.tables import analyses, answers, batch_items, batches
+from app.library.database.tables import analyses, batch_items, batches
 from app.library.rows import Job, JobState, RowStore, format_now, read_job, select_items, select_jobs
 from app.library.side_files import increment_revision_of
 from app.library.versions import KEYS_PER_QUERY, build_item, identify_work, select_same
@@ -117,12 +117,6 @@ class BatchStore(RowStore):
         """Return the current analyses in the requested order."""
         rows = self._read_all(_select_jobs_of(batch_id).order_by(batch_items.c.place))
         return tuple(read_job(row) for row in rows)
-
-    def find_verdicts(self, batch_id: str) -> Mapping[str, str]:
-        """Return the verdict on the data of each analysis that has one."""
-        found = select(answers.c.analysis_id, answers.c.verdict)
-        rows = self._read_all(found.where(answers.c.analysis_id.in_(select_items(batch_id))))
-        return {row.analysis_id: row.verdict for row in rows}
 
     def retry_failed(self, batch_id: str) -> int:
         """Queue every failed analysis of the batch again, in one commit; return their number."""

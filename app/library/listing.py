@@ -82,13 +82,12 @@ def apply_description(connection: Connection, analysis_id: str) -> None:
     """Copy the corrected subject, side and diary of a successful analysis to its recording.
 
     Only an analysis requested on the page corrects its recording, and only once it has a report: a failed
-    correction does not reach later analyses. If no analysis was requested with the stored value, another
-    person entered it in the meantime, and it stays.
+    correction does not reach later analyses. If neither this analysis nor an earlier one was requested with
+    the stored value, a person entered it in the meantime, and it stays.
     """
     about = (recordings.c.id, *(recordings.c[name] for name in FIELDS))
-    query = select(analyses.c.request, analyses.c.way_in, *about).join(
-        recordings, analyses.c.recording_id == recordings.c.id
-    )
+    made = (analyses.c.request, analyses.c.way_in, analyses.c.created_at.label("asked_at"))
+    query = select(*made, *about).join(recordings, analyses.c.recording_id == recordings.c.id)
     row = connection.execute(query.where(analyses.c.id == analysis_id)).one()
     asked = ReportRequest.from_json(row.request)
     if row.way_in != "web" or asked.reference is not None:
@@ -97,8 +96,9 @@ def apply_description(connection: Connection, analysis_id: str) -> None:
     corrected = {name: getattr(asked, name) for name in FIELDS}
     if present == corrected:
         return
-    every = connection.execute(select(analyses.c.request).where(analyses.c.recording_id == row.id)).scalars()
-    requests = [ReportRequest.from_json(text) for text in every]
+    until = (analyses.c.recording_id == row.id, analyses.c.created_at <= row.asked_at)
+    asked_so_far = connection.execute(select(analyses.c.request).where(*until)).scalars()
+    requests = [ReportRequest.from_json(text) for text in asked_so_far]
     known = {name: {getattr(request, name) for request in requests} for name in FIELDS}
     changed = {name: corrected[name] for name in FIELDS if corrected[name] != present[name] in known[name]}
     if "diary" in changed:
@@ -321,6 +321,11 @@ class Library(RowStore):
         """Return the number of subject codes that contain a text."""
         query = select(func.count(recordings.c.subject.distinct())).where(*self._are_people(text))
         return int(self._read_value(query))
+
+    def count_of_person(self, subject: str) -> int:
+        """Return the number of recordings of a subject code, with a report or not; 0 for "" and unknown."""
+        mine = (recordings.c.state == STORED, recordings.c.subject == subject, recordings.c.subject != "")
+        return int(self._read_value(select(func.count(recordings.c.id)).where(*mine)))
 
     def _are_people(self, text: str) -> tuple[ColumnElement[bool], ...]:
         is_named = func.lower(recordings.c.subject).contains(text.lower(), autoescape=True)

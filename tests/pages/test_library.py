@@ -241,7 +241,7 @@ def test_a_batch_of_the_api_has_a_page_with_counts_and_tables(
     page.get_by_role("link", name="spring").click()
 
     expect(page.get_by_text("2 recordings · 1 with a report · 1 failed")).to_be_visible()
-    expect(page.locator("#rows .row")).to_have_count(2)
+    expect(page.locator(".whose tbody tr")).to_have_count(2)
     with page.expect_download() as download:
         page.get_by_role("link", name="Problems and solutions").click()
     (row,) = csv.DictReader(download.value.path().read_text("utf-8-sig").splitlines())
@@ -251,17 +251,19 @@ def test_a_batch_of_the_api_has_a_page_with_counts_and_tables(
 def test_of_a_batch_only_what_needs_attention_is_shown_and_tried_again(
     page: Page, server: RunningServer, batch: str
 ) -> None:
-    page.goto(f"{server.address}batches/{batch}?lang=en")
+    page.goto(f"{server.address}studies/{batch}?lang=en")
 
+    page.get_by_role("link", name="Search, tag and select in the list").click()
     page.get_by_role("link", name="No report 1").click()
     expect(page.locator("#rows .row")).to_have_count(1)
+    page.get_by_role("link", name="Back to the study").click()
     page.get_by_role("button", name="Retry all that failed").click()
 
     expect(page.get_by_text("1 failed")).to_be_hidden()
 
 
 def test_recordings_are_sorted_as_a_person_chooses(page: Page, server: RunningServer, batch: str) -> None:
-    page.goto(f"{server.address}batches/{batch}?lang=en")
+    page.goto(f"{server.address}?batch={batch}&lang=en")
     heads = page.locator("#rows thead")
 
     heads.get_by_role("link", name="Subject").click()

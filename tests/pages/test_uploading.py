@@ -70,8 +70,8 @@ def test_of_a_folder_only_recordings_are_taken(page: Page, server: RunningServer
 
     page.set_input_files("#folder", tmp_path)
 
-    expect(find_row(page, "in_folder.csv")).to_be_visible(timeout=END_MS)
-    expect(page.locator(".row", has_text="notes.docx")).to_have_count(0)
+    expect(page.locator(".whose th", has_text="in_folder.csv")).to_be_visible(timeout=END_MS)
+    expect(page.get_by_text("notes.docx")).to_have_count(0)
 
 
 def test_a_lost_network_costs_one_piece_and_no_more(

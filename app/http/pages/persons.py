@@ -112,8 +112,8 @@ def show_person(page: UsedPage, subject: str) -> Response:
     Raises NotHere for a code without recordings.
     """
     library = Library(page.services.store.reader)
-    count = sum(row.count for row in library.find_people(subject, MAX_TEXT) if row.subject == subject)
-    if not subject or not count:
+    count = library.count_of_person(subject)
+    if not count:
         raise NotHere(id=subject[:MAX_TEXT])
     entries = library.find_of_people([subject])
     days = _list_days(entries, page.language)

@@ -136,7 +136,7 @@ def _place(percent: float, top: float) -> str:
 
 
 def build_study_row(entry: Entry, language: Language) -> StudyRow:
-    """Build the row of a recording; what nobody has stated is proposed from the names of file and folders."""
+    """Build the row of a recording; a missing subject or arm is proposed from file and folder names."""
     job, headline = entry.job, entry.headline
     row, words = build_row(job, language), load_wording(language, "page")
     proposal = propose_description(f"{entry.folder}/{job.file_name}")

@@ -1,10 +1,13 @@
 // Interrupted uploads and their descriptions, so that selecting the same file again resumes its upload. The
 // browser keeps them until the analysis is requested; the bytes are on the server.
 
+import { readFolder } from "./drop.js";
+
 const KEY = "acromion.uploads";
 
+// Recordings of several people may have one name, size and time, each in its folder.
 export function fingerprint(file) {
-  return [file.name, file.size, file.lastModified].join("|");
+  return [readFolder(file), file.name, file.size, file.lastModified].filter((part) => part !== "").join("|");
 }
 
 export function recall() {
