@@ -1,4 +1,4 @@
-"""A new label is on the row at once: its links stay, no row moves, and the report follows without an analysis."""
+"""A new label is on its row at once: links stay, no row moves, and the report follows without an analysis."""
 
 from collections.abc import Iterator
 
