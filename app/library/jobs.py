@@ -167,6 +167,11 @@ class JobStore(RowStore):
             if newest is not None:
                 return newest
             analysis_id = _queue_again(connection, job, asked)
+            if asked.conclusion != job.request.conclusion:
+                act: Act = "report.concluded" if asked.conclusion else "conclusion.dismissed"
+                record(connection, act, job.recording_id, analysis_id)
+            if asked.conclusion is None and job.request.conclusion is not None:
+                drop_drafts(connection, job.recording_id)
         return self.get(analysis_id)
 
     def add_correction(self, job: Job, asked: ReportRequest, *, is_fresh: bool = False) -> Job:
@@ -178,21 +183,9 @@ class JobStore(RowStore):
     def conclude(self, job: Job, conclusion: Conclusion | None) -> Job:
         """Queue the next version of a report with a conclusion; None removes it and any draft.
 
-        Repeating the same conclusion adds nothing. Raises StaleVersion if ``job`` is not the current version
-        any more.
+        Raises StaleVersion as :meth:`correct`.
         """
-        asked = replace(job.request, conclusion=conclusion, reason="")
-        with self._engine.begin() as connection:
-            newest = _find_newer(connection, job, asked)
-            if newest is not None:
-                return newest
-            analysis_id = enqueue(connection, (job.recording_id, job.sha256), asked, "web")
-            if conclusion is None:
-                drop_drafts(connection, job.recording_id)
-            act: Act = "conclusion.dismissed" if conclusion is None else "report.concluded"
-            record(connection, act, job.recording_id, analysis_id)
-            _update_studies(connection, analysis_id)
-        return self.get(analysis_id)
+        return self.correct(job, replace(job.request, conclusion=conclusion, reason=""))
 
     def dismiss_draft(self, analysis_id: str) -> None:
         """Delete the draft of a conclusion, so that no later analysis gets it; without one do nothing.

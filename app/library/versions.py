@@ -184,7 +184,7 @@ def _compare_draft(history: _History, draft: ConclusionDraft, request: ReportReq
 
 def drop_outdated_conclusion(connection: Connection, job: Job, asked: ReportRequest) -> ReportRequest:
     """Return the request; keep the conclusion from ``job`` only if the figures stay the same."""
-    if asked.conclusion is None:
+    if asked.conclusion is None or asked.conclusion != job.request.conclusion:
         return asked
     key = connection.execute(select(analyses.c.key).where(analyses.c.id == job.id)).scalar()
     is_ours = key == identify_work(job.sha256, job.request)

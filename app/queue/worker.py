@@ -63,6 +63,8 @@ from app.store.reserve import RESERVE_BYTES
 IDLE_S = 0.25
 SAID_IDLE_S = 0.1
 """Pause between two looks for a new label, which a person awaits; a look only reads."""
+STOP_S = 5.0
+"""How long a worker that stops waits for the report that it is setting."""
 RESULTS = "results.json"
 RENEWAL_S = 1.0
 TROUBLE_S = 2.0
@@ -217,7 +219,7 @@ def setting_reports(worker: WorkerContext) -> Iterator[None]:
         yield
     finally:
         worker.stopping.set()
-        thread.join(DEATH_GRACE_S)
+        thread.join(STOP_S)
 
 
 def run_by_settings(settings: Settings, parent_pid: int | None = None) -> None:

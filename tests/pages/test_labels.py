@@ -21,7 +21,9 @@ def labelled(server: RunningServer, tmp_path_factory: pytest.TempPathFactory) ->
     folder = tmp_path_factory.mktemp("labels")
     older, newer = (
         finish(
-            server, write_recordings(folder / name, "gt9x", 0.02, seed)[0].rename(folder / name), side="right"
+            server,
+            write_recordings(folder / str(seed), "gt9x", 0.02, seed)[0].rename(folder / name),
+            side="right",
         )
         for name, seed in (("label_a.gt3x", 81), ("label_b.gt3x", 82))
     )
