@@ -122,6 +122,30 @@ class Lease:
 
         return run_beside(act, renew_until_limit)
 
+    @contextmanager
+    def kept_beside(self, limit_s: float) -> Iterator[None]:
+        """Renew the lease in another thread during the block, which stays in this thread.
+
+        Typst keeps what it has laid out for each thread: the next report takes half the time. A block over
+        the limit ends this process, as in :meth:`keep_during`.
+        """
+        done, end_s = threading.Event(), time.monotonic() + limit_s
+
+        def renew_until_done() -> None:
+            while not done.wait(IDLE_S):
+                if time.monotonic() > end_s:
+                    logger.critical("a report was not set within %.0f s; the worker exits", limit_s)
+                    os._exit(1)
+                self.renew(*self._progress)
+
+        renewing = threading.Thread(target=renew_until_done, name="renewal", daemon=True)
+        renewing.start()
+        try:
+            yield
+        finally:
+            done.set()
+            renewing.join()
+
 
 @dataclass(frozen=True, slots=True)
 class WorkerContext:
@@ -317,15 +341,14 @@ def _set_again(worker: WorkerContext, job: Job, out: Path, lease: Lease) -> Fini
     limit_s = choose_limits(worker.settings, job.size_bytes).wall_s
     try:
         own_results = borrow_result(worker.storage, source.id, str(source.token), files[RESULTS])
-        with own_results as results, translate_disk_full():
-            act = partial(products.set_report_again, results, job.request, out)
-            lease.keep_during(act, limit_s)
-        shared = [files[name] for name in products.MEASURED if name in files]
-        made = describe_files(out)
-        for file in shared:
-            kept = format_result_name(source.id, str(source.token), file.name)
-            own = format_result_name(job.id, str(job.token), file.name)
-            lease.keep_during(partial(worker.storage.share, kept, own), limit_s)
+        with lease.kept_beside(limit_s), own_results as results, translate_disk_full():
+            products.set_report_again(results, job.request, out)
+            made = describe_files(out)
+            shared = [files[name] for name in products.MEASURED if name in files]
+            for file in shared:
+                kept = format_result_name(source.id, str(source.token), file.name)
+                own = format_result_name(job.id, str(job.token), file.name)
+                worker.storage.share(kept, own)
     except AppError as trouble:
         if isinstance(trouble, ResultDamaged):
             return None

@@ -68,12 +68,3 @@ def test_a_new_subject_leaves_the_rows_and_their_links_in_place(listed: Page) ->
     keep_picture(listed, f"label-{subject}")
     listed.goto(str(row.locator("[data-key=open]").evaluate("link => link.href")))
     expect(listed.locator("body")).to_contain_text(subject)
-
-
-def test_a_conclusion_is_on_the_next_page(server: RunningServer, labelled: tuple[str, str]) -> None:
-    form = {"text": "Lower the shelves.", "name": "M. Tremblay", "date": "2026-11-23"}
-
-    answer = server.client.post(f"/analyses/{labelled[1]}/conclude", data=form)
-
-    shown = server.client.get(answer.headers["location"]).text
-    assert "Lower the shelves." in shown
