@@ -77,10 +77,10 @@ class _History:
 
 
 def number_versions(connection: Connection, items: Sequence[Item]) -> list[tuple[ReportRequest, bool]]:
-    """Return the requests with their versions and drafts, and whether each is only said.
+    """Return the requests with their versions and drafts, and whether each only has another label.
 
     Each states the version of its report, the differences from the previous version, and a draft of the
-    conclusion that is no longer valid. A report is only said if another analysis has its figures.
+    conclusion that is no longer valid. Only the label differs if another analysis has the figures.
     """
     digests = {recording_id: sha256 for recording_id, sha256, _ in items}
     histories = _read_histories(connection, digests, COUNTED)

@@ -61,7 +61,7 @@ from app.store.permissions import restrict_new_files
 from app.store.reserve import RESERVE_BYTES
 
 IDLE_S = 0.25
-SAID_IDLE_S = 0.1
+LABEL_IDLE_S = 0.1
 """Pause between two looks for a new label, which a person awaits; a look only reads."""
 STOP_S = 5.0
 """How long a worker that stops waits for the report that it is setting."""
@@ -122,30 +122,6 @@ class Lease:
 
         return run_beside(act, renew_until_limit)
 
-    @contextmanager
-    def kept_beside(self, limit_s: float) -> Iterator[None]:
-        """Renew the lease in another thread during the block, which stays in this thread.
-
-        Typst keeps what it has laid out for each thread: the next report takes half the time. A block over
-        the limit ends this process, as in :meth:`keep_during`.
-        """
-        done, end_s = threading.Event(), time.monotonic() + limit_s
-
-        def renew_until_done() -> None:
-            while not done.wait(IDLE_S):
-                if time.monotonic() > end_s:
-                    logger.critical("a report was not set within %.0f s; the worker exits", limit_s)
-                    os._exit(1)
-                self.renew(*self._progress)
-
-        renewing = threading.Thread(target=renew_until_done, name="renewal", daemon=True)
-        renewing.start()
-        try:
-            yield
-        finally:
-            done.set()
-            renewing.join()
-
 
 @dataclass(frozen=True, slots=True)
 class WorkerContext:
@@ -174,13 +150,13 @@ def open_worker_context(settings: Settings, make: MakeReport | None = None) -> W
     return WorkerContext(store, storage, settings, threading.Event(), cache, make)
 
 
-def run_next(worker: WorkerContext, *, is_said: bool | None = None) -> bool:
+def run_next(worker: WorkerContext, *, is_label: bool | None = None) -> bool:
     """Do one job, from claim to published report; return False if none waits.
 
-    ``is_said``: see :func:`app.library.claims.find_next`.
+    ``is_label``: see :func:`app.library.claims.find_next`.
     """
     return_expired(worker)
-    job = worker.store.claim(is_said=is_said)
+    job = worker.store.claim(is_label=is_label)
     if job is None or job.token is None:
         return False
     started_s, lease = time.monotonic(), Lease(worker.store, job.id, job.token)
@@ -214,7 +190,7 @@ def run_worker(settings: Settings, make: MakeReport | None = None, parent_pid: i
     warm_up_and_wait()
     with setting_reports(worker):
         while not worker.stopping.is_set() and (parent_pid is None or os.getppid() == parent_pid):
-            if not run_next_patiently(worker, is_said=False):
+            if not run_next_patiently(worker, is_label=False):
                 worker.stopping.wait(IDLE_S)
     worker.store.close()
 
@@ -223,15 +199,15 @@ def run_worker(settings: Settings, make: MakeReport | None = None, parent_pid: i
 def setting_reports(worker: WorkerContext) -> Iterator[None]:
     """Set reports again in a thread, while analyses run in child processes: a new label never waits for them.
 
-    A report is rendered in this process, which keeps what it has loaded: its results are our own file, and no
-    stranger's bytes are read.
+    A report is rendered in this process, so that its libraries are loaded once. It reads our own results, and
+    no bytes of a recording.
     """
 
     def work() -> None:
-        while not worker.stopping.wait(SAID_IDLE_S):
+        while not worker.stopping.wait(LABEL_IDLE_S):
             try:
-                while worker.store.is_said_waiting() and not worker.stopping.is_set():
-                    if not run_next_patiently(worker, is_said=True):
+                while worker.store.is_label_waiting() and not worker.stopping.is_set():
+                    if not run_next_patiently(worker, is_label=True):
                         break  # it awaits its figures, or another worker has it
             except Exception:  # as a process that ends would be: tried again, and the row counts
                 logger.exception("no report was set again; trying again")
@@ -259,10 +235,10 @@ def run_by_settings(settings: Settings, parent_pid: int | None = None) -> None:
             cluster.run_cluster_worker(settings, parent_pid=parent_pid)
 
 
-def run_next_patiently(worker: WorkerContext, *, is_said: bool | None = None) -> bool:
+def run_next_patiently(worker: WorkerContext, *, is_label: bool | None = None) -> bool:
     """Do one job; wait if the database does not respond. The row remains authoritative meanwhile."""
     try:
-        return run_next(worker, is_said=is_said)
+        return run_next(worker, is_label=is_label)
     except OperationalError:
         logger.exception("the database does not respond; trying again")
         worker.stopping.wait(TROUBLE_S)
@@ -306,7 +282,7 @@ def _attempt(worker: WorkerContext, job: Job, token: str, lease: Lease) -> Outco
     check_free(worker.storage.root, RESERVE_BYTES)  # the last of the disk is for reading and deleting
     out = worker.storage.open_attempt(job.id, token)
     limits = choose_limits(worker.settings, job.size_bytes)
-    if job.is_said and worker.make is None:
+    if job.is_label and worker.make is None:
         return _set_again(worker, job, out, lease) or _measure(worker, job)
     # The digest was just verified: the child need not compute it again.
     digests = () if job.request.joined else (job.sha256,)
@@ -341,14 +317,14 @@ def _set_again(worker: WorkerContext, job: Job, out: Path, lease: Lease) -> Fini
     limit_s = choose_limits(worker.settings, job.size_bytes).wall_s
     try:
         own_results = borrow_result(worker.storage, source.id, str(source.token), files[RESULTS])
-        with lease.kept_beside(limit_s), own_results as results, translate_disk_full():
-            products.set_report_again(results, job.request, out)
-            made = describe_files(out)
-            shared = [files[name] for name in products.MEASURED if name in files]
-            for file in shared:
-                kept = format_result_name(source.id, str(source.token), file.name)
-                own = format_result_name(job.id, str(job.token), file.name)
-                worker.storage.share(kept, own)
+        with own_results as results, translate_disk_full():
+            lease.keep_during(partial(products.set_report_again, results, job.request, out), limit_s)
+        made = describe_files(out)
+        shared = [files[name] for name in products.MEASURED if name in files]
+        for file in shared:
+            kept = format_result_name(source.id, str(source.token), file.name)
+            own = format_result_name(job.id, str(job.token), file.name)
+            lease.keep_during(partial(worker.storage.share, kept, own), limit_s)
     except AppError as trouble:
         if isinstance(trouble, ResultDamaged):
             return None
