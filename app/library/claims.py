@@ -5,8 +5,8 @@ requests of each subject (a token, or the machine) are another. The jobs of a fl
 number is next, so that the flows take turns. A new flow starts at the lowest waiting number, neither before
 nor after the others (start-time fair queueing: Goyal et al. 1996, with all jobs taken as equally long).
 
-A job that changes only the label of a report (:data:`app.request.LABEL`) needs no analysis. It comes before all
-others, as soon as the analysis with its figures is finished.
+A job that changes only the label of a report (:data:`app.request.LABEL`) needs no analysis. It comes before
+all others, as soon as the analysis with its figures is finished.
 """
 
 import secrets

@@ -24,8 +24,8 @@ from app.errors import Interrupted, NotHere, StaleVersion, StoreMismatch
 from app.library.audit_log import Act, record
 from app.library.batches import join_study, update_studies
 from app.library.claims import (
-    PAGE_PRIORITY,
     LABEL_PRIORITY,
+    PAGE_PRIORITY,
     SCRIPT_PRIORITY,
     DatabaseClock,
     WayIn,
