@@ -175,13 +175,13 @@ class Reference:
 
 
 LONGEST_CONCLUSION = 1000
-SAID = frozenset(
+LABEL = frozenset(
     {
         *("subject", "side", "conclusion", "draft", "version", "changes", "reason"),
         *("languages", "kinds", "paper", "appendix"),
     }
 )
-"""Fields of a request that state whose report it is and how it reads, but measure nothing."""
+"""Fields of a request that name the person, arm and wording of a report; they affect no figure."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -280,13 +280,13 @@ class ReportRequest:
         return {name: value for name, value in asdict(self).items() if name not in ignored}
 
     def describe_figures(self, *, is_capture: bool) -> dict[str, object]:
-        """Return the settings that affect the figures; all others (:data:`SAID`) are only said.
+        """Return the settings that affect the figures; all others are its label (:data:`LABEL`).
 
         ``is_capture``: the file is a motion capture, which may hold both arms, so that the arm also counts.
         Of the diary only the rows of this recording count.
         """
-        said = SAID - {"side"} if is_capture else SAID
-        figures = {name: value for name, value in asdict(self).items() if name not in said}
+        label = LABEL - {"side"} if is_capture else LABEL
+        figures = {name: value for name, value in asdict(self).items() if name not in label}
         return figures | {"diary": [asdict(entry) for entry in self.select_diary()]}
 
     def select_diary(self) -> tuple[DiaryEntry, ...]:

@@ -25,7 +25,7 @@ def wait_until_idle(server: RunningServer) -> None:
         server.client.get("/api/v1/analyses", params={"state": state, "limit": 1}).json()["items"]
         for state in ("queued", "running")
     ):
-        time.sleep(0.02)
+        time.sleep(0.1)
 
 
 def conclude(server: RunningServer, analysis_id: str, text: str) -> tuple[str, float]:
@@ -35,7 +35,7 @@ def conclude(server: RunningServer, analysis_id: str, text: str) -> tuple[str, f
     answer = server.client.post(f"/analyses/{analysis_id}/conclude", data=form)
     made = answer.headers["location"].rpartition("/")[2]
     while server.see(made)["state"] != "succeeded":
-        time.sleep(0.02)
+        time.sleep(0.1)
     return made, time.perf_counter() - started_s
 
 

@@ -55,6 +55,9 @@ _ROUTES: Mapping[Needed, str] = {
         GET    /api/v1/tokens                                             none
         POST   /api/v1/tokens                                             rows again
         DELETE /api/v1/tokens/{token_id}                                  rows
+        GET    /drafts/{kind}/{place}                                     none
+        PUT    /drafts/{kind}/{place}                                     none
+        DELETE /drafts/{kind}/{place}                                     none
         GET    /api/v1/openapi.json                                       none
         GET    /api/v1/docs                                               none
         GET    /api/v1/formats                                            none
@@ -147,9 +150,6 @@ _ROUTES: Mapping[Needed, str] = {
         GET    /api/v1/retention                                          list.read
         GET    /api/v1/retention/{kind}/due                               list.read
         GET    /retention                                                 list.read
-        GET    /drafts/{kind}/{place}                                     none
-        PUT    /drafts/{kind}/{place}                                     none
-        DELETE /drafts/{kind}/{place}                                     none
     """,
     "correct": """
         PATCH  /api/v1/recordings/{recording_id}                          rows

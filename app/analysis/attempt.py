@@ -128,7 +128,7 @@ def load_and_make_report(
 
 
 def load_and_set_again(results: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
-    """Write a report with other words from the results of a finished analysis."""
+    """Write a report with another label from the results of a finished analysis."""
     on_stage("rendering", 0.0)
     importlib.import_module("app.report.products").set_report_again(results, request, out)
 

@@ -5,8 +5,8 @@ requests of each subject (a token, or the machine) are another. The jobs of a fl
 number is next, so that the flows take turns. A new flow starts at the lowest waiting number, neither before
 nor after the others (start-time fair queueing: Goyal et al. 1996, with all jobs taken as equally long).
 
-A job that changes only what a report says (:data:`app.request.SAID`) needs no analysis. It comes before all
-others, as soon as the analysis with its figures is finished.
+A job that changes only the label of a report (:data:`app.request.LABEL`) needs no analysis. It comes before
+all others, as soon as the analysis with its figures is finished.
 """
 
 import secrets
@@ -27,7 +27,7 @@ from app.library.webhooks import announce_end
 from app.request import ReportRequest
 
 WayIn = Literal["web", "api"]
-SAID_PRIORITY, PAGE_PRIORITY, SCRIPT_PRIORITY = -1, 0, 1
+LABEL_PRIORITY, PAGE_PRIORITY, SCRIPT_PRIORITY = -1, 0, 1
 SLOW_TIMEOUTS, SLOW_S = 2, 3600.0
 """A subject with this many time-outs within this time waits for all others."""
 _ENDS: Mapping[JobState, Act] = {
@@ -151,12 +151,12 @@ def enqueue_all(
             "progress": 0.0,
             "attempts": 0,
             "created_at": format_now(),
-            "priority": SAID_PRIORITY if is_said and not is_fresh else usual,
+            "priority": LABEL_PRIORITY if is_label and not is_fresh else usual,
             "turn": first + place,
             "batch_id": batch_id,
             "asked_by": get_actor(),
         }
-        for place, ((recording_id, sha256, _), (request, is_said)) in enumerate(
+        for place, ((recording_id, sha256, _), (request, is_label)) in enumerate(
             zip(items, requests, strict=True)
         )
     ]
@@ -170,16 +170,16 @@ def enqueue_all(
     return [str(row["id"]) for row in rows]
 
 
-def find_next(connection: Connection, *, is_said: bool | None = None) -> str | None:
+def find_next(connection: Connection, *, is_label: bool | None = None) -> str | None:
     """Find the next waiting job and lock it for this transaction; None if no job may start.
 
-    ``is_said``: only a job that needs no analysis, or only one that needs one. The analyses of one recording
-    run one after another: each report states which one it replaces. Subjects whose analyses timed out
-    repeatedly in the last hour come after all others.
+    ``is_label``: find only a job without an analysis, or only one with an analysis. The analyses of one
+    recording run one after another: each report states which one it replaces. Subjects whose analyses timed
+    out repeatedly in the last hour come after all others.
     """
-    if is_said:
-        return _find_next(connection, analyses.c.priority == SAID_PRIORITY)
-    lane = () if is_said is None else (analyses.c.priority != SAID_PRIORITY,)
+    if is_label:
+        return _find_next(connection, analyses.c.priority == LABEL_PRIORITY)
+    lane = () if is_label is None else (analyses.c.priority != LABEL_PRIORITY,)
     first = _find_next(connection, *lane)
     if first is None or not (
         slow := _find_slow_subjects(connection)
@@ -201,7 +201,7 @@ def _find_next(connection: Connection, *which: ColumnElement[bool]) -> str | Non
         select(analyses.c.id, analyses.c.recording_id)
         .join(recordings, analyses.c.recording_id == recordings.c.id)
         .where(analyses.c.state == JobState.QUEUED, ~_is_running(analyses.c.recording_id), *which)
-        .where(or_(analyses.c.priority != SAID_PRIORITY, ~_awaits_figures()))
+        .where(or_(analyses.c.priority != LABEL_PRIORITY, ~_awaits_figures()))
         .order_by(analyses.c.priority, analyses.c.turn, analyses.c.created_at, analyses.c.id)
         .limit(1)
         .with_for_update(key_share=True, skip_locked=True)
@@ -223,7 +223,7 @@ def _awaits_figures() -> ColumnElement[bool]:
     """Return the condition that an earlier analysis of the same recording has not started yet."""
     other = analyses.alias()
     is_before = (other.c.recording_id == analyses.c.recording_id, other.c.created_at < analyses.c.created_at)
-    return exists().where(*is_before, other.c.state == JobState.QUEUED, other.c.priority != SAID_PRIORITY)
+    return exists().where(*is_before, other.c.state == JobState.QUEUED, other.c.priority != LABEL_PRIORITY)
 
 
 def _find_turn(connection: Connection, batch_id: str | None) -> int:

@@ -24,8 +24,8 @@ from app.errors import Interrupted, NotHere, StaleVersion, StoreMismatch
 from app.library.audit_log import Act, record
 from app.library.batches import join_study, update_studies
 from app.library.claims import (
+    LABEL_PRIORITY,
     PAGE_PRIORITY,
-    SAID_PRIORITY,
     SCRIPT_PRIORITY,
     DatabaseClock,
     WayIn,
@@ -167,6 +167,11 @@ class JobStore(RowStore):
             if newest is not None:
                 return newest
             analysis_id = _queue_again(connection, job, asked)
+            if asked.conclusion != job.request.conclusion:
+                act: Act = "report.concluded" if asked.conclusion else "conclusion.dismissed"
+                record(connection, act, job.recording_id, analysis_id)
+            if asked.conclusion is None and job.request.conclusion is not None:
+                drop_drafts(connection, job.recording_id)
         return self.get(analysis_id)
 
     def add_correction(self, job: Job, asked: ReportRequest, *, is_fresh: bool = False) -> Job:
@@ -178,21 +183,9 @@ class JobStore(RowStore):
     def conclude(self, job: Job, conclusion: Conclusion | None) -> Job:
         """Queue the next version of a report with a conclusion; None removes it and any draft.
 
-        Repeating the same conclusion adds nothing. Raises StaleVersion if ``job`` is not the current version
-        any more.
+        Raises StaleVersion as :meth:`correct`.
         """
-        asked = replace(job.request, conclusion=conclusion, reason="")
-        with self._engine.begin() as connection:
-            newest = _find_newer(connection, job, asked)
-            if newest is not None:
-                return newest
-            analysis_id = enqueue(connection, (job.recording_id, job.sha256), asked, "web")
-            if conclusion is None:
-                drop_drafts(connection, job.recording_id)
-            act: Act = "conclusion.dismissed" if conclusion is None else "report.concluded"
-            record(connection, act, job.recording_id, analysis_id)
-            _update_studies(connection, analysis_id)
-        return self.get(analysis_id)
+        return self.correct(job, replace(job.request, conclusion=conclusion, reason=""))
 
     def dismiss_draft(self, analysis_id: str) -> None:
         """Delete the draft of a conclusion, so that no later analysis gets it; without one do nothing.
@@ -241,7 +234,7 @@ class JobStore(RowStore):
         """Queue analyses of recordings again, each with its request, in one commit; return their number.
 
         A failed or cancelled analysis is replaced, also in its batch. A report stays until the new one is
-        made. Every study contains the new analyses at once, or a report with other words once it is made.
+        made. Every study contains the new analyses at once, or a report with another label once it is made.
         The jobs take turns with all other waiting jobs; a file dropped on the page goes first.
         ``is_fresh``: read every recording again.
         """
@@ -320,15 +313,15 @@ class JobStore(RowStore):
         """Count the waiting jobs."""
         return int(self._read_value(select(func.count()).where(analyses.c.state == JobState.QUEUED)))
 
-    def is_said_waiting(self) -> bool:
+    def is_label_waiting(self) -> bool:
         """Return whether a job that needs no analysis waits; it only reads."""
-        waits = (analyses.c.state == JobState.QUEUED, analyses.c.priority == SAID_PRIORITY)
+        waits = (analyses.c.state == JobState.QUEUED, analyses.c.priority == LABEL_PRIORITY)
         return self._read_value(select(analyses.c.id).where(*waits).limit(1)) is not None
 
-    def claim(self, *, is_said: bool | None = None) -> Job | None:
+    def claim(self, *, is_label: bool | None = None) -> Job | None:
         """Claim the next job (:func:`app.library.claims.find_next`); None if no job waits."""
         with self._engine.begin() as connection:
-            analysis_id = find_next(connection, is_said=is_said)
+            analysis_id = find_next(connection, is_label=is_label)
             if analysis_id is None:
                 return None
             renumber(connection, analysis_id)
@@ -560,14 +553,14 @@ def _queue_again(connection: Connection, job: Job, asked: ReportRequest, *, is_f
 
 
 def _update_studies(connection: Connection, analysis_id: str, *, is_made: bool = False) -> None:
-    """Update the studies of a recording: at once, or once a report that only says something else is made.
+    """Update the studies of a recording: at once, or once a report with another label is made.
 
     Until then they contain the earlier report, if there is one.
     """
     row = connection.execute(select_jobs().where(analyses.c.id == analysis_id)).one_or_none()
-    if row is None or (is_made and row.priority != SAID_PRIORITY):
+    if row is None or (is_made and row.priority != LABEL_PRIORITY):
         return
-    if row.priority == SAID_PRIORITY:
+    if row.priority == LABEL_PRIORITY:
         others = select(analyses.c.id).where(analyses.c.recording_id == row.recording_id)
         place = (analyses.c.created_at, analyses.c.id)
         is_later = tuple_(*place) > tuple_(row.created_at, analysis_id)  # and already in the studies

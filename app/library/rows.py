@@ -76,8 +76,8 @@ class Job:
     priority: int = 1
 
     @property
-    def is_said(self) -> bool:
-        """Whether only what the report says changes, so that no analysis is needed."""
+    def is_label(self) -> bool:
+        """Whether only the label of the report changes, so that no analysis is needed."""
         return self.priority < 0
 
     @property

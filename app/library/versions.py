@@ -77,10 +77,10 @@ class _History:
 
 
 def number_versions(connection: Connection, items: Sequence[Item]) -> list[tuple[ReportRequest, bool]]:
-    """Return the requests with their versions and drafts, and whether each is only said.
+    """Return the requests with their versions and drafts, and whether each only has another label.
 
     Each states the version of its report, the differences from the previous version, and a draft of the
-    conclusion that is no longer valid. A report is only said if another analysis has its figures.
+    conclusion that is no longer valid. Only the label differs if another analysis has the figures.
     """
     digests = {recording_id: sha256 for recording_id, sha256, _ in items}
     histories = _read_histories(connection, digests, COUNTED)
@@ -184,7 +184,7 @@ def _compare_draft(history: _History, draft: ConclusionDraft, request: ReportReq
 
 def drop_outdated_conclusion(connection: Connection, job: Job, asked: ReportRequest) -> ReportRequest:
     """Return the request; keep the conclusion from ``job`` only if the figures stay the same."""
-    if asked.conclusion is None:
+    if asked.conclusion is None or asked.conclusion != job.request.conclusion:
         return asked
     key = connection.execute(select(analyses.c.key).where(analyses.c.id == job.id)).scalar()
     is_ours = key == identify_work(job.sha256, job.request)

@@ -106,7 +106,7 @@ async def _listen_on(worker: WorkerContext) -> None:
     address = make_url(worker.settings.database_url).set(drivername="postgresql")
     connector = PsycopgConnector(conninfo=address.render_as_string(hide_password=False))
     engine = App(connector=connector)  # it does one job at a time
-    engine.task(name=TASK, queue=QUEUE)(partial(run_next_patiently, worker, is_said=False))
+    engine.task(name=TASK, queue=QUEUE)(partial(run_next_patiently, worker, is_label=False))
     while True:
         try:
             await asyncio.to_thread(install, worker.settings.database_url)

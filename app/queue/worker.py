@@ -61,8 +61,10 @@ from app.store.permissions import restrict_new_files
 from app.store.reserve import RESERVE_BYTES
 
 IDLE_S = 0.25
-SAID_IDLE_S = 0.1
+LABEL_IDLE_S = 0.1
 """Pause between two looks for a new label, which a person awaits; a look only reads."""
+STOP_S = 5.0
+"""How long a worker that stops waits for the report that it is setting."""
 RESULTS = "results.json"
 RENEWAL_S = 1.0
 TROUBLE_S = 2.0
@@ -148,13 +150,13 @@ def open_worker_context(settings: Settings, make: MakeReport | None = None) -> W
     return WorkerContext(store, storage, settings, threading.Event(), cache, make)
 
 
-def run_next(worker: WorkerContext, *, is_said: bool | None = None) -> bool:
+def run_next(worker: WorkerContext, *, is_label: bool | None = None) -> bool:
     """Do one job, from claim to published report; return False if none waits.
 
-    ``is_said``: see :func:`app.library.claims.find_next`.
+    ``is_label``: see :func:`app.library.claims.find_next`.
     """
     return_expired(worker)
-    job = worker.store.claim(is_said=is_said)
+    job = worker.store.claim(is_label=is_label)
     if job is None or job.token is None:
         return False
     started_s, lease = time.monotonic(), Lease(worker.store, job.id, job.token)
@@ -188,7 +190,7 @@ def run_worker(settings: Settings, make: MakeReport | None = None, parent_pid: i
     warm_up_and_wait()
     with setting_reports(worker):
         while not worker.stopping.is_set() and (parent_pid is None or os.getppid() == parent_pid):
-            if not run_next_patiently(worker, is_said=False):
+            if not run_next_patiently(worker, is_label=False):
                 worker.stopping.wait(IDLE_S)
     worker.store.close()
 
@@ -197,15 +199,15 @@ def run_worker(settings: Settings, make: MakeReport | None = None, parent_pid: i
 def setting_reports(worker: WorkerContext) -> Iterator[None]:
     """Set reports again in a thread, while analyses run in child processes: a new label never waits for them.
 
-    A report is rendered in this process, which keeps what it has loaded: its results are our own file, and no
-    stranger's bytes are read.
+    A report is rendered in this process, so that its libraries are loaded once. It reads our own results, and
+    no bytes of a recording.
     """
 
     def work() -> None:
-        while not worker.stopping.wait(SAID_IDLE_S):
+        while not worker.stopping.wait(LABEL_IDLE_S):
             try:
-                while worker.store.is_said_waiting() and not worker.stopping.is_set():
-                    if not run_next_patiently(worker, is_said=True):
+                while worker.store.is_label_waiting() and not worker.stopping.is_set():
+                    if not run_next_patiently(worker, is_label=True):
                         break  # it awaits its figures, or another worker has it
             except Exception:  # as a process that ends would be: tried again, and the row counts
                 logger.exception("no report was set again; trying again")
@@ -217,7 +219,7 @@ def setting_reports(worker: WorkerContext) -> Iterator[None]:
         yield
     finally:
         worker.stopping.set()
-        thread.join(DEATH_GRACE_S)
+        thread.join(STOP_S)
 
 
 def run_by_settings(settings: Settings, parent_pid: int | None = None) -> None:
@@ -233,10 +235,10 @@ def run_by_settings(settings: Settings, parent_pid: int | None = None) -> None:
             cluster.run_cluster_worker(settings, parent_pid=parent_pid)
 
 
-def run_next_patiently(worker: WorkerContext, *, is_said: bool | None = None) -> bool:
+def run_next_patiently(worker: WorkerContext, *, is_label: bool | None = None) -> bool:
     """Do one job; wait if the database does not respond. The row remains authoritative meanwhile."""
     try:
-        return run_next(worker, is_said=is_said)
+        return run_next(worker, is_label=is_label)
     except OperationalError:
         logger.exception("the database does not respond; trying again")
         worker.stopping.wait(TROUBLE_S)
@@ -280,7 +282,7 @@ def _attempt(worker: WorkerContext, job: Job, token: str, lease: Lease) -> Outco
     check_free(worker.storage.root, RESERVE_BYTES)  # the last of the disk is for reading and deleting
     out = worker.storage.open_attempt(job.id, token)
     limits = choose_limits(worker.settings, job.size_bytes)
-    if job.is_said and worker.make is None:
+    if job.is_label and worker.make is None:
         return _set_again(worker, job, out, lease) or _measure(worker, job)
     # The digest was just verified: the child need not compute it again.
     digests = () if job.request.joined else (job.sha256,)
@@ -316,10 +318,9 @@ def _set_again(worker: WorkerContext, job: Job, out: Path, lease: Lease) -> Fini
     try:
         own_results = borrow_result(worker.storage, source.id, str(source.token), files[RESULTS])
         with own_results as results, translate_disk_full():
-            act = partial(products.set_report_again, results, job.request, out)
-            lease.keep_during(act, limit_s)
-        shared = [files[name] for name in products.MEASURED if name in files]
+            lease.keep_during(partial(products.set_report_again, results, job.request, out), limit_s)
         made = describe_files(out)
+        shared = [files[name] for name in products.MEASURED if name in files]
         for file in shared:
             kept = format_result_name(source.id, str(source.token), file.name)
             own = format_result_name(job.id, str(job.token), file.name)

@@ -1,4 +1,4 @@
-"""The files of a finished analysis that depend on what is said about it: results, tables, reports, FHIR.
+"""The files of a finished analysis that depend on its label: results, tables, reports, FHIR.
 
 This module does not load the analysis itself: a report with another label is set again from its results.
 """
@@ -26,13 +26,13 @@ MEASURED = (ELEVATION, DAY_NAME)
 def set_report_again(
     results: Path, request: ReportRequest, out: Path, release: ReleaseStamp | None = None
 ) -> None:
-    """Write a report with other words from the ``results.json`` of a finished analysis.
+    """Write a report with another label from the ``results.json`` of a finished analysis.
 
     ``release`` is stamped on page 1.
 
     The request has the figures of that analysis (:meth:`ReportRequest.describe_figures`). The files have the
     bytes that a full analysis would write; those of :data:`MEASURED` stay as they are and are not written.
-    Raises OSError or ValueError if these are no results, or of another version.
+    Raises OSError or ValueError if ``results`` is another file, or has another version.
     """
     content = results.read_bytes()
     kept = decode_results(content)

@@ -183,7 +183,7 @@ class Page:
         Without a free worker the page of the analysis shows its progress.
         """
         end_s = time.monotonic() + SET_S
-        while job.is_said and not job.is_over and time.monotonic() < end_s:
+        while job.is_label and not job.is_over and time.monotonic() < end_s:
             time.sleep(SET_PAUSE_S)
             job = self.services.store.get(job.id)
         return self.go(f"/analyses/{job.id}{query}")

@@ -477,8 +477,8 @@ def build_entry(
     job, words, attempt = entry.job, load_wording(language, "page"), entry.attempt
     if attempt is not None and attempt.state is JobState.CANCELLED:
         attempt = None
-    is_set = attempt is not None and attempt.is_said and not attempt.is_over
-    said = attempt.request if attempt is not None and is_set else job.request
+    is_set = attempt is not None and attempt.is_label and not attempt.is_over
+    label = attempt.request if attempt is not None and is_set else job.request
     headline, start, figures = entry.headline, "", None
     if headline is not None:
         start = headline.start or ""
@@ -495,10 +495,10 @@ def build_entry(
     return ShownEntry(
         row=build_row(job, language, took),
         recording_id=job.recording_id,
-        name=said.subject or job.file_name,
+        name=label.subject or job.file_name,
         when=format_iso_moment(start, language) or format_time(job.created_at, language),
         is_added=not start,
-        arm=str(words["column"][f"side_{said.side}"]) if said.side else "",
+        arm=str(words["column"][f"side_{label.side}"]) if label.side else "",
         figures=figures,
         studies=studies,
         tags=tuple((tag, urlencode({"tag": tag})) for tag in entry.tags),

@@ -117,7 +117,7 @@ def encode_results(findings: Findings, subject: ReportSubject) -> bytes:
 
 
 def relabel_results(content: bytes, subject: ReportSubject) -> bytes:
-    """Return the output of :func:`encode_results` with what another subject says.
+    """Return the output of :func:`encode_results` with the label of another subject.
 
     Every figure keeps its digits; the names of the file and of its columns stay.
     """

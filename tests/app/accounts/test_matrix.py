@@ -35,7 +35,9 @@ UNKNOWN = {
     "token_id": "tok_00000000000000ff",
     "person_id": "per_00000000000000ff",
 }
-PLAIN = {"ticket": "x", "code": "E-404", "kind": "trash", "form": "pdf", "act": "tag", "name": "x"}
+PLAIN = {"ticket": "x", "code": "E-404", "kind": "trash", "form": "pdf", "act": "tag", "name": "x"} | {
+    "place": "rec_0123456789abcdef"
+}
 SLOW = {("POST", "/sample"), ("GET", "/example/report.pdf"), ("GET", "/example/report.html")}
 """What takes seconds to make; its refusals are tried like all others."""
 ENDING = {("POST", "/logout"), ("POST", "/account/sessions/end")}

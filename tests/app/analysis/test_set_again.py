@@ -8,7 +8,7 @@ import pytest
 
 from app.analysis.run import make_report
 from app.report.products import MEASURED, set_report_again
-from app.request import SAID, Conclusion, ReportRequest
+from app.request import LABEL, Conclusion, ReportRequest
 from app.store.decoded import DecodedCache
 from app.store.folder import KnownFiles
 from fusion.diary import DiaryEntry
@@ -66,7 +66,7 @@ def test_a_report_set_again_has_the_bytes_of_a_full_analysis(
 def test_every_label_leaves_the_figures_alone() -> None:
     named = {name for label in LABELS.values() for name in label}
 
-    assert named | {"draft"} == SAID
+    assert named | {"draft"} == LABEL
     assert {str(replace(ASKED, **label).describe_figures(is_capture=False)) for label in LABELS.values()} == {
         str(ASKED.describe_figures(is_capture=False))
     }

@@ -1,6 +1,8 @@
 """A clinician's conclusion: in the report as it was typed, with name and date; never in the figures."""
 
 import json
+import threading
+import time
 from dataclasses import replace
 from typing import Any
 
@@ -9,12 +11,13 @@ from fastapi.testclient import TestClient
 from sqlalchemy import select
 
 from app.errors import BadParameter, StaleVersion
+from app.http.pages import rendering
 from app.http.pages.recording.analysis import describe_draft, read_conclusion
 from app.library import versions
 from app.library.database.tables import audit_log
 from app.library.jobs import JobStore
 from app.library.listing import HeadlineFigures
-from app.library.rows import Job
+from app.library.rows import Job, JobState
 from app.library.side_files import read_side_rows
 from app.report.export.results import build_results, identify_report
 from app.report.findings import ReportSubject
@@ -273,6 +276,26 @@ def test_a_draft_is_dismissed_once(client: TestClient, store: JobStore, second: 
     assert client.get(f"/api/v1/analyses/{third.id}").json()["conclusion_draft"] is None
     assert find_concluded(store, "conclusion.dismissed") == [third.id]
     assert client.delete("/api/v1/analyses/an_0000000000000000/conclusion-draft").status_code == 404
+
+
+def test_the_page_after_a_conclusion_has_its_report(
+    client: TestClient, store: JobStore, first: Job, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rendering, "SET_S", 60.0)
+
+    def set_report() -> None:  # as a worker does while the request waits
+        while store.count_waiting() == 0:
+            time.sleep(0.01)
+        finish_next(store, HeadlineFigures("good", None, 60.0, 1.0, "smoothed"))
+
+    worker = threading.Thread(target=set_report)
+    worker.start()
+    form = {"text": "Fine.", "name": "M. Tremblay", "date": "2026-11-23"}
+    answer = client.post(f"/analyses/{first.id}/conclude", data=form)
+
+    made = answer.headers["location"].rpartition("/")[2]
+    assert store.get(made).state is JobState.SUCCEEDED
+    worker.join()
 
 
 def find_concluded(store: JobStore, act: str) -> list[str]:

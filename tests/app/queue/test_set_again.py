@@ -53,11 +53,11 @@ def test_a_label_set_again_has_the_files_of_a_full_analysis(
 ) -> None:
     worker = open_worker(None)
     said = label(store, report, subject="S013", side="left")
-    assert said.is_said
+    assert said.is_label
     run_next(worker)
 
     full = store.add_correction(store.get(said.id), said.request, is_fresh=True)
-    assert not full.is_said
+    assert not full.is_label
     run_next(worker)
 
     assert hash_files(store, said) == hash_files(store, full)
@@ -92,7 +92,7 @@ def test_a_label_whose_figures_are_damaged_is_analysed(
     waiting = store.get(said.id)
     run_next(worker)
 
-    assert (waiting.state, waiting.is_said, waiting.attempts) == (JobState.QUEUED, False, 0)
+    assert (waiting.state, waiting.is_label, waiting.attempts) == (JobState.QUEUED, False, 0)
     assert store.get(said.id).state is JobState.SUCCEEDED
 
 
@@ -101,7 +101,7 @@ def test_a_worker_killed_while_it_sets_a_report_leaves_the_old_one_until_another
     store: JobStore, storage: Storage, report: Job, open_worker: OpenWorker
 ) -> None:
     said = label(store, report, subject="S013")
-    claimed = store.claim(is_said=True)
+    claimed = store.claim(is_label=True)
     assert claimed is not None
     (storage.open_attempt(claimed.id, str(claimed.token)) / "results.json").write_bytes(b"half")
     store.run(update(analyses).where(analyses.c.id == said.id).values(lease_until_s=0.0, is_lease_missed=1))
@@ -109,7 +109,7 @@ def test_a_worker_killed_while_it_sets_a_report_leaves_the_old_one_until_another
 
     worker = open_worker(None)
     return_expired(worker)
-    run_next(worker, is_said=True)
+    run_next(worker, is_label=True)
 
     assert [job.id for job in store.find_reports(report.recording_id)] == [said.id, report.id]
     assert storage.find_mark(format_result_name(said.id, str(claimed.token), "results.json")) is None
@@ -135,25 +135,25 @@ def made(store: JobStore, add_job: AddJob) -> Job:
 
 @pytest.mark.parametrize("name", LABELS)
 def test_a_label_needs_no_analysis(store: JobStore, made: Job, name: str) -> None:
-    assert label(store, made, **LABELS[name]).is_said
+    assert label(store, made, **LABELS[name]).is_label
 
 
 @pytest.mark.parametrize("name", MEASURED)
 def test_a_setting_needs_an_analysis(store: JobStore, made: Job, name: str) -> None:
-    assert not label(store, made, **MEASURED[name]).is_said
+    assert not label(store, made, **MEASURED[name]).is_label
 
 
 def test_a_label_returned_to_needs_no_analysis_after_another_setting(store: JobStore, made: Job) -> None:
     label(store, made, pose_held="start")
 
-    assert label(store, made, subject="S013").is_said
+    assert label(store, made, subject="S013").is_label
 
 
 def test_the_other_arm_of_a_motion_capture_needs_an_analysis(store: JobStore, add_job: AddJob) -> None:
     capture = finish(store, add_job(), method="")
 
-    assert not label(store, capture, side="left").is_said
-    assert label(store, capture, subject="S013").is_said
+    assert not label(store, capture, side="left").is_label
+    assert label(store, capture, subject="S013").is_label
 
 
 def test_a_label_given_during_the_analysis_waits_for_its_figures(
@@ -162,10 +162,10 @@ def test_a_label_given_during_the_analysis_waits_for_its_figures(
     first = add_job(subject="S012")
     said = label(store, first, subject="S013")
 
-    assert said.is_said
-    assert store.claim(is_said=True) is None
-    run_next(open_worker(stand_ins.write_report), is_said=False)
-    claimed = store.claim(is_said=True)
+    assert said.is_label
+    assert store.claim(is_label=True) is None
+    run_next(open_worker(stand_ins.write_report), is_label=False)
+    claimed = store.claim(is_label=True)
     assert claimed is not None
     assert claimed.id == said.id
 
@@ -183,9 +183,9 @@ def test_a_label_goes_before_every_analysis(store: JobStore, made: Job, add_job:
 def test_an_analysis_asked_for_again_reads_the_recording(store: JobStore, made: Job) -> None:
     recording = (made.recording_id, made.sha256)
 
-    assert not store.add_analysis(recording, made.request, is_fresh=True).is_said
+    assert not store.add_analysis(recording, made.request, is_fresh=True).is_label
     assert store.repeat_all([(made, made.request)], is_fresh=True) == 1
-    assert all(not job.is_said for job in store.find_page(JobFilter(JobState.QUEUED)))
+    assert all(not job.is_label for job in store.find_page(JobFilter(JobState.QUEUED)))
 
 
 def test_a_study_keeps_the_report_until_the_new_label_is_set(
