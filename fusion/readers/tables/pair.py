@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
-from fusion.errors import NoGravity, NoPair, NoSamples, UnknownRate
+from fusion.errors import FusionError, NoGravity, NoPair, NoSamples, UnknownRate, UnreadableRows
 from fusion.readers.archive import open_member
 from fusion.readers.samples import SampleColumns
 from fusion.readers.source import Source, open_archive, read_text
@@ -29,7 +29,16 @@ from fusion.readers.tables.columns import (
     read_named_axis,
 )
 from fusion.readers.tables.csv_lines import IGNORED, STAMP
-from fusion.readers.tables.layout import COLUMNS_OF_ONE, TextLayout, flag_text, sniff_layout
+from fusion.readers.tables.layout import (
+    COLUMNS_OF_ONE,
+    DELIMITERS,
+    FEWEST_HEADER_LINES,
+    TextLayout,
+    decode_head,
+    flag_text,
+    sniff_layout,
+    split_fields,
+)
 from fusion.readers.tables.rows import (
     TablePlan,
     TimeColumn,
@@ -181,8 +190,7 @@ def _read_table(
     found = sniff_layout(member, order, fewest=COLUMNS_OF_ONE)
     axes = find_own_axes([one.name for one in found.columns]) if found else None
     if found is None or axes is None:
-        line = member.head.decode("utf-8", "replace").partition("\n")[0].strip()
-        raise NoPair(why="unnamed", list=f"{PurePath(name).name}: {line}"[:200])
+        raise _explain_refusal(PurePath(name).name, decode_head(member).split("\n"))
     layout = _name_axes(found, axes, channel)
     place, time = choose_stamp(layout)
     if place is None or not time.has_times:
@@ -202,6 +210,16 @@ def _read_table(
     flags = (*rows.flags, *time.repair(columns, rows.changes), *flag_text(member, layout))
     unit = layout.columns[axes[0]].unit or ""
     return OneSensor(layout, time, unit, columns.stamps, columns.acc, flags)
+
+
+def _explain_refusal(name: str, lines: Sequence[str]) -> FusionError:
+    """Return the error for a table whose axes are not named, or in which no row can be read."""
+    for k, line in enumerate(lines[:FEWEST_HEADER_LINES]):
+        if any(find_own_axes(split_fields(line, mark)) for mark in DELIMITERS):
+            rows = sum(bool(row.strip()) for row in lines[k + 1 :])
+            return UnreadableRows(k=rows, line=k + 2) if rows >= FEWEST_ROWS else NoSamples()
+    first = "".join(sign for sign in lines[0] if sign.isprintable())
+    return NoPair(why="unnamed", list=f"{name}: {first}"[:200])
 
 
 def _name_axes(

@@ -14,7 +14,9 @@ from fusion.errors import (
     FusionError,
     NoGyroscope,
     NoPair,
+    NoSamples,
     SeveralSensors,
+    UnreadableRows,
     UnsafeArchive,
     UnusableProfile,
     UnusableTime,
@@ -571,6 +573,16 @@ def test_a_table_without_names_of_its_time_and_axes_is_no_half_of_a_pair(heads: 
 
     assert refusal.value.facts["why"] == "unnamed"
     assert refusal.value.facts["list"] == f"acc.csv: {heads}"
+
+
+@pytest.mark.parametrize(
+    ("rows_of_acc", "error"), [("", NoSamples), ("a,b,c,d\n" * 90, UnreadableRows)], ids=["none", "words"]
+)
+def test_a_table_without_rows_and_one_of_words_are_told_apart(
+    rows_of_acc: str, error: type[FusionError]
+) -> None:
+    with pytest.raises(error):
+        read_archive({"acc.csv": f"time_s,X (g),Y (g),Z (g)\n{rows_of_acc}", "gyr.csv": GYR})
 
 
 def test_an_arm_band_is_not_taken_for_a_description() -> None:
