@@ -62,6 +62,7 @@ from fusion.recording import (
     Recording,
     Stated,
     acc_scale_g,
+    flag_counts,
     gyr_scale_dps,
 )
 
@@ -135,6 +136,7 @@ def read(
     acc = _read_table(source, archive, names.acceleration, "acc", order)
     gyr = _read_table(source, archive, names.angular_rate, "gyr", order)
     beside = [_read_table(source, archive, names.gravity, "gravity", order)] if names.gravity else []
+    set_back = _undo_set_backs([gyr, acc, *beside])
     is_spread = _spread_stamps([gyr, acc, *beside])
     for table in (acc, *beside):
         _move_to_clock(table, gyr)
@@ -146,7 +148,7 @@ def read(
         or (device is not None and device.device == "sensorlogger" and names.kind != "total")
     ):
         raise NoGravity
-    flags = _join_flags(acc, gyr)
+    flags = _join_flags(acc, gyr) + set_back
     if is_spread:
         flags += (QualityFlag(Caveat.JITTER),)
     if acc.period_us > SLOWER * gyr.period_us > 0.0:
@@ -235,10 +237,26 @@ def _name_axes(
     return replace(layout, columns=tuple(columns))
 
 
+def _undo_set_backs(tables: Sequence[OneSensor]) -> tuple[QualityFlag, ...]:
+    """Let the rows after a clock was set back follow those before (W-CLOCK-BACK).
+
+    Raises NoPair if the clock was not set back in all tables, at the same time.
+    """
+    backs = [np.flatnonzero(np.diff(table.time_us) < -LONGEST_DELAY_US) + 1 for table in tables]
+    if len({len(rows) for rows in backs}) > 1:
+        raise NoPair(why="set back")
+    for rows in zip(*backs, strict=True):
+        places = list(zip(tables, rows, strict=True))
+        before_us, after_us = ([int(table.time_us[row + step]) for table, row in places] for step in (-1, 0))
+        if max(map(np.ptp, (before_us, after_us))) > LONGEST_DELAY_US:
+            raise NoPair(why="set back")
+        for table, row in places:
+            table.time_us[row:] += max(before_us) - min(after_us) + round(tables[0].period_us)
+    return flag_counts({Caveat.CLOCK_BACK: len(backs[0])})
+
+
 def _spread_stamps(tables: Sequence[OneSensor]) -> bool:
     """Spread rows that arrived together over time; return whether a table had bursts.
-
-    Rows from before the clock was set back are kept, those after it are dropped.
 
     A clock that is too coarse for the rows is so in each of the tables.
     """
@@ -249,10 +267,6 @@ def _spread_stamps(tables: Sequence[OneSensor]) -> bool:
             spread_shared(table.time_us)
         else:
             spread_bursts(table.time_us, may_be_coarse=len(steps) == 1)
-        late_us = np.maximum.accumulate(table.time_us) - table.time_us
-        if dropped := int(np.count_nonzero(late_us > LONGEST_DELAY_US)):
-            table.take(late_us <= LONGEST_DELAY_US)
-            table.flags += (QualityFlag(Caveat.ROWS_DROPPED, dropped),)
     return any(found)
 
 
