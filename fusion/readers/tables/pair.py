@@ -40,6 +40,7 @@ from fusion.readers.tables.layout import (
     split_fields,
 )
 from fusion.readers.tables.rows import (
+    JUDGED_ROWS,
     TablePlan,
     TimeColumn,
     build_clock,
@@ -99,7 +100,8 @@ class OneSensor:
     @property
     def offset_s(self) -> int | None:
         """Seconds east of UTC of the clock that shows the times; None if unknown."""
-        return 0 if self.time.counts_since_1970(int(self.time_us[0])) else self.time.offset_s
+        usual_us = int(np.median(self.time_us[:JUDGED_ROWS]))
+        return 0 if self.time.counts_since_1970(usual_us) else self.time.offset_s
 
     def take(self, chosen: NDArray[np.bool_] | NDArray[np.int64]) -> None:
         """Keep some of the rows, or change their order."""
@@ -136,10 +138,12 @@ def read(
     acc = _read_table(source, archive, names.acceleration, "acc", order)
     gyr = _read_table(source, archive, names.angular_rate, "gyr", order)
     beside = [_read_table(source, archive, names.gravity, "gravity", order)] if names.gravity else []
-    set_back = _undo_set_backs([gyr, acc, *beside])
-    is_spread = _spread_stamps([gyr, acc, *beside])
     for table in (acc, *beside):
         _move_to_clock(table, gyr)
+    set_back = _undo_set_backs([gyr, acc, *beside])
+    is_spread = _spread_stamps([gyr, acc, *beside])
+    for table in (acc, *beside):  # rows that came late
+        table.take(np.argsort(table.time_us, kind="stable"))
     device = acc.layout.device or gyr.layout.device
     for gravity in beside:
         _put_back_gravity(acc, gravity, is_linear=names.kind == "linear")
@@ -271,7 +275,7 @@ def _spread_stamps(tables: Sequence[OneSensor]) -> bool:
 
 
 def _move_to_clock(table: OneSensor, gyr: OneSensor) -> None:
-    """Count a table's times as the gyroscope's, from its offset from UTC and its day; sort late rows.
+    """Count a table's times as the gyroscope's, from its offset from UTC and its day.
 
     Raises NoPair if only one of them has an offset.
     """
@@ -282,7 +286,6 @@ def _move_to_clock(table: OneSensor, gyr: OneSensor) -> None:
         table.time_us += (other_s - own_s) * MICROSECONDS
     if not (table.time.has_date and gyr.time.has_date):
         table.time_us += round(int(gyr.time_us[0] - table.time_us[0]) / DAY_US) * DAY_US
-    table.take(np.argsort(table.time_us, kind="stable"))
 
 
 def _put_back_gravity(acc: OneSensor, gravity: OneSensor, *, is_linear: bool) -> None:
