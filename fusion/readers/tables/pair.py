@@ -196,7 +196,8 @@ def _read_table(
     found = sniff_layout(member, order, fewest=COLUMNS_OF_ONE)
     axes = find_own_axes([one.name for one in found.columns]) if found else None
     if found is None or axes is None:
-        raise _explain_refusal(PurePath(name).name, decode_head(member).split("\n"))
+        lines = decode_head(member).split("\n")
+        raise _explain_refusal(PurePath(name).name, lines, has_rows=found is not None)
     layout = _name_axes(found, axes, channel)
     place, time = choose_stamp(layout)
     if place is None or not time.has_times:
@@ -218,10 +219,10 @@ def _read_table(
     return OneSensor(layout, time, unit, columns.stamps, columns.acc, flags)
 
 
-def _explain_refusal(name: str, lines: Sequence[str]) -> FusionError:
+def _explain_refusal(name: str, lines: Sequence[str], *, has_rows: bool) -> FusionError:
     """Return the error for a table whose axes are not named, or in which no row can be read."""
     for k, line in enumerate(lines[:FEWEST_HEADER_LINES]):
-        if any(find_own_axes(split_fields(line, mark)) for mark in DELIMITERS):
+        if not has_rows and any(find_own_axes(split_fields(line, mark)) for mark in DELIMITERS):
             rows = sum(bool(row.strip()) for row in lines[k + 1 :])
             return UnreadableRows(k=rows, line=k + 2) if rows >= FEWEST_ROWS else NoSamples()
     first = "".join(sign for sign in lines[0] if sign.isprintable())
