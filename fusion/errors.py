@@ -125,7 +125,7 @@ class SeveralSensors(
 
 class NoPair(
     UnknownFormat,
-    code="E-PAIR",
+    code="E-TABLES",
     why=TERM,
     cure=TERM,
     list="names of the tables, or the header line of the only one",

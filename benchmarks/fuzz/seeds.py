@@ -139,18 +139,23 @@ def unpack(content: bytes) -> dict[str, str]:
         return {name: cut(packed.read(name).decode()) for name in packed.namelist()}
 
 
-def pack_again(members: dict[str, str], damaged: bytes) -> bytes:
-    """Return a zip of the members, with damaged bytes in place of the gyroscope table."""
+def pack_again(members: dict[str, str], damaged: bytes = b"", table: str = "") -> bytes:
+    """Return a zip of the members, with damaged bytes in place of one table."""
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w") as packed:
         for name, text in members.items():
-            packed.writestr(zipfile.ZipInfo(name), damaged if "gyro" in name.lower() else text)
+            packed.writestr(zipfile.ZipInfo(name), damaged if name == table else text)
     return file.getvalue()
 
 
 LAYOUTS = {name: make() for name, make in TABLES.items() if name != "serial monitor"}
 """A serial monitor without units needs half a minute of motion, which is too long to damage 10,000 times."""
-ZIPS = {f"{name}, a table in zip": unpack(made) for name, made in LAYOUTS.items() if isinstance(made, bytes)}
+ARCHIVES = {name: unpack(made) for name, made in LAYOUTS.items() if isinstance(made, bytes)}
+PAIRED_TABLES = {
+    f"{name}, {word} in zip": (members, next(table for table in members if word in table.lower()))
+    for name, members in ARCHIVES.items()
+    for word in ("acc", "gyro")
+}
 SEEDS = {
     "gt3x": archive(device_log()),
     "gt3x log": device_log(),
@@ -172,10 +177,8 @@ SEEDS = {
     "CSV in zip, packed bytes": zipped(canonical()),
     "Parquet": parquet(),
     **{name: cut(made).encode() for name, made in LAYOUTS.items() if isinstance(made, str)},
-    **{
-        name: next(text for member, text in members.items() if "gyro" in member.lower()).encode()
-        for name, members in ZIPS.items()
-    },
+    **{name: members[table].encode() for name, (members, table) in PAIRED_TABLES.items()},
+    **{f"{name}, whole zip": pack_again(members) for name, members in ARCHIVES.items()},
 }
 
 
@@ -185,8 +188,9 @@ def wrap(name: str, content: bytes) -> bytes:
         return archive(content)
     if name == "gt3x info.txt":
         return archive(SEEDS["gt3x log"], content)
-    if name in ZIPS:
-        return pack_again(ZIPS[name], content)
+    if name in PAIRED_TABLES:
+        members, table = PAIRED_TABLES[name]
+        return pack_again(members, content, table)
     if name == "CSV in zip":
         return zipped(content)
     return gzip.compress(content, 1, mtime=0) if name == "CSV, gzip" else content

@@ -152,3 +152,32 @@ def test_an_open_order_of_dates_is_answered_in_the_form(
     page.get_by_role("button", name="Analyse with these columns").click()
 
     expect(page.get_by_role("heading", name="The answer in short")).to_be_visible(timeout=END_MS)
+
+
+def test_an_open_order_of_dates_in_two_tables_is_answered_in_the_form(
+    page: Page, server: RunningServer, lines: list[str], tmp_path: Path
+) -> None:
+    start = datetime(2026, 3, 2, 7, tzinfo=UTC)
+    stamps = [f"{start + timedelta(milliseconds=10 * k):%m/%d/%Y %H:%M:%S.%f}" for k in range(len(lines))]
+    fields = [line.split(",")[1:7] for line in lines]
+    packed = tmp_path / "two_tables.zip"
+    with zipfile.ZipFile(packed, "w") as archive:
+        for name, unit, first in (("acc", "g", 0), ("gyro", "deg/s", 3)):
+            rows = (
+                f"{stamp},{','.join(row[first : first + 3])}"
+                for stamp, row in zip(stamps, fields, strict=True)
+            )
+            header = f"time,x ({unit}),y ({unit}),z ({unit})"
+            archive.writestr(f"{name}.csv", "\n".join([header, *rows]))
+
+    failed = server.send(packed)
+    see_end(server, failed["id"])
+    open_analysis(page, server, failed["id"])
+    page.get_by_role("link", name="Name the columns").click()
+    expect(page.get_by_role("heading", name="Date format")).to_be_visible()
+    expect(page.get_by_role("cell", name="03/02/2026").first).to_be_visible()
+    page.locator("[name=date_order]").select_option("mdy")
+    keep_picture(page, "dates of two tables")
+    page.get_by_role("button", name="Analyse with these columns").click()
+
+    expect(page.get_by_role("heading", name="The answer in short")).to_be_visible(timeout=END_MS)

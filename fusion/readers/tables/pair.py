@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
-from fusion.errors import NoGravity, NoPair, NoSamples, UnknownRate
+from fusion.errors import FusionError, NoGravity, NoPair, NoSamples, UnknownRate, UnreadableRows
 from fusion.readers.archive import open_member
 from fusion.readers.samples import SampleColumns
 from fusion.readers.source import Source, open_archive, read_text
@@ -29,8 +29,18 @@ from fusion.readers.tables.columns import (
     read_named_axis,
 )
 from fusion.readers.tables.csv_lines import IGNORED, STAMP
-from fusion.readers.tables.layout import COLUMNS_OF_ONE, TextLayout, flag_text, sniff_layout
+from fusion.readers.tables.layout import (
+    COLUMNS_OF_ONE,
+    DELIMITERS,
+    FEWEST_HEADER_LINES,
+    TextLayout,
+    decode_head,
+    flag_text,
+    sniff_layout,
+    split_fields,
+)
 from fusion.readers.tables.rows import (
+    JUDGED_ROWS,
     TablePlan,
     TimeColumn,
     build_clock,
@@ -53,6 +63,7 @@ from fusion.recording import (
     Recording,
     Stated,
     acc_scale_g,
+    flag_counts,
     gyr_scale_dps,
 )
 
@@ -89,7 +100,8 @@ class OneSensor:
     @property
     def offset_s(self) -> int | None:
         """Seconds east of UTC of the clock that shows the times; None if unknown."""
-        return 0 if self.time.counts_since_1970(int(self.time_us[0])) else self.time.offset_s
+        usual_us = int(np.median(self.time_us[:JUDGED_ROWS]))
+        return 0 if self.time.counts_since_1970(usual_us) else self.time.offset_s
 
     def take(self, chosen: NDArray[np.bool_] | NDArray[np.int64]) -> None:
         """Keep some of the rows, or change their order."""
@@ -126,9 +138,12 @@ def read(
     acc = _read_table(source, archive, names.acceleration, "acc", order)
     gyr = _read_table(source, archive, names.angular_rate, "gyr", order)
     beside = [_read_table(source, archive, names.gravity, "gravity", order)] if names.gravity else []
-    is_spread = _spread_stamps([gyr, acc, *beside])
     for table in (acc, *beside):
         _move_to_clock(table, gyr)
+    set_back = _undo_set_backs([gyr, acc, *beside])
+    is_spread = _spread_stamps([gyr, acc, *beside])
+    for table in (acc, *beside):  # rows that came late
+        table.take(np.argsort(table.time_us, kind="stable"))
     device = acc.layout.device or gyr.layout.device
     for gravity in beside:
         _put_back_gravity(acc, gravity, is_linear=names.kind == "linear")
@@ -137,7 +152,7 @@ def read(
         or (device is not None and device.device == "sensorlogger" and names.kind != "total")
     ):
         raise NoGravity
-    flags = _join_flags(acc, gyr)
+    flags = _join_flags(acc, gyr) + set_back
     if is_spread:
         flags += (QualityFlag(Caveat.JITTER),)
     if acc.period_us > SLOWER * gyr.period_us > 0.0:
@@ -181,8 +196,8 @@ def _read_table(
     found = sniff_layout(member, order, fewest=COLUMNS_OF_ONE)
     axes = find_own_axes([one.name for one in found.columns]) if found else None
     if found is None or axes is None:
-        line = member.head.decode("utf-8", "replace").partition("\n")[0].strip()
-        raise NoPair(why="unnamed", list=f"{PurePath(name).name}: {line}"[:200])
+        lines = decode_head(member).split("\n")
+        raise _explain_refusal(PurePath(name).name, lines, has_rows=found is not None)
     layout = _name_axes(found, axes, channel)
     place, time = choose_stamp(layout)
     if place is None or not time.has_times:
@@ -204,6 +219,16 @@ def _read_table(
     return OneSensor(layout, time, unit, columns.stamps, columns.acc, flags)
 
 
+def _explain_refusal(name: str, lines: Sequence[str], *, has_rows: bool) -> FusionError:
+    """Return the error for a table whose axes are not named, or in which no row can be read."""
+    for k, line in enumerate(lines[:FEWEST_HEADER_LINES]):
+        if not has_rows and any(find_own_axes(split_fields(line, mark)) for mark in DELIMITERS):
+            rows = sum(bool(row.strip()) for row in lines[k + 1 :])
+            return UnreadableRows(k=rows, line=k + 2) if rows >= FEWEST_ROWS else NoSamples()
+    first = "".join(sign for sign in lines[0] if sign.isprintable())
+    return NoPair(why="unnamed", list=f"{name}: {first}"[:200])
+
+
 def _name_axes(
     layout: TextLayout, axes: tuple[int, int, int], channel: Literal["acc", "gyr", "gravity"]
 ) -> TextLayout:
@@ -217,10 +242,26 @@ def _name_axes(
     return replace(layout, columns=tuple(columns))
 
 
+def _undo_set_backs(tables: Sequence[OneSensor]) -> tuple[QualityFlag, ...]:
+    """Let the rows after a clock was set back follow those before (W-CLOCK-BACK).
+
+    Raises NoPair if the clock was not set back in all tables, at the same time.
+    """
+    backs = [np.flatnonzero(np.diff(table.time_us) < -LONGEST_DELAY_US) + 1 for table in tables]
+    if len({len(rows) for rows in backs}) > 1:
+        raise NoPair(why="set back")
+    for rows in zip(*backs, strict=True):
+        places = list(zip(tables, rows, strict=True))
+        before_us, after_us = ([int(table.time_us[row + step]) for table, row in places] for step in (-1, 0))
+        if max(map(np.ptp, (before_us, after_us))) > LONGEST_DELAY_US:
+            raise NoPair(why="set back")
+        for table, row in places:
+            table.time_us[row:] += max(before_us) - min(after_us) + round(tables[0].period_us)
+    return flag_counts({Caveat.CLOCK_BACK: len(backs[0])})
+
+
 def _spread_stamps(tables: Sequence[OneSensor]) -> bool:
     """Spread rows that arrived together over time; return whether a table had bursts.
-
-    Rows from before the clock was set back are kept, those after it are dropped.
 
     A clock that is too coarse for the rows is so in each of the tables.
     """
@@ -231,15 +272,11 @@ def _spread_stamps(tables: Sequence[OneSensor]) -> bool:
             spread_shared(table.time_us)
         else:
             spread_bursts(table.time_us, may_be_coarse=len(steps) == 1)
-        late_us = np.maximum.accumulate(table.time_us) - table.time_us
-        if dropped := int(np.count_nonzero(late_us > LONGEST_DELAY_US)):
-            table.take(late_us <= LONGEST_DELAY_US)
-            table.flags += (QualityFlag(Caveat.ROWS_DROPPED, dropped),)
     return any(found)
 
 
 def _move_to_clock(table: OneSensor, gyr: OneSensor) -> None:
-    """Count a table's times as the gyroscope's, from its offset from UTC and its day; sort late rows.
+    """Count a table's times as the gyroscope's, from its offset from UTC and its day.
 
     Raises NoPair if only one of them has an offset.
     """
@@ -250,7 +287,6 @@ def _move_to_clock(table: OneSensor, gyr: OneSensor) -> None:
         table.time_us += (other_s - own_s) * MICROSECONDS
     if not (table.time.has_date and gyr.time.has_date):
         table.time_us += round(int(gyr.time_us[0] - table.time_us[0]) / DAY_US) * DAY_US
-    table.take(np.argsort(table.time_us, kind="stable"))
 
 
 def _put_back_gravity(acc: OneSensor, gravity: OneSensor, *, is_linear: bool) -> None:

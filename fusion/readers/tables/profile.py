@@ -19,8 +19,8 @@ from fusion.errors import (
     UnusableProfile,
     UnusableTime,
 )
-from fusion.readers.archive import unpack
-from fusion.readers.source import open_source
+from fusion.readers.archive import open_member, unpack
+from fusion.readers.source import open_archive, open_source
 from fusion.readers.tables.columns import (
     TIME_UNITS_EXPONENT,
     Channel,
@@ -31,6 +31,7 @@ from fusion.readers.tables.columns import (
 )
 from fusion.readers.tables.layout import (
     ARRIVAL,
+    COLUMNS_OF_ONE,
     DELIMITERS,
     MIN_COLUMNS,
     SNIFFED_LINES,
@@ -222,7 +223,8 @@ class ProfileProposal:
     ``columns``: the names as written, "" for none; ``rows``: the first rows, split;
     ``acceleration``, ``angular_rate``, ``time``: places as a column profile has them, None if
     unknown; units "" if unknown: they can be found from the data. ``sensors``: their names,
-    if the table or the archive holds several. ``above``: the lines above the rows, split.
+    if the table or the archive holds several. ``above``: the lines above the rows, split. ``is_pair``: these
+    are the rows of one of two tables, of which a person can state only the order of the dates.
     """
 
     columns: tuple[str, ...]
@@ -235,6 +237,7 @@ class ProfileProposal:
     time_unit: str
     sensors: tuple[str, ...] = ()
     above: tuple[tuple[str, ...], ...] = ()
+    is_pair: bool = False
 
     @property
     def profile(self) -> ColumnProfile | None:
@@ -257,11 +260,18 @@ def propose_file_profile(file: BinaryIO, file_name: str = "") -> ProfileProposal
     Raises FusionError: as :func:`fusion.readers.archive.unpack` and :func:`propose_profile`.
     """
     try:
-        head = unpack(open_source(file, file_name, is_hashed=False)).head
+        source = unpack(open_source(file, file_name, is_hashed=False))
     except SeveralSensors as refusal:
         sensors = tuple(str(refusal.facts["list"]).split(", "))
         return ProfileProposal((), (), None, None, "", "", None, "", sensors)
-    return propose_profile(head)
+    if source.pair is None:
+        return propose_profile(source.head)
+    text = decode_head(open_member(open_archive(source), source.pair.angular_rate, source))
+    layout = find_layout(text, "dmy", names_time=True, fewest=COLUMNS_OF_ONE)
+    if layout is None:
+        raise UnknownFormat(kind="text")
+    names = tuple(column.name for column in layout.columns)
+    return ProfileProposal(names, _find_first_rows(text, layout), None, None, "", "", None, "", is_pair=True)
 
 
 def propose_profile(head: bytes) -> ProfileProposal:

@@ -223,5 +223,17 @@ def test_the_form_gives_the_sensor_with_its_units_and_rate() -> None:
     assert read_profile(form) == {"sensor": "right", "acceleration_unit": "g", "rate_hz": 204.8}
 
 
+@pytest.mark.parametrize(
+    ("form", "profile"),
+    [
+        ({"sensor": ["right"], "date_order": ["dmy"]}, {"sensor": "right", "date_order": "dmy"}),
+        ({"is_pair": ["yes"], "date_order": ["mdy"]}, {"date_order": "mdy"}),
+    ],
+    ids=["one of several sensors", "two tables"],
+)
+def test_the_form_gives_the_order_of_the_dates(form: dict[str, list[str]], profile: dict[str, str]) -> None:
+    assert read_profile(form) == profile
+
+
 def test_the_report_names_the_sensor() -> None:
     assert format_columns('{"sensor": "right"}', "en") == "Sensor on the upper arm: right"

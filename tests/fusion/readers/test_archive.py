@@ -14,7 +14,9 @@ from fusion.errors import (
     FusionError,
     NoGyroscope,
     NoPair,
+    NoSamples,
     SeveralSensors,
+    UnreadableRows,
     UnsafeArchive,
     UnusableProfile,
     UnusableTime,
@@ -503,6 +505,29 @@ def test_a_wall_clock_and_a_time_in_utc_are_not_taken_for_one_clock() -> None:
     assert refusal.value.facts["why"] == "no common time"
 
 
+def test_rows_after_a_clock_was_set_back_in_both_tables_follow_those_before() -> None:
+    back = np.where(TIME_S < 15.0, TIME_S + 3600.0, TIME_S)
+    members: dict[str, str | bytes] = {
+        "acc.csv": "time_s,X (g),Y (g),Z (g)\n" + rows(back[::2], ACC_G[::2]),
+        "gyr.csv": "time_s,X (deg/s),Y (deg/s),Z (deg/s)\n" + rows(back, GYR_DPS),
+    }
+
+    recording = read_archive(members)
+
+    np.testing.assert_allclose(recording.segments[0].acc_g[::2], ACC_G[:-1:2], atol=2e-6)
+    assert codes(recording) == ["W-CLOCK-BACK", "W-ACC-RATE"]
+
+
+def test_a_clock_that_was_set_back_in_one_table_only_is_refused() -> None:
+    back = np.where(TIME_S < 15.0, TIME_S + 5.0, TIME_S)
+    gyr = "time_s,X (deg/s),Y (deg/s),Z (deg/s)\n" + rows(back, GYR_DPS)
+
+    with pytest.raises(NoPair) as refusal:
+        read_archive({"acc.csv": ACC, "gyr.csv": gyr})
+
+    assert refusal.value.facts["why"] == "set back"
+
+
 @pytest.mark.parametrize("delay", [1, -1])
 def test_rows_that_came_late_are_put_in_order(delay: int) -> None:
     order = np.arange(len(TIME_S))
@@ -571,6 +596,16 @@ def test_a_table_without_names_of_its_time_and_axes_is_no_half_of_a_pair(heads: 
 
     assert refusal.value.facts["why"] == "unnamed"
     assert refusal.value.facts["list"] == f"acc.csv: {heads}"
+
+
+@pytest.mark.parametrize(
+    ("rows_of_acc", "error"), [("", NoSamples), ("a,b,c,d\n" * 90, UnreadableRows)], ids=["none", "words"]
+)
+def test_a_table_without_rows_and_one_of_words_are_told_apart(
+    rows_of_acc: str, error: type[FusionError]
+) -> None:
+    with pytest.raises(error):
+        read_archive({"acc.csv": f"time_s,X (g),Y (g),Z (g)\n{rows_of_acc}", "gyr.csv": GYR})
 
 
 def test_an_arm_band_is_not_taken_for_a_description() -> None:

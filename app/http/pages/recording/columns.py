@@ -157,8 +157,12 @@ def read_profile(form: Form) -> dict[str, Any]:
             stated["rate_hz"] = float(rate.replace(",", "."))
         except ValueError:
             raise BadParameter(name="rate_hz", value=rate[:60], allowed="100") from None
+    if first(form, "date_order"):
+        stated["date_order"] = first(form, "date_order")
     if first(form, "sensor"):
         return {"sensor": first(form, "sensor")} | stated
+    if first(form, "is_pair"):
+        return stated
     profile: dict[str, Any] = {
         vector: [_read_column(first(form, f"{vector}_{axis}"), f"{vector}_{axis}", names) for axis in AXES]
         for vector in VECTORS
@@ -166,10 +170,7 @@ def read_profile(form: Form) -> dict[str, Any]:
     time = first(form, "time")
     if time not in ("", "0"):
         profile["time"] = _read_column(time, "time", names)
-    profile |= stated
-    if first(form, "date_order"):
-        profile["date_order"] = first(form, "date_order")
-    return profile
+    return profile | stated
 
 
 def _read_column(text: str, name: str, names: Sequence[str]) -> int | str:
