@@ -302,7 +302,8 @@ class LabelWriter:
         """Rewrite whole lines."""
         *lines, last = text.split("\n")
         rewritten = [line for line in map(self._rewrite_line, lines) if line is not None]
-        return "\n".join([*rewritten, (self._rewrite_line(last) or "") if last else ""])
+        is_torn = last and read_labels(last)[0] not in self.groups  # the end of a file that was cut
+        return "\n".join([*rewritten, last if is_torn else (self._rewrite_line(last) or "") if last else ""])
 
     def tabulate_head(self, head: str) -> str:
         """Rewrite the head as a table, with a line of names before the first row."""
