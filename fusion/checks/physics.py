@@ -574,7 +574,7 @@ def check_physics(recording: Recording) -> Recording:
     WrongScale
         The accelerometer's reading at rest is not 1 g in any known unit, or differs between directions.
     NoGravity
-        The reading at rest is almost zero.
+        The reading at rest is almost zero; without rest, its length varies as gravity's never does.
     UnknownUnit
         Neither header nor rest and motion determine a unit.
     MixedColumns
@@ -690,8 +690,8 @@ def _check_moving_gravity(recording: Recording, unit: str) -> Recording:
     if part is not None and acc_scale_g(unit) and usual < LEAST_USUAL_G:
         raise NoGravity
     is_likely = 1.0 / MOVING_TIMES < usual < MOVING_TIMES
+    is_lively = _measure_spread(lengths) > LIVELY_RATIO
     if recording.stated.is_known or (unit != "registers" and is_likely):
-        is_lively = _measure_spread(lengths) > LIVELY_RATIO
         return _flag_doubt(recording, "accelerometer", moving_g=round(usual, 3)) if is_lively else recording
     if unit == "registers":
         fitting = [one for one in RANGES_G if abs(usual * one - 1.0) <= MOVING_TOLERANCE]
@@ -699,7 +699,7 @@ def _check_moving_gravity(recording: Recording, unit: str) -> Recording:
         fitting = [one for one in USUAL_UNITS_G[1:] if 1.0 / MOVING_TIMES < usual * one < MOVING_TIMES]
     if unit not in ("", "registers") or len(fitting) != 1:
         _refuse_short(recording)
-        raise UnknownUnit(sensor="accelerometer")
+        raise NoGravity if is_lively else UnknownUnit(sensor="accelerometer")
     return _set_acc_unit(recording, unit, fitting[0], "motion", usual)
 
 
@@ -767,7 +767,8 @@ def _check_rates(recording: Recording, rests: Rests) -> Recording:
         recording = _apply_arrangement(recording, unit, windows, evidence)
     elif unit in ("", "registers"):
         _refuse_short(recording)
-        raise UnknownUnit(sensor="gyroscope")
+        is_gravity = _measure_spread(measure_lengths(recording.segments)) <= LIVELY_RATIO
+        raise UnknownUnit(sensor="gyroscope") if is_gravity else NoGravity
     elif evidence is not None and evidence.is_doubtful:
         recording = add_flags(recording, QualityFlag(Caveat.MIXED, facts=_describe_mixed(evidence)))
     return _narrow_ranges(recording, is_cut=is_cut)

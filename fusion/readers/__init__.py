@@ -46,7 +46,13 @@ from fusion.readers.source import Source, hash_source, open_source, read_chunks
 from fusion.readers.tables import actilife as actilife_csv
 from fusion.readers.tables import csv as lsm9ds1_csv
 from fusion.readers.tables import pair, parquet
-from fusion.readers.tables.columns import GYROSCOPE, name_missing, parse_column_name, read_axis
+from fusion.readers.tables.columns import (
+    GYROSCOPE,
+    name_missing,
+    parse_column_name,
+    read_axis,
+    read_named_axis,
+)
 from fusion.readers.tables.layout import (
     DELIMITERS,
     MIN_COLUMNS,
@@ -190,7 +196,7 @@ def read_recording(
 
 def _is_read_by_profile(content: Source, profile: ColumnProfile) -> bool:
     """Return whether the profile decides how a table is read; for ActiLife's, an order of dates does not."""
-    if identify_content(content.head) != "text":
+    if identify_content(content.head) not in ("text", "JSON"):  # each line may be an object
         return False
     return profile.names_columns or (profile.date_order is not None and not actilife_csv.recognise(content))
 
@@ -340,7 +346,7 @@ def _explain_text(source: Source) -> FusionError:
 
 def _explain_labels(lines: Sequence[str]) -> FusionError | None:
     """Return the error for lines that name one axis or one sensor each, as sketches print them."""
-    named = [line for line in lines[:SNIFFED_LINES] if any(map(read_axis, read_labels(line)[0]))]
+    named = [line for line in lines[:SNIFFED_LINES] if any(map(read_named_axis, read_labels(line)[0]))]
     return SeparateLines(list=named[0].strip()[:200]) if len(named) >= MIN_COLUMNS else None
 
 

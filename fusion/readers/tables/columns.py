@@ -160,7 +160,7 @@ def _split_bracketed(text: str) -> tuple[str, str | None]:
 
 def read_unit(field: str) -> str | None:
     """Read a field of a row of units: the unit, "" for a unit of another quantity, None for no unit."""
-    word = re.sub(r"[\s()]+", "", _tidy(field))
+    word = re.sub(r"[\s()\[\]]+", "", _tidy(field))
     if word in ACC_UNITS_G or word in GYR_UNITS_DPS or word in TIME_UNITS_EXPONENT:
         return word
     return "" if word in OTHER_UNITS else None

@@ -274,7 +274,9 @@ def _describe_columns(plan: TablePlan, stated: Stated, first_us: int) -> dict[st
     if isinstance(writer, ClockWriter):
         used = used - set(writer.emptied) | set(writer.parts)
     ignored = (
-        one.name for k, one in enumerate(columns) if k not in used and one.channel in ("other", "time")
+        one.name
+        for k, one in enumerate(columns)
+        if one.name and k not in used and one.channel in ("other", "time")
     )
     described = {
         "layout": "table with header",

@@ -251,7 +251,7 @@ def _split_sensor(column: Column) -> Column:
 # (`12:30:01.123 -> ax: ...`) becomes a column.
 
 PAIR = re.compile(
-    r"([A-Za-z_][\w .]{0,60}?(?: ?\([^)\n]{0,40}\))?) ?[:=] *+"
+    r"([A-Za-z_][\w .]{0,60}?(?: ?\([^)\n]{0,40}\))?)\"? ?[:=] *+"
     r"([-+]?(?:\d++(?:\.\d*+)?+|\.\d++)(?:[eE][-+]?\d++)?+)"
     r"(?: ?(m/s(?:\^?2|\u00b2)|rad(?:ians)?/s|deg/s|\u00b0/s|m?dps|m?g)(?![\w:=/^]))?(?![\w:.])"
 )
@@ -262,6 +262,7 @@ ARRIVED = re.compile(
     r"|[A-Z][a-z]{2} (?P<month>[A-Z][a-z]{2}) {1,2}(?P<day>\d{1,2}) )?"
     rf"(?P<clock>{OF_A_DAY})(?: (?P<year>\d{{4}}))?\]"
     rf"|(?P<bare_date>\d{{4}}-\d{{2}}-\d{{2}}[ T])?(?P<bare_clock>{OF_A_DAY}) ?(?:->|>)"
+    r"|[EWIDV] \((?P<booted_ms>\d{1,12})\) [\w.\-]{1,40}:"
     rf"|(?P<begun_date>\d{{4}}-\d{{2}}-\d{{2}} )?(?P<begun_clock>{OF_A_DAY})"
     r":?(?:[ \t]*$|[ \t]+(?=[A-Za-z][\w .]*[:=])| +(?=[^,;\t|]+[,;\t|])|\t(?=[^\t]*$))"
     r"(?! *(?:(?i:[AP]\.?M\b|Z\b|UTC|GMT|[A-Z]?[ECMPHA][SDNA]?[TE]\b)|[A-Z]\w{2,20}/"
@@ -269,7 +270,8 @@ ARRIVED = re.compile(
 )
 """The time at which a serial monitor received a line: `12:30:01.123 -> `, `12:30:01 -> `,
 `[2026-03-02 12:30:01.123] `; CoolTerm's, without a mark, unless AM, PM or a zone follows; Tera Term's
-`[Mon Mar 02 12:30:01.123 2026] `, and its time since the start, `[0 00:00:01.123] `, with the days."""
+`[Mon Mar 02 12:30:01.123 2026] `, and its time since the start, `[0 00:00:01.123] `, with the days;
+an ESP32's milliseconds since it started, `I (1250) imu: `."""
 ARRIVAL = "arrived"
 TRIPLE = re.compile(
     r"([A-Za-z]\w{0,30}) ?[:=] *([-+]?\d++(?:\.\d*+)?+)[, \t]++([-+]?\d++(?:\.\d*+)?+)"
@@ -303,7 +305,8 @@ class LabelWriter:
         """Rewrite whole lines."""
         *lines, last = text.split("\n")
         rewritten = [line for line in map(self._rewrite_line, lines) if line is not None]
-        return "\n".join([*rewritten, (self._rewrite_line(last) or "") if last else ""])
+        is_torn = last and read_labels(last)[0] not in self.groups  # the end of a file that was cut
+        return "\n".join([*rewritten, last if is_torn else (self._rewrite_line(last) or "") if last else ""])
 
     def tabulate_head(self, head: str) -> str:
         """Rewrite the head as a table, with a line of names before the first row."""
@@ -379,6 +382,8 @@ def _find_groups(lines: Sequence[str]) -> tuple[tuple[str, ...], ...]:
 
 def _read_arrival(found: re.Match[str]) -> str:
     """Write the time of a serial monitor in the form of the other stamps, or as seconds since the start."""
+    if found["booted_ms"]:
+        return f"{int(found['booted_ms']) / 1000:.3f}"
     clock = (found["clock"] or found["bare_clock"] or found["begun_clock"]).replace(",", ".")
     hour, minute, second, *fraction = clock.replace(".", ":").split(":")
     fraction = fraction or ["0"]

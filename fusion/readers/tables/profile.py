@@ -359,7 +359,9 @@ def identify_header(file: BinaryIO) -> str:
         return ""
     names = [column.name for column in _find_columns(layout)]
     mark = "" if set(names) - {"", ARRIVAL} else "-"
-    text = json.dumps([layout.delimiter, [""] * len(layout.sample_rows[0]) if mark else names])
+    text = json.dumps(
+        [layout.delimiter, [names[0], *[""] * (len(layout.sample_rows[0]) - 1)] if mark else names]
+    )
     return mark + hashlib.sha256(text.encode()).hexdigest()[:16]
 
 

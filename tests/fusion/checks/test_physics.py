@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fusion.checks.physics import are_exchanged, check_physics
 from fusion.checks.summary import find_rests
+from fusion.errors import NoGravity, UnknownUnit
 from fusion.recording import Recording, Segment, Stated
 from fusion.simulation import simulate_shift
 from fusion.simulation.sensor import Device
@@ -236,3 +237,26 @@ def test_the_trials_of_broad_are_left_alone(shared_data: Callable[[str], Path]) 
 
     for sampled in (trials, [resample_to_100_hz(trial) for trial in trials]):
         assert_left_alone([recording_of(one.acc_g, one.gyr_dps, one.rate_hz, **STATED) for one in sampled])
+
+
+UNSTATED = {"acc_unit": "", "gyr_unit": ""}
+
+
+@pytest.mark.parametrize("units", [STATED, UNSTATED, STATED | {"gyr_unit": ""}])
+def test_without_rest_an_acceleration_that_often_vanishes_lacks_gravity(units: dict[str, str]) -> None:
+    """It was taken out, whatever the unit: 0.15 g to and fro along one axis, never at rest."""
+    time_s = np.arange(6000) / RATE_HZ
+    acc = np.stack([0.15 * np.sin(7.0 * time_s), 0.001 * np.cos(5.0 * time_s), 0.0 * time_s], axis=1)
+    gyr = np.outer(90.0 * np.sin(3.0 * time_s), [1.0, 0.5, 0.2])
+
+    with pytest.raises(NoGravity):
+        check_physics(recording_of(acc, gyr, **units))
+
+
+def test_without_rest_a_steady_acceleration_of_no_known_length_is_of_an_unknown_unit() -> None:
+    time_s = np.arange(6000) / RATE_HZ
+    gyr = np.outer(90.0 * np.sin(3.0 * time_s), [1.0, 0.5, 0.2])
+    acc = 0.03 * np.stack([np.sin(3.0 * time_s), np.cos(3.0 * time_s), 0.0 * time_s], axis=1)
+
+    with pytest.raises(UnknownUnit):
+        check_physics(recording_of(acc, gyr, acc_unit="", gyr_unit="dps"))

@@ -136,6 +136,7 @@ def test_values_between_bars_are_read() -> None:
     [
         "Accelerometer:\n X = 0.01\n Y = 0.02\n Z = 0.99\n\nGyroscope:\n X = 1.5\n Y = -0.2\n Z = 0.3\n\n",
         "X: 0.10  Y: 0.20  Z: 9.80  m/s^2\nX: 0.01  Y: 0.02  Z: 0.03  rad/s\n",
+        ">aX:0.01\n>aY:0.02\n>aZ:0.99\n>gX:1.5\n>gY:-0.2\n>gZ:0.3\n",
     ],
 )
 def test_lines_that_nobody_can_group_are_refused_with_the_form_to_use(sample: str) -> None:
@@ -313,3 +314,42 @@ def test_the_offset_of_another_time_in_a_row_is_no_change_of_the_clock() -> None
 
     assert "W-OFFSET" not in {flag.code for flag in recording.flags}
     check_whole(recording)
+
+
+# Other lines that programs print.
+
+
+def test_an_esp32_writes_its_milliseconds_before_each_line() -> None:
+    names = ("ax", "ay", "az", "gx", "gy", "gz")
+    rows = (
+        f"I ({10 * k + 312}) imu: " + " ".join(map("=".join, zip(names, line(k).split(","), strict=True)))
+        for k in range(ROWS)
+    )
+
+    layout = find_layout("\n".join(rows) + "\n")
+
+    assert layout is not None
+    assert layout.columns[0].channel == "time"
+    assert layout.sample_rows[1][:2] == ("0.322", "0.001")
+
+
+def test_an_object_of_json_in_each_line_is_a_row() -> None:
+    names = ("ax_g", "ay_g", "az_g", "gx_dps", "gy_dps", "gz_dps")
+    rows = (
+        ", ".join(f'"{name}": {value}' for name, value in zip(names, line(k).split(","), strict=True))
+        for k in range(ROWS)
+    )
+
+    text = "".join(f'{{"time_ms": {10 * k}, {row}}}\n' for k, row in enumerate(rows))
+
+    check_whole(read_text(text, "imu.json"))
+
+
+def test_a_row_of_units_may_be_in_brackets() -> None:
+    header = "Time,AccX,AccY,AccZ,GyroX,GyroY,GyroZ\n[ms],[g],[g],[g],[dps],[dps],[dps]\n"
+
+    recording = read_text(header + make_rows("{ms},{row}"))
+
+    check_whole(recording)
+    assert (recording.stated.acc_unit, recording.stated.gyr_unit) == ("g", "dps")
+    assert recording.flags == ()
