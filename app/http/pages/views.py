@@ -504,7 +504,7 @@ def build_entry(
         tags=tuple((tag, urlencode({"tag": tag})) for tag in entry.tags),
         attempt=build_row(attempt, language, took) if attempt else None,
         is_set=is_set,
-        questions=list_questions(said, headline) if headline else (),
+        questions=list_questions(label, headline) if headline else (),
     )
 
 

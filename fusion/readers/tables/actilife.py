@@ -58,7 +58,7 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
     stated_hz = float(stated.group(1)) if stated else 100.0
     if plan.time.has_times:
         changes = plan.time.repair(rows.columns, rows.changes)
-        clock = find_clock(plan, int(rows.columns.stamps[0]))
+        clock = find_clock(plan.layout, plan.time, int(rows.columns.stamps[0]))
         grid = cut_stamped(rows.columns)
         changes += flag_drift(stated_hz, MICROSECONDS / grid.period_us)
     else:

@@ -128,7 +128,7 @@ def _read_planned(source: Source, plan: TablePlan, rate_hz: float | None) -> Rec
     separator = " " if layout.is_single_spaced else layout.delimiter
     return build_recording(
         grid,
-        find_clock(plan, first_us),
+        find_clock(plan.layout, plan.time, first_us),
         (
             *rows.flags,
             *repairs,
@@ -268,7 +268,7 @@ def _read_stated(plan: TablePlan, *, is_in_g: bool) -> Stated:
 def _describe_columns(plan: TablePlan, stated: Stated, first_us: int) -> dict[str, str]:
     columns, device = plan.layout.columns, plan.layout.device
     rows, used = plan.layout.sample_rows, {k for k, target in enumerate(plan.targets) if target >= STAMP}
-    clock_place, writer = find_clock_place(plan, first_us), plan.layout.writer
+    clock_place, writer = find_clock_place(plan.layout, plan.time, first_us), plan.layout.writer
     used |= {clock_place} if clock_place is not None else set()
     used |= {k + 1 for k in used if plan.layout.dates and rows and _is_empty(rows, k + 1)}
     if isinstance(writer, ClockWriter):

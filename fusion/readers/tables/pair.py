@@ -9,7 +9,7 @@ import zipfile
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import PurePath
 from typing import Literal
 
@@ -45,9 +45,7 @@ from fusion.readers.tables.rows import (
     TimeColumn,
     build_clock,
     build_recording,
-    choose_calendar,
     choose_stamp,
-    find_calendars,
     find_clock,
     holds_gravity,
     read_epoch,
@@ -163,7 +161,7 @@ def read(
     first_us = int(columns.stamps[0])
     clock = find_clock(gyr.layout, gyr.time, first_us)
     if clock.start is None and gyr.time.has_date:
-        clock = build_clock(_read_start(archive, first_us) or _read_calendar(gyr.layout))
+        clock = build_clock(_read_start(archive, first_us))
     grid = cut_stamped(columns)
     return build_recording(
         grid,
@@ -344,16 +342,4 @@ def _read_start(archive: zipfile.ZipFile, first_us: int) -> datetime | None:
         _, started = read_text(archive, PHYPHOX_CLOCK).decode("utf-8", "replace").splitlines()[:2]
         experiment_s, system_s = (float(field.strip('"')) for field in re.split(r"[,;\t]", started)[1:3])
         return read_epoch(round((system_s - experiment_s) * MICROSECONDS) + first_us)
-    return None
-
-
-def _read_calendar(layout: TextLayout) -> datetime | None:
-    """Read the first row's date and time in a column that is not the time of the rows; None for none."""
-    time = choose_calendar(layout)
-    place = next((k for k in find_calendars(layout) if layout.columns[k].channel == "time"), None)
-    if place is None or not time.has_date:
-        return None
-    with suppress(ValueError):  # a damaged row may have no such hour
-        moment = datetime.fromisoformat(layout.sample_rows[0][place].replace(",", "."))
-        return time.read_start(round(moment.replace(tzinfo=UTC).timestamp() * MICROSECONDS))
     return None

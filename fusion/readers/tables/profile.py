@@ -267,7 +267,7 @@ def propose_file_profile(file: BinaryIO, file_name: str = "") -> ProfileProposal
     if source.pair is None:
         return propose_profile(source.head)
     text = decode_head(open_member(open_archive(source), source.pair.angular_rate, source))
-    layout = find_layout(text, "dmy", names_time=True, fewest=COLUMNS_OF_ONE)
+    layout = find_layout(text, "dmy", stated_time="", fewest=COLUMNS_OF_ONE)
     if layout is None:
         raise UnknownFormat(kind="text")
     names = tuple(column.name for column in layout.columns)

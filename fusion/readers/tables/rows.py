@@ -559,21 +559,20 @@ def _read_stated_start(facts: Mapping[str, str]) -> datetime | None:
     return None
 
 
-def find_clock_place(plan: TablePlan, first_us: int) -> int | None:
+def find_clock_place(layout: TextLayout, time: TimeColumn, first_us: int) -> int | None:
     """Return the column of a calendar beside stamps that count from power-on; None for none."""
-    is_count = plan.time.kind == "number" and plan.time.read_start(first_us) is None
-    calendars = find_calendars(plan.layout) if is_count else []
+    is_count = time.kind == "number" and time.read_start(first_us) is None
+    calendars = find_calendars(layout) if is_count else []
     return calendars[0] if calendars else None
 
 
-def find_clock(plan: TablePlan, first_us: int) -> TableClock:
+def find_clock(layout: TextLayout, time: TimeColumn, first_us: int) -> TableClock:
     """Read the clock at the first row: from the preamble (`# start: 2026-03-02T07:58:00-05:00`) or a stamp.
 
     If both exist and differ, the rows' time is used; the preamble's offset applies to both. Stamps that count
     from power-on leave the start to a calendar in another column.
     """
-    layout, time = plan.layout, plan.time
-    start, place = time.read_start(first_us), find_clock_place(plan, first_us)
+    start, place = time.read_start(first_us), find_clock_place(layout, time, first_us)
     if place is not None:
         time = choose_calendar(layout, place)
         with suppress(ValueError):
