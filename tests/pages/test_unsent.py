@@ -19,6 +19,7 @@ from tests.ways_in.servers import RunningServer
 pytestmark = pytest.mark.browser
 
 TYPED = "Overhead work is the load."
+SENT_LATE = "Lower the shelves."
 RESTORED = "your unsent entries"
 
 
@@ -35,10 +36,10 @@ def leave_and_return(page: Page, server: RunningServer, analysis_id: str) -> Non
     wait_for_curve(page)
 
 
-def type_and_wait(page: Page) -> None:
+def type_and_wait(page: Page, text: str) -> None:
     """Type a conclusion, and wait until the server has it."""
     with page.expect_response(lambda answer: answer.request.method == "PUT"):
-        page.get_by_label("What you conclude").fill(TYPED)
+        page.get_by_label("What you conclude").fill(text)
 
 
 def find_recording(page: Page) -> str:
@@ -309,7 +310,7 @@ def test_nothing_that_was_typed_stays_in_the_browser(
 ) -> None:
     log_in(page, clinic, "clara")
     open_analysis(page, clinic, shared_id)
-    type_and_wait(page)
+    type_and_wait(page, TYPED)
 
     assert TYPED not in str(page.evaluate("JSON.stringify({ ...localStorage, ...sessionStorage })"))
 
@@ -319,7 +320,7 @@ def test_a_conclusion_sent_after_the_session_ended_is_there_after_signing_in(
 ) -> None:
     log_in(page, clinic, "clara")
     open_analysis(page, clinic, shared_id)
-    type_and_wait(page)
+    type_and_wait(page, SENT_LATE)
     page.context.clear_cookies()
 
     page.get_by_role("button", name="Add to the report").click()
@@ -328,4 +329,4 @@ def test_a_conclusion_sent_after_the_session_ended_is_there_after_signing_in(
     log_in(page, clinic, "clara")
     open_analysis(page, clinic, shared_id)
 
-    expect(page.get_by_label("What you conclude")).to_have_value(TYPED)
+    expect(page.get_by_label("What you conclude")).to_have_value(SENT_LATE)
