@@ -202,16 +202,15 @@ def test_proposals_are_written_in_the_numbers_of_the_language(
 
 
 def test_what_cannot_be_is_refused_beside_what_was_typed(own_day: Page) -> None:
-    add_period(own_day, "break", "backwards")
+    add_period(own_day, "break", "tea")
     row = own_day.locator("#periods tr").last
-    row.locator("[name=start]").fill("07:02:00")
-    row.locator("[name=end]").fill("07:01:00")
+    own_day.locator("#pose").select_option("two-point")  # which needs two windows
 
     own_day.get_by_role("button", name="Update").click()
 
-    expect(own_day.locator("#refused")).to_contain_text("E-DIARY")
+    expect(own_day.locator("#refused")).to_contain_text("E-PARAMETER")
     expect(own_day.locator("#refused").get_by_role("link", name="Back to all recordings")).to_have_count(0)
-    expect(row.locator("[name=label]")).to_have_value("backwards")
+    expect(row.locator("[name=label]")).to_have_value("tea")
 
 
 def test_of_a_window_whose_one_end_is_typed_the_other_stays_as_shown(own_day: Page) -> None:
