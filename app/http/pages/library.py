@@ -496,6 +496,7 @@ def show_study(batch_id: str, page: UsedPage) -> Response:
     found = Library(page.services.store.reader).find_page(wanted, MAX_STUDY_ROWS)
     entries = [entry for entry in found if entry.job.request.reference is None]
     rows = [build_study_row(entry, page.language) for entry in entries]
+    rows.sort(key=lambda row: (not row.subject, row.subject.casefold(), row.folder, row.file.casefold()))
     return page.render(
         "library/study.html",
         batch=batch,
