@@ -71,6 +71,7 @@ def test_one_answer_serves_all_that_were_dropped_and_those_that_follow(
     later = server.send(write_table(tmp_path / "later.csv", lines, COUNT))
     assert see_end(server, later["id"])["state"] == "succeeded"
     open_analysis(page, server, later["id"])
+    page.get_by_text("Settings and origin", exact=True).click()
     expect(page.get_by_text("Acceleration: c1, c2, c3")).to_be_visible()
 
 

@@ -16,6 +16,7 @@ pytestmark = pytest.mark.browser
 
 
 def test_the_original_is_downloaded_under_its_name(shown: Page, shifts: tuple[Path, Path]) -> None:
+    shown.get_by_text("Settings and origin", exact=True).click()
     link = shown.get_by_role("link", name="Download the original recording")
     keep_picture(shown, "original")
 
@@ -29,6 +30,7 @@ def test_the_original_is_downloaded_under_its_name(shown: Page, shifts: tuple[Pa
 def test_the_page_gives_the_same_results_as_the_command_line(
     shown: Page, shifts: tuple[Path, Path], tmp_path: Path
 ) -> None:
+    shown.get_by_text("Files", exact=True).last.click()
     with shown.expect_download() as download:
         shown.get_by_role("link", name="Every figure (JSON)").click()
 
@@ -51,7 +53,7 @@ def test_the_answer_is_copied_in_six_lines(page: Page, server: RunningServer, ri
 def test_each_figure_has_its_definition_by_one_click_hover_or_key(shown: Page) -> None:
     table = shown.get_by_role("region", name="Figures").first
     marks = table.locator(".define summary")
-    assert marks.count() == table.get_by_role("row").count() == 9
+    assert marks.count() == table.get_by_role("row").count() == 8
 
     titles = [mark.get_attribute("title") or "" for mark in marks.all()]
     assert [word in title for word, title in zip(("30°", "60°", "level"), titles, strict=False)] == [True] * 3

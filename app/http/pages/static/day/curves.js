@@ -62,11 +62,11 @@ class Curves {
   async open() {
     listenToView(this.view);
     for (const curve of this.curves) listenToMoves(curve);
-    const observer = new ResizeObserver(() => this.draw());
-    for (const place of this.places) observer.observe(place);
     for (const query of ["(prefers-color-scheme: dark)", "print"]) window.matchMedia(query).addEventListener("change", () => this.draw());
     await this.load();
     this.draw();
+    const observer = new ResizeObserver(() => this.draw());
+    for (const place of this.places) observer.observe(place);
   }
 
   load() {

@@ -37,6 +37,7 @@ export class Day {
     this.listen();
     await this.curve.load();
     this.changed(true);
+    new ResizeObserver(() => this.draw()).observe($("curve"));
   }
 
   // After a move, draw available data at once, and fetch the rest when the view stops moving.
@@ -163,7 +164,6 @@ export class Day {
     listenToMoves(this.curve, (second) => this.chooseAt(second), this.pen);
     $("highest")?.addEventListener("toggle", () => this.draw());
     listenToForm(this);
-    new ResizeObserver(() => this.draw()).observe($("curve"));
     for (const query of ["(prefers-color-scheme: dark)", "print"]) window.matchMedia(query).addEventListener("change", () => this.draw());
   }
 }
