@@ -768,7 +768,7 @@ class StampWriter:
         year, month, day = (parts[order.index(letter)] for letter in "ymd")
         clock = f"{_count_hour(found):02d}:{found['minute']}:{_read_seconds(found)}"
         stamp = f"{_complete_year(int(year))}-{_read_part(month):02d}-{day:0>2}T{clock}"
-        is_first = found.start() > self._line_end  # a second stamp of a row has an offset of its own
+        is_first = found.start() > self._line_end  # a second stamp of a row may have another offset
         if is_first:
             self._line_end = found.string.find("\n", found.end()) % (len(found.string) + 1)
         moved, between = self._move(stamp, found["zone"], is_first=is_first), found["between"]

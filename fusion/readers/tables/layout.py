@@ -264,14 +264,14 @@ ARRIVED = re.compile(
     rf"|(?P<bare_date>\d{{4}}-\d{{2}}-\d{{2}}[ T])?(?P<bare_clock>{OF_A_DAY}) ?(?:->|>)"
     r"|[EWIDV] \((?P<booted_ms>\d{1,12})\) [\w.\-]{1,40}:"
     rf"|(?P<begun_date>\d{{4}}-\d{{2}}-\d{{2}} )?(?P<begun_clock>{OF_A_DAY})"
-    r":?(?:[ \t]*$|[ \t]+(?=[A-Za-z][\w .]*[:=])| +(?=[^,;\t|]+[,;\t|])|\t(?=[^\t]*$))"
-    r"(?! *(?:(?i:[AP]\.?M\b|Z\b|UTC|GMT|[A-Z]?[ECMPHA][SDNA]?[TE]\b)|[A-Z]\w{2,20}/"
-    r"|[+-](?:0\d|1[0-4]):?(?:00|30|45)[,;\t|])))[ \t]*"
+    r":?(?:[ \t]*$|[ \t]+(?=[A-Za-z][\w .]*[:=])| +(?=[-+.\d][^,;\t|]*[,;\t|])|\t(?=[-+.\d][^\t]*$))"
+    r"(?! *[+-](?:\d\d:\d\d|(?:0\d|1[0-4])(?:00|30|45))[,;\t|]))[ \t]*"
 )
 """The time at which a serial monitor received a line: `12:30:01.123 -> `, `12:30:01 -> `,
-`[2026-03-02 12:30:01.123] `; CoolTerm's, without a mark, unless AM, PM or a zone follows; Tera Term's
+`[2026-03-02 12:30:01.123] `; CoolTerm's, with no mark before a number or a label; Tera Term's
 `[Mon Mar 02 12:30:01.123 2026] `, and its time since the start, `[0 00:00:01.123] `, with the days;
 an ESP32's milliseconds since it started, `I (1250) imu: `."""
+STAMPED_NAMES = re.compile(rf"^(?:\d{{4}}-\d{{2}}-\d{{2}} )?{OF_A_DAY}:?[ \t]+(?=[A-Za-z])")
 ARRIVAL = "arrived"
 TRIPLE = re.compile(
     r"([A-Za-z]\w{0,30}) ?[:=] *([-+]?\d++(?:\.\d*+)?+)[, \t]++([-+]?\d++(?:\.\d*+)?+)"
@@ -415,6 +415,7 @@ class ArrivalWriter:
     def _rewrite_line(self, line: str) -> str:
         found = ARRIVED.match(line)
         if found is None:
+            line = STAMPED_NAMES.sub("", line)
             is_header = line.lstrip('"\ufeff ')[:1].isalpha() and self._count(line) == self.width
             return f"{ARRIVAL}{self.delimiter}{line}" if is_header else line
         rest = line[found.end() :]
@@ -478,7 +479,7 @@ class ClockWriter:
 
 
 def join_parts(parts: Sequence[str]) -> str | None:
-    """Write the values of :data:`TIME_PARTS`, "" for none, as a time; None if they are no time."""
+    """Write the values of :data:`TIME_PARTS`, "" for none, as a time; None for other values."""
     whole = [part.partition(".")[0] if k == OF_CLOCK[2] else part for k, part in enumerate(parts)]
     if not all(
         part.isdigit() and int(part) <= most for part, most in zip(whole, LATEST_PARTS, strict=True) if part
@@ -494,7 +495,7 @@ def join_parts(parts: Sequence[str]) -> str | None:
 def _find_clock_parts(lines: Sequence[str], stated_time: Place | None) -> ClockWriter | None:
     """Find a header that names the parts of a time, or one time in UTC beside another; None for others.
 
-    Of a time in UTC and one that is not, the latter is used, unless a person states the former.
+    The time in UTC is not used, unless a person states that it is the time.
     """
     for k, line in enumerate(lines[:FEWEST_HEADER_LINES]):
         for delimiter in DELIMITERS[:-1]:

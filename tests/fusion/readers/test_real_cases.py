@@ -203,10 +203,10 @@ def test_a_start_time_above_the_table_is_a_clock(read_case: Callable[..., Record
     assert start.isoformat() == "2026-03-02T07:00:00.086000+01:00"
 
 
-@pytest.mark.parametrize("names", ["date,ms", "time,ms", "seconds,usec"])
+@pytest.mark.parametrize("names", ["date,ms", "time,ms", "seconds,usec", "hour,minute,second,ms"])
 def test_the_part_of_a_second_is_no_time_of_its_own(shared_data: Callable[[str], Path], names: str) -> None:
     """Its column starts over each second: no gap would show, and each second would be a segment."""
-    forms = {"date": "%Y-%m-%d %H:%M:%S", "time": "%H:%M:%S", "seconds": "%s"}
+    forms = {"date": "%Y-%m-%d %H:%M:%S", "time": "%H:%M:%S", "seconds": "%s", "hour": "%H,%M,%S"}
     table = write_parts(shared_data, names, forms[names.split(",", maxsplit=1)[0]])
 
     recording = read_recording(table)
@@ -215,13 +215,6 @@ def test_the_part_of_a_second_is_no_time_of_its_own(shared_data: Callable[[str],
     assert gap.seconds == pytest.approx(4.0, abs=0.02)
     assert "W-CLOCK-BACK" not in {flag.code for flag in recording.flags}
     assert recording.duration_us / 1e6 == pytest.approx(360.0, abs=0.02)
-
-
-def test_the_part_of_a_second_alone_is_refused(shared_data: Callable[[str], Path]) -> None:
-    with pytest.raises(UnusableTime) as refusal:
-        read_recording(write_parts(shared_data, "hour,minute,second,ms", "%H,%M,%S"))
-
-    assert refusal.value.facts == {"why": "form"}
 
 
 def write_parts(shared_data: Callable[[str], Path], names: str, form: str) -> BytesIO:
