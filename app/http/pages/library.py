@@ -526,9 +526,7 @@ def import_participants(
 
     Return how many change (``changed``), and the listed files that the study does not contain (``unknown``).
     """
-    ids = {job.recording_id for job in services.batches.find_jobs(services.batches.get(batch_id).id)}
-    newest = (entry.attempt or entry.job for entry in Library(services.store.reader).find_chosen(ids))
-    jobs = [job for job in newest if job.request.reference is None]
+    jobs = _find_newest(services, services.batches.get(batch_id).id)
     tasks = [Task(Path(job.recording_id, job.file_name), job.request, Path()) for job in jobs]
     assigned, unknown = assign_participants(tasks, content, None)
     changed = _describe_all(services, jobs, [task.request for task in assigned])
@@ -544,13 +542,20 @@ def change_whose(batch_id: str, page: UsedPage, form: UsedForm) -> Response:
     services = page.services
     columns = (form.get(name, []) for name in ("recording", "subject", "side"))
     stated = {recording: (subject, side) for recording, subject, side in zip(*columns, strict=False)}
-    jobs = [job for job in services.batches.find_jobs(batch_id) if job.recording_id in stated]
+    jobs = [job for job in _find_newest(services, batch_id) if job.recording_id in stated]
     asked = []
     for job in jobs:
         subject, side = stated[job.recording_id]
         asked.append(replace(job.request, subject=_read_code("subject", subject), side=_read_side(side)))
     _describe_all(services, jobs, asked)
     return page.go(f"/studies/{batch_id}")
+
+
+def _find_newest(services: Services, batch_id: str) -> list[Job]:
+    """Return the newest analysis of each recording of a study."""
+    ids = {job.recording_id for job in services.batches.find_jobs(batch_id)}
+    newest = (entry.attempt or entry.job for entry in Library(services.store.reader).find_chosen(ids))
+    return [job for job in newest if job.request.reference is None]
 
 
 def _describe_all(services: Services, jobs: Sequence[Job], requests: Sequence[ReportRequest]) -> int:
