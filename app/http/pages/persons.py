@@ -1,10 +1,11 @@
 """Measured people: the list of their codes, and a page for each with its days, both arms and their trend."""
 
 import calendar
+import importlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import date, datetime
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import urlencode
 
 from fastapi import APIRouter, Response
@@ -15,13 +16,12 @@ from app.http.pages.pairs import build_pair_address
 from app.http.pages.rendering import Page, UsedPage
 from app.library.listing import Entry, Library, find_other_arm
 from app.report.model import Chart
-from app.report.several.charts import Visit, VisitPanel, draw_visits
-from app.report.several.document import MAIN
 from app.report.words.numbers import format_percent, format_range
 from app.report.words.wording import Language
-from fusion.comparison.change import BETWEEN_DAY_SD
-from fusion.comparison.days import find_trend
 from fusion.conventions import Side
+
+if TYPE_CHECKING:
+    from app.report.several.charts import Visit, VisitPanel
 
 PER_PAGE = 50
 MAX_TEXT = 100
@@ -172,21 +172,25 @@ def _lay_on_months(rows: Sequence[DayRow], names: Sequence[str]) -> list[dict[st
 def _draw_trend(page: Page, entries: Sequence[Entry]) -> Chart | None:
     """Draw the arms one above the other; None without a dated report.
 
-    Short recordings are drawn, but do not count in the trend.
+    Short recordings are drawn, but do not count in the trend. SciPy is loaded with the first trend.
     """
+    charts = importlib.import_module("app.report.several.charts")
+    change, days = map(importlib.import_module, ("fusion.comparison.change", "fusion.comparison.days"))
+    between_sd = change.BETWEEN_DAY_SD[charts.MAIN]
     panels: list[VisitPanel] = []
     for side in ARMS:
-        visits = []
+        visits: list[Visit] = []
         for entry in entries:
             headline = entry.headline
             if headline is None or headline.above_60_percent is None or entry.start is None:
                 continue
             if entry.job.request.side == side:
                 span = (headline.interval.low, headline.interval.high) if headline.interval else None
-                visits.append(Visit(entry.start, headline.above_60_percent, span, headline.is_short))
+                visits.append(charts.Visit(entry.start, headline.above_60_percent, span, headline.is_short))
         visits.sort(key=lambda visit: visit.start)
         counted = [visit.percent for visit in visits if not visit.is_left_out]
         if visits and (side or not panels):  # a trunk is not shown below the arms
             name = page.words()["persons"][side or "no_arm"]
-            panels.append(VisitPanel(name, visits, find_trend(counted, BETWEEN_DAY_SD[MAIN])))
-    return draw_visits(panels, page.words("days"), page.language) if panels else None
+            panels.append(charts.VisitPanel(name, visits, days.find_trend(counted, between_sd)))
+    chart: Chart | None = charts.draw_visits(panels, page.words("days"), page.language) if panels else None
+    return chart

@@ -481,8 +481,8 @@ def list_menu(page: str) -> list[str]:
 
 def test_the_menu_names_what_a_person_may_open(house: House, caller: TestClient) -> None:
     places = {
-        "clinician": ["/", "/help", "/aggregate", "/retention"],
-        "assistant": ["/", "/help", "/retention"],
+        "clinician": ["/", "/persons", "/studies", "/help", "/aggregate", "/retention"],
+        "assistant": ["/", "/persons", "/studies", "/help", "/retention"],
         "employer": ["/aggregate", "/help"],
         "auditor": ["/trail", "/help"],
         "manager": ["/people", "/help"],
@@ -494,4 +494,5 @@ def test_the_menu_names_what_a_person_may_open(house: House, caller: TestClient)
 
 
 def test_the_menu_at_the_machine_names_every_page(client: TestClient) -> None:
-    assert list_menu(client.get("/help").text) == ["/", "/help", "/aggregate", "/retention", "/trail"]
+    measured = ["/", "/persons", "/studies"]
+    assert list_menu(client.get("/help").text) == [*measured, "/help", "/aggregate", "/retention", "/trail"]

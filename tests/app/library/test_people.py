@@ -53,7 +53,7 @@ class Shelf:
         upload.write(f"{self.count}".encode())
         self._store.add(upload.keep(), ReportRequest(file, subject, side), study=study)
         low, high = ends or (None, None)
-        figures = HeadlineFigures(verdict, start, recorded_s, above)
+        figures = HeadlineFigures(verdict, start, recorded_s, above, analysed_s=recorded_s)
         return finish_next(
             self._store, replace(figures, above_60_low_percent=low, above_60_high_percent=high)
         )
@@ -258,7 +258,7 @@ def test_a_subject_saved_while_the_first_analysis_runs_stays_when_it_ends(
     form = {"recording": [job.recording_id], "subject": ["S1"], "side": ["left"]}
     assert client.post(f"/studies/{STUDY_ID}/whose", data=form).status_code == 303
 
-    finish_next(store, HeadlineFigures("good", "2026-03-02T07:00:00", WHOLE_S, 5.0))
+    finish_next(store, HeadlineFigures("good", "2026-03-02T07:00:00", WHOLE_S, 5.0, analysed_s=WHOLE_S))
 
     kept = client.get(f"/api/v1/recordings/{job.recording_id}").json()
     assert (kept["subject"], kept["side"]) == ("S1", "left")
