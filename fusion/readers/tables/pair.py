@@ -218,7 +218,7 @@ def _read_table(
 
 
 def _explain_refusal(name: str, lines: Sequence[str], *, has_rows: bool) -> FusionError:
-    """Return the error for a table whose axes are not named, or in which no row can be read."""
+    """Return the error for a table whose axes are not named, or that has no readable row."""
     for k, line in enumerate(lines[:FEWEST_HEADER_LINES]):
         if not has_rows and any(find_own_axes(split_fields(line, mark)) for mark in DELIMITERS):
             rows = sum(bool(row.strip()) for row in lines[k + 1 :])
@@ -241,7 +241,7 @@ def _name_axes(
 
 
 def _undo_set_backs(tables: Sequence[OneSensor]) -> tuple[QualityFlag, ...]:
-    """Let the rows after a clock was set back follow those before (W-CLOCK-BACK).
+    """Move the rows after a clock was set back behind those before it (W-CLOCK-BACK).
 
     Raises NoPair if the clock was not set back in all tables, at the same time.
     """
@@ -261,7 +261,7 @@ def _undo_set_backs(tables: Sequence[OneSensor]) -> tuple[QualityFlag, ...]:
 def _spread_stamps(tables: Sequence[OneSensor]) -> bool:
     """Spread rows that arrived together over time; return whether a table had bursts.
 
-    A clock that is too coarse for the rows is so in each of the tables.
+    A clock that is too coarse for the rows is coarse in each of the tables.
     """
     found = [find_bursts(table.time_us) for table in tables]
     steps = {one.step_us if one and one.is_floor else 0.0 for one in found}
@@ -301,7 +301,7 @@ def _put_back_gravity(acc: OneSensor, gravity: OneSensor, *, is_linear: bool) ->
 
 
 def _join_flags(acc: OneSensor, gyr: OneSensor) -> tuple[QualityFlag, ...]:
-    """Return the caveats of both tables; what is no count of rows only once."""
+    """Return the caveats of both tables; those that do not count rows appear once."""
     own = {flag.code for flag in gyr.flags}
     return (*gyr.flags, *(flag for flag in acc.flags if flag.code in COUNTS_OF_ROWS or flag.code not in own))
 

@@ -224,7 +224,7 @@ class ProfileProposal:
     ``acceleration``, ``angular_rate``, ``time``: places as a column profile has them, None if
     unknown; units "" if unknown: they can be found from the data. ``sensors``: their names,
     if the table or the archive holds several. ``above``: the lines above the rows, split. ``is_pair``: these
-    are the rows of one of two tables, of which a person can state only the order of the dates.
+    are the rows of one of two tables, and a person can state only the order of their dates.
     """
 
     columns: tuple[str, ...]

@@ -130,7 +130,7 @@ class Reading:
 def spread_bursts(stamps: Ints, *, may_be_coarse: bool = True) -> tuple[QualityFlag, ...]:
     """Assign the times of an even sampling to rows that share a stamp, in place (W-JITTER).
 
-    ``may_be_coarse``: False if it is known that the stamps are no coarse clock's.
+    ``may_be_coarse``: False if the stamps are known not to come from a coarse clock.
 
     A burst that only came late does not make a hole. Missing rows stay missing: time that the
     rows after it do not make up for.

@@ -178,9 +178,9 @@ def test_the_document_says_that_the_answer_is_a_file(client: TestClient) -> None
 # In a ZIP.
 
 
-def read_zip(client: TestClient, **query: str) -> dict[str, bytes]:
+def read_zip(client: TestClient, name: str = "recordings.zip", **query: str) -> dict[str, bytes]:
     answer = client.get("/library/recordings.zip", params=query)
-    assert answer.headers["content-disposition"] == 'attachment; filename="recordings.zip"'
+    assert answer.headers["content-disposition"] == f'attachment; filename="{name}"'
     with ZipFile(io.BytesIO(answer.content)) as packed:
         assert packed.testzip() is None
         return {name: packed.read(name) for name in packed.namelist()}
@@ -197,7 +197,7 @@ def test_the_zip_of_a_study_holds_the_originals_of_the_study(
     add_job(b"333", "elsewhere.csv")
     study = join_study(store, first, second)
 
-    assert read_zip(client, batch=study) == {"one.csv": CONTENT, "two.csv": b"22"}
+    assert read_zip(client, "spring_recordings.zip", batch=study) == {"one.csv": CONTENT, "two.csv": b"22"}
 
 
 def test_two_of_one_name_are_both_in_the_zip(client: TestClient, add_job: AddJob) -> None:
