@@ -301,7 +301,7 @@ def _put_back_gravity(acc: OneSensor, gravity: OneSensor, *, is_linear: bool) ->
 
 
 def _join_flags(acc: OneSensor, gyr: OneSensor) -> tuple[QualityFlag, ...]:
-    """Return the caveats of both tables; those that do not count rows appear once."""
+    """Return the caveats of both tables, each once unless it counts rows."""
     own = {flag.code for flag in gyr.flags}
     return (*gyr.flags, *(flag for flag in acc.flags if flag.code in COUNTS_OF_ROWS or flag.code not in own))
 
