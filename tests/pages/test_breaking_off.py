@@ -191,9 +191,9 @@ def test_the_study_of_a_file_outlasts_a_reload(page: Page, server: RunningServer
     page.set_input_files("#files", file)
     expect(find_row(page, "outlasts.csv")).to_be_visible(timeout=END_MS)
 
-    page.goto(f"{server.address}batches?lang=en")
+    page.goto(f"{server.address}studies?lang=en")
     page.get_by_role("link", name="Kept").click()
-    expect(find_row(page, "outlasts.csv")).to_be_visible()
+    expect(page.get_by_role("row", name="outlasts.csv")).to_be_visible()
 
 
 def test_uploads_that_were_cut_are_given_up_by_a_click(
