@@ -207,7 +207,7 @@ class Entry:
     """The current analysis of a recording, with headline figures if available.
 
     ``attempt`` is a newer analysis without a report. ``folder``: where the file was when it was dropped;
-    ``subject``: the code on the recording, which is newer than that of an earlier report.
+    ``subject``, ``side``: those on the recording, which are newer than those of an earlier report.
     """
 
     job: Job
@@ -216,6 +216,17 @@ class Entry:
     tags: tuple[str, ...] = ()
     folder: str = ""
     subject: str = ""
+    side: Side | None = None
+
+    @property
+    def is_set(self) -> bool:
+        """Whether the report is being set again with another label, which is shown at once."""
+        return self.attempt is not None and self.attempt.is_label and not self.attempt.is_over
+
+    @property
+    def label(self) -> ReportRequest:
+        """The request with the subject and arm to show."""
+        return self.attempt.request if self.attempt is not None and self.is_set else self.job.request
 
     @property
     def start(self) -> datetime | None:
@@ -448,7 +459,7 @@ def _select_places(place: Sequence[ColumnElement[Any]]) -> Select[Any]:
 
 
 def _select(wanted: LibraryFilter) -> Select[Any]:
-    stored = ("file_name", "size_bytes", "sha256", "tags", "folder", "subject")
+    stored = ("file_name", "size_bytes", "sha256", "tags", "folder", "subject", "side")
     about = (recordings.c[name] for name in stored)
     headline = (answers.c[field.name] for field in fields(HeadlineFigures))
     newest = _select_newest(analyses.alias(), of=recordings.c.id)
@@ -524,8 +535,8 @@ def _read_entry(row: Any, report: Job | None) -> Entry:
         interval = row.above_60_low_percent, row.above_60_high_percent
         headline = HeadlineFigures(*figures, *made, *interval, row.analysed_s)
     if report is None:
-        return Entry(read_job(row), headline, None, tags, row.folder, row.subject)
-    return Entry(report, headline, read_job(row), tags, row.folder, row.subject)
+        return Entry(read_job(row), headline, None, tags, row.folder, row.subject, row.side)
+    return Entry(report, headline, read_job(row), tags, row.folder, row.subject, row.side)
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,8 +5,9 @@ Screenshots are taken where ACROMION_SCREENSHOTS names a folder for them.
 
 import itertools
 import os
+import sqlite3
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Literal
 
@@ -35,6 +36,15 @@ def session_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running
 def server(session_server: RunningServer) -> RunningServer:
     """The server of the pages; a file may have one of its own."""
     return session_server
+
+
+@pytest.fixture(autouse=True)
+def no_draft(request: pytest.FixtureRequest) -> None:
+    """Forget what an earlier test typed on a page and did not send."""
+    for name in {"server", "clinic"} & set(request.fixturenames):
+        folder = request.getfixturevalue(name).data
+        with closing(sqlite3.connect(folder / "acromion.sqlite3", timeout=120)) as database, database:
+            database.execute("DELETE FROM drafts")
 
 
 @pytest.fixture(scope="session")

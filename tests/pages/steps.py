@@ -20,6 +20,11 @@ def open_analysis(page: Page, server: RunningServer, analysis_id: str, language:
     page.goto(f"{server.address}analyses/{analysis_id}?lang={language}")
 
 
+def keep_no_drafts(page: Page) -> None:
+    """Let this page neither find nor leave a draft, because other tests open the same recording."""
+    page.route("**/drafts/**", lambda route: route.fulfill(status=204))
+
+
 def find_row(page: Page, name: str) -> Locator:
     """The row of a file on the server."""
     return page.locator("#rows .row", has_text=name).first

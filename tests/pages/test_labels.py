@@ -46,6 +46,8 @@ def listed(
 def choose(page: Page, name: str, field: str, value: str) -> None:
     """Set a field of one row of the list."""
     page.locator(f"#rows .row[data-file='{name}'] input[name=recording]").check()
+    if (menu := page.locator("#acts summary")).is_visible():  # on a phone
+        menu.click()
     page.locator(f"#acts [name={field}]").fill(value)
     page.locator(f"#acts [formaction$='/acts/{field}']").click()
 

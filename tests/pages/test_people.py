@@ -125,7 +125,7 @@ def write_whole_days(server: RunningServer) -> None:
     with closing(sqlite3.connect(server.data / "acromion.sqlite3", timeout=120)) as database, database:
         for person, above in ABOVE_60.items():
             for side, percent in (("right", above), ("left", above / 2)):
-                change = """UPDATE answers SET recorded_s = 28800, above_60_percent = ?,
+                change = """UPDATE answers SET recorded_s = 28800, analysed_s = 28800, above_60_percent = ?,
                     above_60_low_percent = ?, above_60_high_percent = ? WHERE analysis_id IN (
                     SELECT analyses.id FROM analyses JOIN recordings ON recording_id = recordings.id
                     WHERE recordings.subject = ? AND recordings.side = ?)"""

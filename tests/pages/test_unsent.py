@@ -290,7 +290,8 @@ def test_no_other_person_sees_what_was_typed(
 ) -> None:
     log_in(page, clinic, "clara")
     open_analysis(page, clinic, shared_id)
-    page.get_by_label("What you conclude").fill(TYPED)
+    with page.expect_response(lambda answer: answer.request.method == "PUT" and "/drafts/" in answer.url):
+        page.get_by_label("What you conclude").fill(TYPED)
     page.context.clear_cookies()  # the session of Clara has ended, and Anna comes
 
     log_in(page, clinic, "anna")

@@ -11,7 +11,7 @@ from playwright.sync_api import Page, expect
 
 from fusion.simulation import write_recordings
 from tests.pages.conftest import finish, keep_picture
-from tests.pages.steps import END_MS, open_analysis, read_bands, read_view, wait_for_curve
+from tests.pages.steps import END_MS, keep_no_drafts, open_analysis, read_bands, read_view, wait_for_curve
 from tests.pages.test_day import add_period, set_window
 from tests.ways_in.servers import RunningServer
 
@@ -25,6 +25,7 @@ def plain(text: str) -> str:
 @pytest.fixture
 def day(page: Page, server: RunningServer, right: str) -> Page:
     """The page of a finished analysis of three minutes, its curve drawn."""
+    keep_no_drafts(page)
     open_analysis(page, server, right)
     wait_for_curve(page)
     return page
@@ -150,6 +151,7 @@ def test_a_task_is_dragged_and_the_pose_marked_on_the_curve_that_one_reads(
     page: Page, server: RunningServer, right: str, width_px: int, language: str
 ) -> None:
     page.set_viewport_size({"width": width_px, "height": 900})
+    keep_no_drafts(page)
     open_analysis(page, server, right, language)
     wait_for_curve(page)
     task, _, pose, draft, update = NAMES[language]

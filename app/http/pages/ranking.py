@@ -140,7 +140,7 @@ def build_study_row(entry: Entry, language: Language) -> StudyRow:
     job, headline = entry.job, entry.headline
     row, words = build_row(job, language), load_wording(language, "page")
     proposal = propose_description(f"{entry.folder}/{job.file_name}")
-    subject, side = job.request.subject, job.request.side
+    subject, side = entry.subject or entry.label.subject, entry.side or entry.label.side
     state, state_word = row.state, row.state_word
     if headline:
         state, state_word = headline.verdict, words["verdict_short"][headline.verdict]

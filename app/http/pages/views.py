@@ -477,8 +477,7 @@ def build_entry(
     job, words, attempt = entry.job, load_wording(language, "page"), entry.attempt
     if attempt is not None and attempt.state is JobState.CANCELLED:
         attempt = None
-    is_set = attempt is not None and attempt.is_label and not attempt.is_over
-    label = attempt.request if attempt is not None and is_set else job.request
+    label = entry.label
     headline, start, figures = entry.headline, "", None
     if headline is not None:
         start = headline.start or ""
@@ -503,7 +502,7 @@ def build_entry(
         studies=studies,
         tags=tuple((tag, urlencode({"tag": tag})) for tag in entry.tags),
         attempt=build_row(attempt, language, took) if attempt else None,
-        is_set=is_set,
+        is_set=entry.is_set,
         questions=list_questions(label, headline) if headline else (),
     )
 

@@ -202,7 +202,8 @@ def test_real_recordings_do_not_look_exchanged_until_they_are() -> None:
         pytest.skip("real recordings absent: broad")
 
     for path in paths:
-        held = np.load(path)
+        with np.load(path) as file:
+            held = dict(file)
         assert not are_exchanged(recording_of(held["acc_g"], held["gyr_dps"]).segments)
         assert are_exchanged(recording_of(held["gyr_dps"], held["acc_g"]).segments)
 

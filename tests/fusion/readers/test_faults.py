@@ -71,7 +71,8 @@ def test_a_coarse_sensor_that_lies_still_is_not_stuck() -> None:
     ],
 )
 def test_real_motion_gives_no_alarm(shared_data: Callable[[str], Path], trial: str, stride: int) -> None:
-    held = np.load(shared_data(f"broad/{trial}.npz"))
+    with np.load(shared_data(f"broad/{trial}.npz")) as file:
+        held = dict(file)
     acc_g, gyr_dps = held["acc_g"][::stride], held["gyr_dps"][::stride]
 
     recording = exclude_faults(refuse_dead(record(acc_g, gyr_dps, float(held["rate_hz"]) / stride)))
