@@ -251,7 +251,7 @@ def test_without_rest_an_acceleration_that_often_vanishes_lacks_gravity(units: d
     gyr = np.outer(90.0 * np.sin(3.0 * time_s), [1.0, 0.5, 0.2])
 
     with pytest.raises(NoGravity):
-        check_physics(recording_of(acc, gyr, **units))  # type: ignore[arg-type]
+        check_physics(recording_of(acc, gyr, **units))
 
 
 def test_without_rest_a_steady_acceleration_of_no_known_length_is_of_an_unknown_unit() -> None:
