@@ -13,7 +13,7 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from fusion.simulation import simulate_shift, write_recordings, write_shift
-from tests.pages.conftest import finish
+from tests.pages.conftest import finish, keep_picture
 from tests.pages.steps import END_MS, find_row, make_file, open_home, see_end
 from tests.ways_in.servers import RunningServer
 
@@ -120,6 +120,7 @@ def test_once_there_are_recordings_the_place_to_drop_is_a_bar_and_25_rows_fit_be
     row_px = page.locator("#rows .row.is-succeeded").evaluate_all(measure)  # several tags take two lines
 
     first = page.locator("#rows .row").first.bounding_box()
+    keep_picture(page, "list-fr")
     assert bar["height"] <= 90
     assert first is not None
     assert first["y"] + 25 * row_px <= 900
