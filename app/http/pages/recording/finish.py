@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Depends, Query, Response
+from fastapi import APIRouter, Depends, Response
 
 from app.batch.folder import Task
 from app.batch.inputs import assign_participants
@@ -51,19 +51,17 @@ MAX_SHOWN = 200
 
 
 @router.get("")
-def show_finish(
-    recording_id: str, page: UsedPage, path: Annotated[str, Query(max_length=1000)] = ""
-) -> Response:
-    """Ask the open questions of a recording; ``path`` is its path in the dropped folder."""
+def show_finish(recording_id: str, page: UsedPage) -> Response:
+    """Ask the open questions of a recording."""
     job = _find_job(page, recording_id)
     entry = Entry(job, None)
     row = build_row(job, page.language, find_durations(page.services, [entry]))
-    proposal = propose_description(path or job.file_name)
+    proposal = propose_description(str(_find_path(page, job)))
     asked: dict[str, Any] = dict.fromkeys(("day", "question", "choices", "pose_state", "curves", "is_open"))
     if job.state is JobState.SUCCEEDED:
         with suppress(ResultDamaged, NoSuchFile):
             asked |= _build_asked(page, job)
-    return page.render("recording/finish.html", row=row, job=job, proposal=proposal, path=path, **asked)
+    return page.render("recording/finish.html", row=row, job=job, proposal=proposal, **asked)
 
 
 @router.post("")
@@ -84,18 +82,13 @@ def finish(recording_id: str, page: UsedPage, form: UsedForm) -> Response:
 
 
 @router.post("/proposal")
-def propose(
-    recording_id: str,
-    page: UsedPage,
-    body: Annotated[bytes, Depends(read_body)],
-    path: Annotated[str, Query(max_length=1000)] = "",
-) -> dict[str, str]:
+def propose(recording_id: str, page: UsedPage, body: Annotated[bytes, Depends(read_body)]) -> dict[str, str]:
     """Return the subject and arm of this recording in a list of participants; nothing is stored.
 
     Raises UnusableParticipants.
     """
     job = _find_job(page, recording_id)
-    task = Task(Path(path or job.file_name), ReportRequest(job.file_name), Path())
+    task = Task(_find_path(page, job), ReportRequest(job.file_name), Path())
     (assigned,), _ = assign_participants([task], body, None)
     return {"subject": assigned.request.subject, "side": assigned.request.side or ""}
 
@@ -137,6 +130,11 @@ def _find_job(page: Page, recording_id: str) -> Job:
         raise NotHere
     reports = [job for job in jobs if job.state is JobState.SUCCEEDED]
     return reports[0] if jobs[0].is_over and reports else jobs[0]
+
+
+def _find_path(page: Page, job: Job) -> Path:
+    """Return the name of a recording's file, after the folders in which it was dropped."""
+    return Path(page.services.recordings.get(job.recording_id).about.folder, job.file_name)
 
 
 def _build_asked(page: Page, job: Job) -> dict[str, Any]:

@@ -16,8 +16,8 @@ window.addEventListener("beforeunload", (event) => isTyped && event.preventDefau
 
 class Card {
   // onEnd(address of the report) is called after the answers were saved; "" if the card was skipped.
-  constructor(section, path, onEnd) {
-    Object.assign(this, { section, path, onEnd, form: section.querySelector("form") });
+  constructor(section, onEnd) {
+    Object.assign(this, { section, onEnd, form: section.querySelector("form") });
     section.querySelector("[data-skip]").addEventListener("click", (event) => {
       isTyped = false;
       if (this.onEnd) event.preventDefault(), this.end("");
@@ -70,12 +70,12 @@ class Card {
   replace(fresh) {
     const section = document.importNode(fresh, true);
     this.section.replaceWith(section);
-    new Card(section, this.path, this.onEnd && ((address) => this.end(address)));
+    new Card(section, this.onEnd && ((address) => this.end(address)));
     say(section.dataset.announce);
   }
 
   address(place = "") {
-    return `${this.section.dataset.address}${place}?path=${encodeURIComponent(this.path)}`;
+    return `${this.section.dataset.address}${place}`;
   }
 
   act(button) {
@@ -152,25 +152,25 @@ export class Cards {
   }
 
   // Ask about a recording; many at once are only marked in the list.
-  add(address, path) {
+  add(address) {
     if (this.count >= MOST_CARDS) return;
-    this.waiting.push({ address, path });
+    this.waiting.push(address);
     this.count += 1;
     if (!this.isOpen) return this.next();
     this.tell();
   }
 
   async next() {
-    const { address, path } = this.waiting.shift();
+    const address = this.waiting.shift();
     this.isOpen = true;
     this.number += 1;
-    const fresh = await fetchCard(`${address}?path=${encodeURIComponent(path)}`).catch(() => null);
+    const fresh = await fetchCard(address).catch(() => null);
     if (!fresh) return this.end("");
     const section = document.importNode(fresh, true);
     this.place.replaceChildren(section);
     this.tell();
     section.scrollIntoView({ block: "nearest" });
-    new Card(section, path, (report) => this.end(report));
+    new Card(section, (report) => this.end(report));
   }
 
   tell() {
@@ -210,4 +210,4 @@ function keepList(text) {
 }
 
 const own = $("finish");
-if (own) new Card(own, new URLSearchParams(location.search).get("path") || "", null);
+if (own) new Card(own, null);

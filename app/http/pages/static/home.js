@@ -32,9 +32,9 @@ function showQueue() {
 }
 
 // Ask about a new recording; those of a study are described together on its page.
-function showAdded({ key, study: of, path }) {
+function showAdded({ key, study: of }) {
   isAdded = true;
-  if (key && !of) cards.add(`${form.dataset.base}/recordings/${key.slice("of-".length)}/finish`, path);
+  if (key && !of) cards.add(`${form.dataset.base}/recordings/${key.slice("of-".length)}/finish`);
   return refresh();
 }
 

@@ -25,7 +25,6 @@ export class Queue {
       const entry = { file };
       const kept = recall()[fingerprint(file)] || {}; // stated before a reload
       entry.study = values.study || kept.study || "";
-      entry.path = [readFolder(file), file.name].filter(Boolean).join("/"); // proposes whose recording it is
       entry.row = new Row(file, { cancel: () => this.cancel(entry), retry: () => this.retry(entry), remove: () => this.remove(entry) });
       this.all.add(entry);
       this.waiting.push(entry);
