@@ -37,6 +37,7 @@ from app.store.folder import NOTHING_KNOWN, KnownFiles, ResultFile, describe_fil
 from fusion.errors import Fact, FusionError
 
 if TYPE_CHECKING:  # a child also loads this module, and does not need pydantic
+    from app.report.findings import ReleaseStamp
     from app.settings import Settings
 
 if sys.platform != "win32":
@@ -127,10 +128,16 @@ def load_and_make_report(
         importlib.import_module("app.analysis.run").make_report(recording_path, request, out, on_stage, known)
 
 
-def load_and_set_again(results: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
-    """Write a report with another label from the results of a finished analysis."""
+def load_and_set_again(
+    results: Path,
+    request: ReportRequest,
+    out: Path,
+    on_stage: OnStage,
+    release: "ReleaseStamp | None" = None,
+) -> None:
+    """Write a report with another label, or with its release, from the results of a finished analysis."""
     on_stage("rendering", 0.0)
-    importlib.import_module("app.report.products").set_report_again(results, request, out)
+    importlib.import_module("app.report.products").set_report_again(results, request, out, release)
 
 
 def choose_limits(settings: "Settings", size_bytes: int) -> Limits:

@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from app.analysis.attempt import Attempt, MakeReport, choose_limits, run_and_wait
+from app.analysis.attempt import Attempt, MakeReport, choose_limits, load_and_set_again, run_and_wait
 from app.analysis.fork_server import warm_up
 from app.report.findings import ReleaseStamp
 from app.request import Language, OnStage, ReportRequest
@@ -33,13 +33,6 @@ def load_and_compare_live(
     """Compare the displayed angles of a live session with its report."""
     write = importlib.import_module("app.live.recorder").write_difference
     write(shown, elevation, request.languages[0], out)
-
-
-def load_and_set_released(
-    stamp: ReleaseStamp, results: Path, request: ReportRequest, out: Path, _on_stage: OnStage
-) -> None:
-    """Write the report of a finished analysis with the stamp of its release."""
-    importlib.import_module("app.report.products").set_report_again(results, request, out, stamp)
 
 
 def load_and_write_raw(
@@ -112,7 +105,7 @@ class Inspector:
     def set_released(self, results: Path, request: ReportRequest, stamp: ReleaseStamp) -> dict[str, bytes]:
         """Return the files of a report that carry the stamp of its release, by name."""
         with self._turns, tempfile.TemporaryDirectory(prefix=PREFIX, dir=self.folder) as folder:
-            self._make(results, request, partial(load_and_set_released, stamp), Path(folder))
+            self._make(results, request, partial(load_and_set_again, release=stamp), Path(folder))
             return {path.name: path.read_bytes() for path in Path(folder).iterdir()}
 
     def write_raw(self, early: Path, raw: Path) -> None:
