@@ -13,6 +13,7 @@ from pypdf import PdfReader
 from sqlalchemy import insert, update
 
 from app.http.api.housekeeping import apply_retention, write_side_files
+from app.http.api.library import released
 from app.library.audit_log import AuditFilter, find_lines
 from app.library.batches import identify_study
 from app.library.database.tables import analyses, answers
@@ -102,6 +103,24 @@ def test_the_reports_of_a_released_analysis_have_the_stamp_until_it_is_withdrawn
     assert not any(stamp in text for stamp, text in zip(stamps, before, strict=True))
     assert all(stamp in text for stamp, text in zip(stamps, released, strict=True)), released
     assert read_reports(caller, place, clinician) == before
+
+
+def test_a_purge_removes_the_stamped_reports_from_memory(
+    house: House, caller: TestClient, open_worker: Callable[..., WorkerContext], small_gt3x: bytes
+) -> None:
+    clinician = dict(house.log_in("clinician"))
+    asked = caller.post("/api/v1/analyze", content=small_gt3x, headers=clinician).json()
+    do_next(open_worker(None))
+    place = f"/api/v1/analyses/{asked['id']}"
+    caller.post(f"{place}/release", headers=clinician)
+    assert caller.get(f"{place}/report.html", headers=clinician).status_code == 200
+    kept = len(released._kept)
+
+    purged = caller.delete(f"/api/v1/recordings/{asked['recording_id']}?purge=now", headers=clinician)
+
+    assert purged.status_code == 200
+    assert kept > 0
+    assert len(released._kept) == 0
 
 
 def read_reports(caller: TestClient, place: str, headers: dict[str, str]) -> list[str]:

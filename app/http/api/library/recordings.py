@@ -35,6 +35,7 @@ from app.http.api.library.models import (
     view_recording,
     write_periods,
 )
+from app.http.api.library.released import forget_released
 from app.http.api.library.uploads import (
     RecordingForm,
     finish_upload,
@@ -314,6 +315,7 @@ def finish_purge(services: Services, *begun: Purged) -> None:
             services.storage.drop_recording(stored_id)
         services.cache.forget(purged.recordings)
     services.pairs.forget_all()
+    forget_released()
     ids = [purged.recordings[0] for purged in begun]
     try:
         renew_copies(services.settings, services.store.engine)

@@ -72,5 +72,11 @@ def find_released(connection: HTTPConnection, services: Services, job: Job, name
         return _kept[key].get(name)
 
 
+def forget_released() -> None:
+    """Remove every report that is kept; they are made again on request."""
+    with _turn:
+        _kept.clear()
+
+
 def _find_language(job: Job, name: str) -> Language:
     return next((one for one in job.request.languages if f".{one}." in name), job.request.languages[0])
