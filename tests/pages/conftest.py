@@ -15,7 +15,7 @@ import pytest
 from playwright.sync_api import Browser, BrowserContext, ConsoleMessage, Page, expect
 
 from fusion.simulation import write_recordings
-from tests.pages.steps import open_analysis, see_end, wait_for_curve
+from tests.pages.steps import keep_no_drafts, open_analysis, see_end, wait_for_curve
 from tests.ways_in.servers import RunningServer
 
 HOURS = 0.05
@@ -67,6 +67,15 @@ def trunk(server: RunningServer, tmp_path_factory: pytest.TempPathFactory) -> st
 def right(server: RunningServer, shifts: tuple[Path, Path]) -> str:
     """The id of a finished analysis: S012, right arm."""
     return finish(server, shifts[0], subject="S012", side="right")
+
+
+@pytest.fixture
+def day(page: Page, server: RunningServer, right: str) -> Page:
+    """The page of a finished analysis of three minutes, its curve drawn."""
+    keep_no_drafts(page)
+    open_analysis(page, server, right)
+    wait_for_curve(page)
+    return page
 
 
 @pytest.fixture

@@ -11,19 +11,10 @@ from playwright.sync_api import Page, expect
 from fusion.simulation import write_recordings
 from tests.clock_spellings import FRACTIONS, READ, REFUSED
 from tests.pages.conftest import finish
-from tests.pages.steps import END_MS, keep_no_drafts, open_analysis, read_bands, read_view, wait_for_curve
+from tests.pages.steps import END_MS, open_analysis, read_bands, read_view, wait_for_curve
 from tests.ways_in.servers import RunningServer
 
 pytestmark = pytest.mark.browser
-
-
-@pytest.fixture
-def day(page: Page, server: RunningServer, right: str) -> Page:
-    """The page of a finished analysis of three minutes, its curve drawn."""
-    keep_no_drafts(page)
-    open_analysis(page, server, right)
-    wait_for_curve(page)
-    return page
 
 
 SHOWS_SAMPLES = "(({x}) => x.slice(1).some((at, k) => at - x[k] < 0.011))(acromionDay.curve.values)"

@@ -12,7 +12,7 @@ from fusion.recording import Recording
 from tests.factories import hold, record
 from tests.fusion.pose.test_poses import ASIDE, RATE_HZ, Course, take_off, tilted
 from tests.pages.conftest import finish, keep_picture, repeat
-from tests.pages.steps import END_MS, keep_no_drafts, open_analysis, read_bands, wait_for_curve
+from tests.pages.steps import END_MS, open_analysis, read_bands, wait_for_curve
 from tests.ways_in.servers import RunningServer
 
 pytestmark = pytest.mark.browser
@@ -76,15 +76,6 @@ def click_answer(page: Page, name: str) -> None:
     page.get_by_role("button", name=name, exact=True).click()
     page.wait_for_url("**before=*")
     expect(page.get_by_role("heading", name="The answer in short")).to_be_visible(timeout=END_MS)
-
-
-@pytest.fixture
-def day(page: Page, server: RunningServer, right: str) -> Page:
-    """The page of a finished analysis of three minutes, its curve drawn."""
-    keep_no_drafts(page)
-    open_analysis(page, server, right)
-    wait_for_curve(page)
-    return page
 
 
 def read_form(request: Request) -> dict[str, list[str]]:

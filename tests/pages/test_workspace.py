@@ -22,15 +22,6 @@ def plain(text: str) -> str:
     return re.sub(r"\s+", " ", text)
 
 
-@pytest.fixture
-def day(page: Page, server: RunningServer, right: str) -> Page:
-    """The page of a finished analysis of three minutes, its curve drawn."""
-    keep_no_drafts(page)
-    open_analysis(page, server, right)
-    wait_for_curve(page)
-    return page
-
-
 def test_the_page_opens_with_who_when_and_which_arm(shown: Page) -> None:
     opening = plain(shown.locator("main .intro").inner_text())
 
