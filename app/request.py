@@ -282,7 +282,7 @@ class ReportRequest:
     def describe_figures(self, *, is_capture: bool) -> dict[str, object]:
         """Return the settings that affect the figures; all others are its label (:data:`LABEL`).
 
-        ``is_capture``: the file is a motion capture, which may hold both arms, so that the arm also counts.
+        ``is_capture``: the file is a motion capture. It may contain both arms, and the arm then also counts.
         Of the diary only the rows of this recording count.
         """
         label = LABEL - {"side"} if is_capture else LABEL

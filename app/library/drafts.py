@@ -1,4 +1,4 @@
-"""Drafts: what a person typed on the page of a recording and has not sent.
+"""Drafts: text that a person typed on the page of a recording and has not sent.
 
 A draft is kept until it is sent, discarded or two weeks old. Each person has separate drafts, which nobody
 else can read. They are deleted with the recording.

@@ -207,7 +207,7 @@ class Entry:
     """The current analysis of a recording, with headline figures if available.
 
     ``attempt`` is a newer analysis without a report. ``folder``: where the file was when it was dropped;
-    ``subject``, ``side``: those on the recording, which are newer than those of an earlier report.
+    ``subject``, ``side``: of the recording; they are newer than those of an earlier report.
     """
 
     job: Job
@@ -447,7 +447,7 @@ _PLACE: tuple[ColumnElement[Any], ...] = (
     *(recordings.c.created_at, recordings.c.id),
     *(analyses.c.created_at, analyses.c.id),
 )
-"""The place of a row: that of its recording, so that no row moves when its report is made again."""
+"""A row has the place of its recording: it does not move when its report is made again."""
 
 
 def _newest_first() -> tuple[ColumnElement[Any], ...]:

@@ -77,7 +77,7 @@ class Job:
 
     @property
     def is_label(self) -> bool:
-        """Whether only the label of the report changes, so that no analysis is needed."""
+        """Whether only the label of the report changes; no analysis is needed."""
         return self.priority < 0
 
     @property

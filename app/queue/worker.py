@@ -199,8 +199,8 @@ def run_worker(settings: Settings, make: MakeReport | None = None, parent_pid: i
 def setting_reports(worker: WorkerContext) -> Iterator[None]:
     """Set reports again in a thread, while analyses run in child processes: a new label never waits for them.
 
-    A report is rendered in this process, so that its libraries are loaded once. It reads our own results, and
-    no bytes of a recording.
+    A report is rendered in this process, which loads the libraries once. It reads our own results, and no
+    bytes of a recording.
     """
 
     def work() -> None:

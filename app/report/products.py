@@ -31,7 +31,7 @@ def set_report_again(
     ``release`` is stamped on page 1.
 
     The request has the figures of that analysis (:meth:`ReportRequest.describe_figures`). The files have the
-    bytes that a full analysis would write; those of :data:`MEASURED` stay as they are and are not written.
+    bytes that a full analysis would write. The files in :data:`MEASURED` do not change and are not written.
     Raises OSError or ValueError if ``results`` is another file, or has another version.
     """
     content = results.read_bytes()
@@ -85,7 +85,7 @@ def describe_subject(
 
 
 def build_settings(request: ReportRequest) -> AnalysisSettings:
-    """Return the settings of a request as a person gave them, without what the file states."""
+    """Return the settings that a person gave; the file may state others."""
     return AnalysisSettings(
         request.method,
         request.pose,

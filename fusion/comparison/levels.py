@@ -48,7 +48,7 @@ def compare_with_level(
 
 
 def can_be_below(reference: Reference, exposure: Exposure, state: CalibrationState | None) -> bool:
-    """Return whether the range of a figure is complete, so that it may read "below".
+    """Return whether the range of a figure is complete; only then the figure may read "below".
 
     It is not for ready angle series (``state`` is None), whose error is unknown. A share also needs a range
     for an assumed pose; the accelerometer-based velocity does not depend on the pose.

@@ -21,7 +21,7 @@ def open_analysis(page: Page, server: RunningServer, analysis_id: str, language:
 
 
 def keep_no_drafts(page: Page) -> None:
-    """Let this page neither find nor leave a draft, because other tests open the same recording."""
+    """Keep the drafts of this page from the server, because other tests open the same recording."""
     page.route("**/drafts/**", lambda route: route.fulfill(status=204))
 
 

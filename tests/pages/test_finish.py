@@ -30,7 +30,7 @@ MOST_ACTS = 12
 
 
 class Hand:
-    """What a person does: every click, drop and key counts, but not the typed text."""
+    """A person at the page: every click, drop and key counts, but not the typed text."""
 
     def __init__(self, page: Page) -> None:
         self.page, self.acts = page, 0
@@ -212,7 +212,7 @@ def test_if_no_stretch_can_be_proposed_the_time_of_the_pose_can_be_typed(
 
 @pytest.fixture(scope="module")
 def idle(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
-    """A server without workers, so that a test decides how far an analysis is."""
+    """A server without workers: the test decides how far an analysis is."""
     folder = tmp_path_factory.mktemp("idle")
     running = RunningServer(folder / "data", folder / "log", workers=0)
     yield running

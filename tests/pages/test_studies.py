@@ -1,4 +1,4 @@
-"""A study on the pages: a dropped folder leads there, and a list of participants says whose arm is whose."""
+"""A study on the pages: a dropped folder leads there, and a list of participants names subjects and arms."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The recording's page: the answer, one curve to read and to draw on, the draft, and what it changed."""
+"""The recording's page: the answer, one curve to read and to draw on, the draft, and its changes."""
 
 import io
 import json

@@ -489,7 +489,7 @@ def show_studies(page: UsedPage, name: str = "") -> Response:
 
 @router.get("/studies/{batch_id}")
 def show_study(batch_id: str, page: UsedPage) -> Response:
-    """Show one study: who has most, whose arm is in which recording, its downloads."""
+    """Show one study: its ranking, the subject and arm of each recording, its downloads."""
     batch = page.services.batches.get(batch_id)
     jobs = page.services.batches.find_jobs(batch_id)
     wanted = LibraryFilter(order="name", batch=batch.id)
@@ -522,7 +522,7 @@ def retry_batch(batch_id: str, page: UsedPage) -> Response:
 def import_participants(
     batch_id: str, services: UsedServices, content: Annotated[bytes, Depends(read_body)]
 ) -> dict[str, Any]:
-    """Read a list of participants, and set every report again whose subject or side it changes.
+    """Read a list of participants, and set the reports again that get another subject or side.
 
     Return how many change (``changed``), and the listed files that the study does not contain (``unknown``).
     """

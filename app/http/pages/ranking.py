@@ -1,4 +1,4 @@
-"""A study on its page: who has most time above 60 deg, and whose arm is in which recording."""
+"""A study on its page: a ranking by time above 60 deg, and the subject and arm of each recording."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

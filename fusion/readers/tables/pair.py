@@ -78,7 +78,7 @@ PHYPHOX_CLOCK = "meta/time.csv"
 
 @dataclass(slots=True, eq=False)
 class OneSensor:
-    """One of the tables: its layout, what its stamps are, its unit and the caveats of its rows.
+    """One of the tables: its layout, the kind of its stamps, its unit and the caveats of its rows.
 
     ``time_us``: times in microseconds, (n,); ``values``: as written, (n, 3).
     """

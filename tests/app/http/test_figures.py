@@ -1,4 +1,4 @@
-"""The figures on a recording's page, beside those of the version before."""
+"""The figures on a recording's page, with the figures of the version before."""
 
 import re
 from typing import Any

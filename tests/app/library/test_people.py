@@ -1,4 +1,4 @@
-"""People and studies on their pages: who is whom, who has most, and what is too short to say."""
+"""People and studies on their pages: subjects, the ranking, and short recordings."""
 
 import io
 import re
@@ -73,7 +73,7 @@ def list_files(entries: Sequence[Entry]) -> list[str]:
     return [entry.job.file_name for entry in entries]
 
 
-# What is short.
+# Short recordings.
 
 
 def test_a_short_recording_to_use_with_care_does_not_need_attention(library: Library, shelf: Shelf) -> None:

@@ -245,7 +245,7 @@ UNSTATED = {"acc_unit": "", "gyr_unit": ""}
 
 @pytest.mark.parametrize("units", [STATED, UNSTATED, STATED | {"gyr_unit": ""}])
 def test_without_rest_an_acceleration_that_often_vanishes_lacks_gravity(units: dict[str, Any]) -> None:
-    """It was taken out, whatever the unit: 0.15 g to and fro along one axis, never at rest."""
+    """Gravity was removed: 0.15 g back and forth along one axis, never at rest."""
     time_s = np.arange(6000) / RATE_HZ
     acc = np.stack([0.15 * np.sin(7.0 * time_s), 0.001 * np.cos(5.0 * time_s), 0.0 * time_s], axis=1)
     gyr = np.outer(90.0 * np.sin(3.0 * time_s), [1.0, 0.5, 0.2])

@@ -221,7 +221,7 @@ def read_answer(page: Page, job: Job, asked: ReportRequest) -> dict[str, Any]:
 
 
 def read_figures(page: Page, history: History, job: Job, before_id: str) -> FigureTable | None:
-    """Load the figures of a finished analysis, behind those of the analysis that it corrects.
+    """Load the figures of a finished analysis, and before them the figures of the analysis that it corrects.
 
     If that one has none, the previous version is used; a conclusion alone changes no figure. None without
     results.

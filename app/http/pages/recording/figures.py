@@ -1,4 +1,4 @@
-"""The main figures of a report, beside those of an earlier version with their difference."""
+"""The main figures of a report. With an earlier version: its figures, these figures and the difference."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ class Cell:
 
 @dataclass(frozen=True, slots=True)
 class FigureRow:
-    """A figure of the shown report, behind that of an earlier version if there is one.
+    """A figure of the shown report. With an earlier version, the figure of that version comes first.
 
     ``difference`` is between the two. ``key``: of its definition; "" for none.
     """
@@ -60,9 +60,9 @@ class FigureTable:
 
 
 def build_figures(now: Results, before: Results | None, language: Language) -> tuple[FigureRow, ...]:
-    """Return the main figures and, behind those of an earlier version, what else decides how to read them.
+    """Return the main figures and the bound of the pose error.
 
-    These are the bound of the pose error, each task, the quality of the data and the evidence for the pose.
+    With an earlier version, also return each task, the quality of the data and the evidence for the pose.
     """
     words = load_wording(language, "page")["figure"]
     facts = {"recorded": format_duration(now["time"]["recorded_s"], language)}

@@ -1,4 +1,4 @@
-"""The card that asks, after an upload, what decides the figures: person, arm, pose and breaks.
+"""The card after an upload: it asks for the person, the arm, the pose and the breaks.
 
 A file name, its folders and a list of participants only propose: nothing is used before a person saves it.
 """
@@ -138,7 +138,7 @@ def _find_path(page: Page, job: Job) -> Path:
 
 
 def _build_asked(page: Page, job: Job) -> dict[str, Any]:
-    """Return the day, the question about the pose with its small curves, and what is known of the pose.
+    """Return the day, the question about the pose with its small curves, and the state of the pose.
 
     ``is_open``: nobody has stated the pose, also if no stretch can be proposed.
 

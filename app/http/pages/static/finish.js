@@ -1,4 +1,4 @@
-// The card that asks what decides the figures after an upload: person, arm, pose and breaks. It is in the first
+// The card after an upload: it asks for person, arm, pose and breaks. It is in the first
 // page for the files that were just uploaded, and has its own page for a recording of the list.
 
 import { $, fill, say } from "./say.js";

@@ -52,7 +52,7 @@ export class Unsent {
     this.timer = setTimeout(() => this.save(), PAUSE_MS);
   }
 
-  // Save the form unless it is saved; one request at a time, so that an older text never replaces a newer one.
+  // Save the form unless it is saved; one request at a time: an older text never replaces a newer one.
   async save(isLeaving = false) {
     clearTimeout(this.timer);
     const text = this.serialize();

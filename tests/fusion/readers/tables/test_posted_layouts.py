@@ -1,4 +1,4 @@
-"""Layouts of single tables as people post them: which rows count, and what a refusal asks for."""
+"""Layouts of single tables as people post them: the rows that count, and the cures of refusals."""
 
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta

@@ -99,7 +99,7 @@ export class Day {
     this.count();
   }
 
-  // Say how many changes the draft has.
+  // Show the number of changes in the draft.
   count() {
     const { dataset } = $("draft").parentElement;
     const n = this.bands.countChanges(this.unsent.asServed);

@@ -71,7 +71,7 @@ export class Pen {
     this.tell(row);
   }
 
-  // Say what was added, and ask for its name if the fields are beside the curve or were used to add it.
+  // Announce the new period, and ask for its name if the fields are beside the curve or were used to add it.
   tell(row) {
     say(fill(this.day.words.added, { name: this.day.bands.find(row)?.name }));
     const field = row.querySelector("[name=label]"), drawer = row.closest(".drawer");
