@@ -133,7 +133,7 @@ def _find_job(page: Page, recording_id: str) -> Job:
 
 
 def _find_path(page: Page, job: Job) -> Path:
-    """Return the name of a recording's file, after the folders in which it was dropped."""
+    """Return the path of a recording's file below the folder that was dropped."""
     return Path(page.services.recordings.get(job.recording_id).about.folder, job.file_name)
 
 
