@@ -25,7 +25,7 @@ def wait_until_idle(server: RunningServer) -> None:
         server.client.get("/api/v1/analyses", params={"state": state, "limit": 1}).json()["items"]
         for state in ("queued", "running")
     ):
-        time.sleep(0.1)
+        time.sleep(0.5)
 
 
 def conclude(server: RunningServer, analysis_id: str, text: str) -> tuple[str, float]:
@@ -70,7 +70,7 @@ def main() -> None:
         wait_until_idle(server)
         listed = "".join(f"{number:03d}.gt3x,S{number:03d},left\n" for number in range(count))
         started_s = time.perf_counter()
-        place_of_list = f"/batches/{identify_study(STUDY)}/participants"
+        place_of_list = f"/studies/{identify_study(STUDY)}/participants"
         answer = server.client.post(place_of_list, content=f"file,subject,side\n{listed}")
         answered_s = time.perf_counter() - started_s
         wait_until_idle(server)

@@ -72,6 +72,16 @@ def get_assets_path() -> str:
 
 
 @cache
+def list_imports(script: str) -> tuple[str, ...]:
+    """Return all modules that a script of the static folder imports, so that a page can load them at once."""
+    modules = [FOLDER / script]
+    for path in modules:
+        names = re.findall(r'^import .* from "(\..*)";$', path.read_text("utf-8"), re.MULTILINE)
+        modules += [one for name in names if (one := (path.parent / name).resolve()) not in modules]
+    return tuple(path.relative_to(FOLDER).as_posix() for path in modules[1:])
+
+
+@cache
 def get_plotly_path() -> str:
     """Return the path of plotly's script without the proxy's prefix."""
     return f"/vendor/plotly-{version('plotly')}.min.js"
@@ -128,6 +138,7 @@ pages.filters["drawing"] = mark_drawing_safe
 pages.globals |= {
     "fill": fill,
     "get_style_ids": get_style_ids,
+    "list_imports": list_imports,
     "percent": format_percent,
     "angle": format_angle,
     "duration": format_duration,

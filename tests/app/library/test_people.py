@@ -175,6 +175,16 @@ def test_the_page_of_a_person_without_recordings_is_not_there(client: TestClient
     ]
 
 
+def test_people_who_do_not_fit_on_one_page_are_on_the_next(client: TestClient, shelf: Shelf) -> None:
+    for number in range(51):
+        shelf.put(f"{number}.gt3x", 5.0, subject=f"S{number:02d}")
+
+    pages = {number: client.get(f"/persons?number={number}&lang=en").text for number in (1, 2)}
+    assert {number: text.count("/person?subject=") for number, text in pages.items()} == {1: 50, 2: 1}
+    assert ['rel="prev"' in pages[1], 'rel="next"' in pages[1]] == [False, True]
+    assert ['rel="prev"' in pages[2], 'rel="next"' in pages[2]] == [True, False]
+
+
 # Studies.
 
 
