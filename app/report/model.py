@@ -151,7 +151,8 @@ class Profile:
     with several rises. ``sure``: the uncertainty of the time above 60 deg. ``next_steps``: each follows from
     a stated rule, the most important first. ``amendment``: on paper, states that the report replaces another;
     else empty. ``conclusion``: the clinician's, a long one only begun; None leaves space to write by hand.
-    ``released``: the stamp of a released report; else empty, which leaves a line to sign.
+    ``released``: the stamp of a released report; else empty, which leaves a line to sign. ``proposals``:
+    the meaning of the values in the tiles; empty if nothing is compared.
     """
 
     quality: str
@@ -165,6 +166,7 @@ class Profile:
     next_title: str
     next_steps: tuple[str, ...]
     not_a_diagnosis: str
+    proposals: str = ""
     amendment: str = ""
     conclusion: Note | None = None
     released: str = ""

@@ -189,7 +189,7 @@ def test_a_pose_held_at_another_time_is_typed_and_a_window_that_moved_is_refused
     card.get_by_role("button", name="Save").click()
 
     expect(page.get_by_role("heading", name="The answer in short")).to_be_visible(timeout=END_MS)
-    expect(page.locator(".verdict").first).to_contain_text("Calibration pose: stated (07:00:05")
+    expect(page.locator(".verdict").first).to_contain_text("Calibration pose: stated by the user (07:00:05")
 
 
 def test_if_no_stretch_can_be_proposed_the_time_of_the_pose_can_be_typed(

@@ -94,7 +94,9 @@ def test_an_assumed_pose_is_asked_about_and_one_click_confirms_it(
     click_answer(page, "07:01:12, 9.4\u202fs – yes, this is the pose")
 
     expect(questions(page)).to_have_count(0)
-    expect(page.locator(".verdict").first).to_contain_text("Calibration pose: stated (07:01:12, 9.4\u202fs).")
+    expect(page.locator(".verdict").first).to_contain_text(
+        "Calibration pose: stated by the user (07:01:12, 9.4\u202fs)"
+    )
     changed = page.get_by_role("region", name="Before and now").first
     expect(changed).to_contain_text("not stated")
     expect(page.get_by_role("region", name="Versions of this report")).to_contain_text(
@@ -121,7 +123,9 @@ def test_an_answer_waits_until_unsent_changes_are_sent_or_discarded(
 
     note.get_by_role("button", name="Discard them").click()
     click_answer(page, "07:01:42, 9.1\u202fs")
-    expect(page.locator(".verdict").first).to_contain_text("Calibration pose: stated (07:01:42, 9.1\u202fs).")
+    expect(page.locator(".verdict").first).to_contain_text(
+        "Calibration pose: stated by the user (07:01:42, 9.1\u202fs)"
+    )
 
 
 def test_an_old_version_asks_nothing(page: Page, server: RunningServer, unnamed: str) -> None:

@@ -217,13 +217,11 @@ def draw_example(language: Language) -> Mapping[str, str]:
                 is_combined=True,
             ),
             UncertaintyBar(
-                fill(entry["of_day"], {"name": entry["angle"]}),
+                entry["angle"],
                 _format_percents(SHARE_RANGE, language),
                 SHARE_RANGE,
             ),
-            UncertaintyBar(
-                fill(entry["of_day"], {"name": entry["pose"]}), most, (SHARE, SHARE_POSE[1]), is_pose=True
-            ),
+            UncertaintyBar(entry["pose"], most, (SHARE, SHARE_POSE[1]), is_pose=True),
             UncertaintyBar(entry["days"], _format_percents(SHARE_DAYS, language), SHARE_DAYS),
         ),
         level=PUBLISHED,

@@ -13,7 +13,7 @@ from app.report.charts.svg import Plot, Span
 
 TILE_PX = 134.0
 SURE_PX = 318.0
-_ROW_PX = 29.0
+_ROW_PX = 27.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -248,7 +248,8 @@ def format_pose_state(context: Context) -> str:
         "apart": format_angle(math.ceil(calibration.repeat_deg or 0.0), clock.language),
         "axis": _format_axis(calibration),
     }
-    return fill(entry["line"], {"told": fill(entry[calibration.state], facts)})
+    error = entry["error"] if format_pose_caution(context.findings, context.words) else ""
+    return fill(entry["line"], {"error": error, "told": fill(entry[calibration.state], facts)})
 
 
 def format_needs_pose(context: Context) -> str:

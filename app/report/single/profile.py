@@ -64,7 +64,6 @@ def build_profile(context: Context) -> Profile:
     stated = {part.kind for part in context.exposure.by_period}
     missing = ", ".join(entry["unmeasured"][key] for key in UNMEASURED if key not in stated)
     levels = context.findings.compare_with_levels()
-    cited = entry["proposals"] if any(level.standing for level in levels) else ""
     return Profile(
         quality=format_quality(context),
         not_measured=fill(entry["not_measured"], {"list": missing}),
@@ -76,7 +75,8 @@ def build_profile(context: Context) -> Profile:
         sure=_build_uncertainty(context),
         next_title=entry["next"]["title"],
         next_steps=_list_next_steps(blocks if tasks else (), context),
-        not_a_diagnosis=fill(entry["not_a_diagnosis"], {"proposals": cited}),
+        not_a_diagnosis=entry["not_a_diagnosis"],
+        proposals=entry["proposals"] if any(level.standing for level in levels) else "",
         amendment=amended,
     )
 
@@ -303,11 +303,6 @@ def _build_uncertainty(context: Context) -> Drawing:
         named = [{"name": doubt.name.capitalize(), "parts": doubt.shown} for doubt in doubts if doubt.is_pose]
         pose = [fill(line, one) for one in named]
         return Drawing(entry["title"], "", "", " ".join((entry["none"][choose_ranges(findings)], *pose)))
-    of_day = {entry[key] for key in ("angle", "sampling", "pose")}
-    doubts = [
-        replace(doubt, name=fill(entry["of_day"], {"name": doubt.name})) if doubt.name in of_day else doubt
-        for doubt in doubts
-    ]
     end = min(_extend(ENDS[60], max(above.percent, *(high / 1.1 for _, high in spans)), interval), 100.0)
     shown = join_clauses((f"{doubt.name}, {doubt.shown}" for doubt in doubts), language)
     facts = {"value": format_percent(above.percent, language), "list": shown}

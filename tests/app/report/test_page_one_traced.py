@@ -21,27 +21,29 @@ from tests.app.analysis_factory import make_analysis, make_exposure, make_subjec
 from tests.app.report.report_reading import plain
 
 SCALES = {"0°", "30°", "60°", "90°", "120°", "180°", "0 100 %", "0 40 %", "0 20 %", "0 120°/s", "0 40 %10 %"}
-CITED = "Proposals: Arvidsson 2021, never limits."
 PUBLISHED = {
     *("50 %", "10 %", "60°/s", "1.0–2.8 %"),
     "95 % ranges; days: hairdressers, Wahlström 2010.",
-    *("Means of four trades,", "workers over 50", "(Lewis 2026)"),
-    f"Not measured: trunk, arm support, force, seated time. Not a diagnosis. {CITED}",
+    "50 %, 10 %, 60°/s: proposed upper values of a workday (Arvidsson 2021), not limits.",
 }
 """Arvidsson et al. 2021: 50 % above 30°, 10 % above 60°, 60°/s; Lewis et al. 2026: 1.0 to 2.8 % above 90°."""
 NAMES = {
     "Arm Elevation Profile Upper arm: 0° hanging, 90° level, 180° overhead",
-    *("Time above 30°", "Time above 60°", "Time above 90°", "Time above 60°: how certain?"),
-    *("P10–P90 by minute median not analysed no data", "Time Above 60° Task (write in)"),
+    *("Above 30°", "Above 60°", "Above 90°", "Time above 60°: how certain?"),
+    *("middle 80 % median not analysed no data", "Time Above 60° Task (write in)"),
     *("Task Above 60° Share", "Tasks most above 60°", "Quarter hours most above 60°"),
     "ActiGraph GT9X Link",
-    *("2. Next time, calibrate leaning to the side (the", "N-pose reads low)."),
-    "this day: pose up to 15° low",
+    "pose error up to 15° low",
 }
+WRAPPED = {
+    "No proposal; means of 4 trades, workers over 50 (Lewis 2026)",
+    "2. Next time, calibrate leaning sideways, arm hanging free (error 2°).",
+}
+"""Fixed words over several lines."""
 STANDINGS = {
-    "below": "Below the proposed {}",
-    "above": "Above the proposed {}",
-    "cannot tell": "Cannot tell: {} proposed",
+    "below": "Below {}",
+    "above": "Above {}",
+    "cannot tell": "Below {}? Cannot tell",
 }
 IN_WORDS = {
     "below": "below the proposed 10 %.",
@@ -114,7 +116,7 @@ class Tracer:
                 f"▲  Data quality: use with care. Holes in the recording ({format_time(hole['seconds'])}). "
                 "Calibration pose: held at the start, as stated"
             ),
-            f"({held:%H:%M:%S}, {pose['duration_s']:.1f} s).",
+            f"({held:%H:%M:%S}, {pose['duration_s']:.1f} s); may read up to 15° low.",
         }
 
     def answer(self) -> str:
@@ -152,8 +154,8 @@ class Tracer:
         fewest, most = ranges["entries_above_60_busy_minutes_percent"]
         busy = self.find("entries", threshold_deg=60)["busy_minutes_percent"]
         return {
-            f"Arm down and still {rest['neutral_slow_percent']:.1f} % ({low:.1f}–{high:.1f} %)",
-            f"Longest time without it {format_time(rest['longest_without_s'])}",
+            f"Rest (arm down, still) {rest['neutral_slow_percent']:.1f} % ({low:.1f}–{high:.1f} %)",
+            f"Longest without rest {format_time(rest['longest_without_s'])}",
             f"Minutes with 2+ rises > 60° {busy:.1f} % ({fewest:.1f}–{most:.1f} %)",
         }
 
@@ -164,7 +166,7 @@ class Tracer:
             return set()
         return {
             *(f"pose: up to {top:.1f} %" for top in tops.values()),
-            f"this day: pose up to {tops[60]:.1f} %",
+            f"pose error up to {tops[60]:.1f} %",
         }
 
     def strip(self) -> set[str]:
@@ -173,8 +175,8 @@ class Tracer:
         peak = f"peak 15 min: {worst['percent_above_60']:.1f} % above 60°"
         return {
             hours,
-            f"P10–P90 by minute median not analysed no data {peak}",
-            f"longest time above 60°: {format_time(longest['longest_s'])}",
+            f"middle 80 % median not analysed no data {peak}",
+            f"longest unbroken above 60°: {format_time(longest['longest_s'])}",
             "12 3",
         }
 
@@ -222,9 +224,9 @@ class Tracer:
         assert days["combined"] == pytest.approx([value - hypot(below, half), value + hypot(above, half)])
         (low, high), (least, most) = days["between"], days["combined"]
         return {
-            f"answer: any day of this work {least:.1f}–{most:.1f} %",
+            f"all together, another day {least:.1f}–{most:.1f} %",
             f"this day: angle, variation {row['low']:.1f}–{row['high']:.1f} %",
-            f"day to day {low:.1f}–{high:.1f} %",
+            f"between days {low:.1f}–{high:.1f} %",
         }
 
     def days(self) -> set[str]:
@@ -233,8 +235,10 @@ class Tracer:
         points = {k: (1.96 + 0.84) * sqrt(2 / k) * 2.0 for k in (1, 2, 3, 5)}
         days = next((k for k, told in points.items() if told <= half), 5)
         return {
-            f"3. For a planned change: {days} days before, {days} after",
-            f"(detects {points[days]:.1f} points, power 80 %).",
+            (
+                f"3. For a planned change: {days} days before, {days} after "
+                f"(detects {points[days]:.1f} percentage points, power 80 %)."
+            )
         }
 
     def foot(self, line: str) -> bool:
@@ -255,9 +259,9 @@ def test_each_line_with_a_number_is_told_by_the_results(diary: bool, is_pose_off
     results["exposure"]["peak_windows"] = results["exposure"]["peak"]["windows"]
     trace, page = Tracer(results), read_page_1(diary, is_pose_off)
 
-    told = {*trace.head(), *trace.tiles(), *trace.strip(), *trace.sureness(), *trace.days(), *trace.pose()}
+    told = {*trace.head(), *trace.tiles(), *trace.strip(), *trace.sureness(), *trace.pose()}
     told |= {*trace.rest(), *(trace.tasks() if diary else trace.quarter_hours())}
-    wrapped = {trace.answer(), *trace.standings()}  # over two lines or more
+    wrapped = {trace.answer(), *trace.standings(), *trace.days(), *WRAPPED}  # over two lines or more
     printed = [line for line in page if re.search(r"\d", line) and not trace.foot(line)]
 
     known = told | SCALES | PUBLISHED | NAMES

@@ -120,15 +120,15 @@ def test_the_report_names_the_sensors_axis_and_no_pose() -> None:
 @pytest.mark.parametrize(
     ("findings", "told"),
     [
-        (with_pose(state="given"), "stated (07:58:54, 6.2 s)"),
+        (with_pose(state="given"), "stated by the user (07:58:54, 6.2 s)"),
         (with_pose(state="held_at_start"), "held at the start, as stated (07:58:54, 6.2 s)"),
         (with_pose(state="assumed"), "assumed (07:58:54, 6.2 s), not confirmed"),
         (with_pose(state="none"), "none found"),
         (
             with_pose(state="repeated", repeats=(AGAIN, AGAIN), repeat_deg=3.2),  # rounded up
-            "stated 3 times, agreeing within 4°",
+            "stated by the user 3 times, agreeing within 4°",
         ),
-        (with_pose(state="given", repeats=(AGAIN,)), "stated (07:58:54, 6.2 s; 09:58:54, 8 s)"),
+        (with_pose(state="given", repeats=(AGAIN,)), "stated by the user (07:58:54, 6.2 s; 09:58:54, 8 s)"),
         (with_axis("-y"), "sensor axis −y, as stated"),
     ],
     ids=["given", "at the start", "assumed", "none", "agreeing", "disagreeing", "axis"],
@@ -136,7 +136,8 @@ def test_the_report_names_the_sensors_axis_and_no_pose() -> None:
 def test_page_1_and_the_answer_say_how_the_pose_is_known(findings: Findings, told: str) -> None:
     report = report_of(analysis=findings)
 
-    assert plain(report.pose_state) == f"Calibration pose: {told}."
+    error = "; may read up to 15° low" if report.pose_caution else ""
+    assert plain(report.pose_state) == f"Calibration pose: {told}{error}."
     assert report.pose_state in format_brief(report).decode().splitlines()
 
 
@@ -206,8 +207,8 @@ def test_a_report_that_needs_the_pose_says_so_before_every_figure() -> None:
     page, answer = render_html(report).decode(), format_brief(report).decode()
 
     assert report.needs_pose == (
-        "Needs the pose: was it held at 08:00:00, 08:02:00 or 08:05:00? These positions differ by up to 34°. "
-        "Any ranges cover all of them."
+        "When was the calibration pose held: 08:00:00, 08:02:00 or 08:05:00? "
+        "These positions differ by up to 34°. Any ranges cover all of them."
     )
     assert page.index(report.needs_pose) < page.index('class="tiles"')
     assert '<p class="value"><small>Needs the pose</small> 32.5' in page

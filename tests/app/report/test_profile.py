@@ -94,10 +94,10 @@ def test_each_tile_says_where_it_lies_beside_the_proposal() -> None:
     told = [plain(tile.standing) for tile in profile_of(exposure=ranged_day()).tiles]
 
     assert told == [
-        "Below the proposed 50 %",
-        "Cannot tell: 10 % proposed",
-        "Means of four trades, workers over 50 (Lewis 2026)",
-        "Below the proposed 60°/s",
+        "Below 50 %",
+        "Below 10 %? Cannot tell",
+        "No proposal; means of 4 trades, workers over 50 (Lewis 2026)",
+        "Below 60°/s",
     ]
 
 
@@ -204,8 +204,8 @@ def test_rest_and_busy_minutes_are_on_page_1_with_their_ranges() -> None:
     shown = profile_of(exposure=replace(make_exposure(), intervals=ranges)).rest
 
     assert [(pair.name, plain(pair.value)) for pair in shown] == [
-        ("Arm down and still", "31.2 % (28.4–34.0 %)"),
-        ("Longest time without it", "12 min"),
+        ("Rest (arm down, still)", "31.2 % (28.4–34.0 %)"),
+        ("Longest without rest", "12 min"),
         ("Minutes with 2+ rises > 60°", "13.4 %"),
     ]
 
@@ -248,7 +248,7 @@ def test_the_tasks_stand_under_the_day_with_a_rank_if_their_range_overlaps_with_
 def test_a_side_lean_is_within_two_degrees_and_ready_angles_have_no_pose() -> None:
     analysis = replace(make_analysis(), calibration=replace(make_calibration(), pose="side-lean"))
 
-    assert "pose, within 2°" in profile_of(analysis).sure.alternative
+    assert "pose error, within 2°" in profile_of(analysis).sure.alternative
     assert "pose" not in profile_of(make_analysis(calibrated=False)).sure.alternative
 
 
@@ -256,8 +256,8 @@ def test_all_sources_together_lead_the_list_on_the_scale_of_the_tile() -> None:
     sure = profile_of(exposure=ranged_day()).sure
 
     assert plain(sure.alternative) == (
-        "Time above 60°: 7.6 % measured. Range by source of uncertainty: answer: any day of this work, "
-        "3.0–15.7 %; this day: angle, variation, 5.2–9.9 %; this day: pose, up to 14.7 %; day to day, "
+        "Time above 60°: 7.6 % measured. Range by source of uncertainty: all together, another day, "
+        "3.0–15.7 %; this day: angle, variation, 5.2–9.9 %; pose error, up to 14.7 %; between days, "
         "3.7–11.5 %."
     )
     assert ">40 %<" in plain(sure.svg)
@@ -269,7 +269,7 @@ def test_poor_data_have_no_range_to_rely_on_and_no_step_that_relies_on_them() ->
     poor = replace(make_analysis(exposure=ranged_day()), quality=Quality("poor", ("W-UPSIDE",), upside))
     profile = profile_of(poor)
 
-    assert "any day of this work" not in profile.sure.alternative
+    assert "all together" not in profile.sure.alternative
     assert profile.next_steps[0] == "Check pose and sensor axis: the angle may be upside down."
     assert not any("planned change" in step or "Look at" in step for step in profile.next_steps)
 
@@ -279,7 +279,7 @@ def test_a_day_below_the_proposal_does_not_speak_for_other_days(high: float, is_
     # 5.0 + sqrt(2.0² + 3.92²) = 9.4; 5.0 + sqrt(4.0² + 3.92²) = 10.6
     note = profile_of(exposure=with_percent(5.0, Interval(4.0, high, 4.0, high))).sure.note
 
-    assert ("Compared: this day only." in note) == is_told
+    assert ("Headline: this day only." in note) == is_told
 
 
 def test_under_half_an_hour_the_page_says_why_it_is_not_sure() -> None:
@@ -289,7 +289,9 @@ def test_under_half_an_hour_the_page_says_why_it_is_not_sure() -> None:
 
 
 def test_under_half_an_hour_the_pose_has_its_french_colon() -> None:
-    assert "Pose\u00a0: sous-estimé jusqu’à 15°." in profile_of(short_day(), language="fr").sure.note
+    assert (
+        "Erreur de pose\u00a0: sous-estimé jusqu’à 15°." in profile_of(short_day(), language="fr").sure.note
+    )
 
 
 # What next.
@@ -298,9 +300,9 @@ def test_under_half_an_hour_the_pose_has_its_french_colon() -> None:
 @pytest.mark.parametrize(
     ("percent", "step"),
     [
-        (4.0, "For a planned change: 5 days before, 5 after (detects 3.5 points, power 80 %)."),
-        (11.3, "For a planned change: 2 days before, 2 after (detects 5.6 points, power 80 %)."),
-        (16.0, "For a planned change: 1 day before, 1 after (detects 7.9 points, power 80 %)."),
+        (4.0, "For a planned change: 5 days before, 5 after (detects 3.5 percentage points, power 80 %)."),
+        (11.3, "For a planned change: 2 days before, 2 after (detects 5.6 percentage points, power 80 %)."),
+        (16.0, "For a planned change: 1 day before, 1 after (detects 7.9 percentage points, power 80 %)."),
     ],
 )
 def test_the_days_asked_for_detect_half_the_time_above_with_eighty_percent_power(
@@ -410,12 +412,13 @@ def test_the_line_of_quality_names_the_gravest_two() -> None:
 def test_a_recording_without_a_fault_is_called_so() -> None:
     quality = profile_of(make_analysis(quality=make_quality("good"))).quality
 
-    assert quality == "No fault was found in the recording."
+    assert quality == "No fault in the recording."
 
 
 def test_proposals_are_cited_only_if_something_is_compared_with_them() -> None:
-    assert plain(profile_of().not_a_diagnosis) == "Not a diagnosis. Proposals: Arvidsson 2021, never limits."
-    assert profile_of(short_day()).not_a_diagnosis == "Not a diagnosis."
+    told = "50 %, 10 %, 60°/s: proposed upper values of a workday (Arvidsson 2021), not limits."
+    assert plain(profile_of().proposals) == told
+    assert profile_of(short_day()).proposals == ""
 
 
 # In print.
