@@ -538,14 +538,6 @@ class UploadStore(RowStore):
         self._write(lost.values(offset_bytes=offset_bytes))
         return self.get(row.id)
 
-    def describe(self, upload_id: str, about: Description, metadata: str) -> UploadRow:
-        """Change the description of an upload, unless it is already a recording."""
-        mine = update(uploads).where(uploads.c.id == upload_id, uploads.c.recording_id.is_(None))
-        with self._engine.begin() as connection:
-            connection.execute(mine.values(description=json.dumps(asdict(about)), metadata=metadata))
-            record(connection, "upload.described", other={"upload": upload_id})
-        return self.get(upload_id)
-
     def finish(
         self,
         row: UploadRow,

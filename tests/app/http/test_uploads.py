@@ -363,30 +363,6 @@ def test_a_declared_analysis_begins_with_the_last_byte(client: TestClient) -> No
     assert (request["pose"], request["side"]) == ("side-lean", "left")
 
 
-def test_what_is_said_while_the_file_comes_counts(client: TestClient) -> None:
-    address = announce(client, 10, filename="shift.csv", side="left", settings="{}")
-    append(client, address, 0, b"01234")
-    words = {"file_name": "shift.csv", "subject": "S012", "side": "right", "settings": {"pose": "side-lean"}}
-    assert client.put(f"{address}/words", json=words).status_code == 200
-    append(client, address, 5, b"56789")
-
-    recording = client.get(client.get(address).json()["links"]["recording"]).json()
-    (analysis,) = list_analyses(client, recording["id"])
-    request = client.get(f"/api/v1/analyses/{analysis['id']}").json()["settings"]
-    assert (recording["subject"], recording["side"]) == ("S012", "right")
-    assert (request["subject"], request["side"], request["pose"]) == ("S012", "right", "side-lean")
-
-
-def test_what_is_said_too_late_changes_nothing_and_names_the_recording(client: TestClient) -> None:
-    address = announce(client, 10, filename="shift.csv", subject="S012", settings="{}")
-    append(client, address, 0, b"0123456789")
-
-    late = client.put(f"{address}/words", json={"file_name": "shift.csv", "subject": "S013"}).json()
-
-    recording = client.get(f"/api/v1/recordings/{late['recording_id']}").json()
-    assert recording["subject"] == "S012"
-
-
 def test_bytes_are_analysed_again_unasked_only_if_their_analysis_was_given_up(client: TestClient) -> None:
     (first,) = list_analyses(client, send_declared(client, b"0123456789"))
     assert len(list_analyses(client, send_declared(client, b"0123456789"))) == 1

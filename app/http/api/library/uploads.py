@@ -548,15 +548,6 @@ class UploadView(BaseModel):
     links: dict[str, str]
 
 
-class UploadWords(RecordingWords):
-    """The description of a file that is being uploaded, and the analysis that starts with its last byte."""
-
-    settings: Annotated[
-        DeclaredOptions | None,
-        Field(description="As in ``POST /analyses``; if absent, the declared analysis does not change."),
-    ] = None
-
-
 class HeadView(BaseModel):
     """Properties found in the first bytes of a file; null: not found, or not yet."""
 
@@ -636,22 +627,6 @@ def terminate_upload(upload_id: str, services: UsedServices, tus: TusRequest) ->
     return Response(status_code=204, headers=dict(TUS_HEADERS))
 
 
-@router.put("/{upload_id}/words")
-def change_words(upload_id: str, words: UploadWords, services: UsedServices) -> UploadView:
-    """Change the description of a file during its upload, and the analysis that starts with its last byte.
-
-    Once ``recording_id`` is set, nothing changes: use the recording's own address.
-    """
-    row = services.uploads.get(upload_id)
-    metadata = row.metadata
-    if words.settings is not None:  # they replace the earlier ones
-        pairs = filter(str.strip, metadata.split(","))
-        kept = [pair for pair in pairs if pair.strip().partition(" ")[0] != DECLARED]
-        text = words.settings.model_dump_json(exclude_unset=True).encode()
-        metadata = ",".join([*kept, f"{DECLARED} {base64.b64encode(text).decode()}"])
-    return view_upload(services.uploads.describe(upload_id, words.describe(), metadata))
-
-
 @router.get("/{upload_id}/inspection")
 def inspect_upload(
     upload_id: str, services: UsedServices, rate_hz: Annotated[float | None, Query(ge=1, le=10_000)] = None
@@ -670,7 +645,7 @@ def inspect_upload(
 def view_upload(row: UploadRow) -> UploadView:
     """Build the view of an upload."""
     own = f"/api/v1/uploads/{row.id}"
-    links = {"self": own, "inspection": f"{own}/inspection", "words": f"{own}/words"}
+    links = {"self": own, "inspection": f"{own}/inspection"}
     if row.recording_id:
         links["recording"] = f"/api/v1/recordings/{row.recording_id}"
     return UploadView(
