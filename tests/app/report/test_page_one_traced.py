@@ -112,11 +112,11 @@ class Tracer:
             recording["subject"],
             f"{start.day} {start:%B %Y}, {self.clock(0)} to {self.clock(time['recorded_s'])}",
             f"{format_time(time['analysed_s'])} of {format_time(time['recorded_s'])} recorded",
+            f"▲  Data quality: use with care. Holes in the recording ({format_time(hole['seconds'])}).",
             (
-                f"▲  Data quality: use with care. Holes in the recording ({format_time(hole['seconds'])}). "
-                "Calibration pose: held at the start, as stated"
+                f"Calibration pose: held at the start, as stated ({held:%H:%M:%S}, "
+                f"{pose['duration_s']:.1f} s); may read up to 15° low."
             ),
-            f"({held:%H:%M:%S}, {pose['duration_s']:.1f} s); may read up to 15° low.",
         }
 
     def answer(self) -> str:
