@@ -216,6 +216,7 @@ class Page:
             language_link=self.get_language_link(),
             subject=self.subject,
             links=self._list_links(),
+            section=self.request.url.path.removeprefix(self.base).strip("/").partition("/")[0],
         )
         response = HTMLResponse(body, status, headers={"Content-Language": self.language})
         if self.request.query_params.get("lang") == self.language:
