@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from playwright.sync_api import Locator, Page, expect
+from playwright.sync_api import Dialog, Locator, Page, expect
 
 from tests.ways_in.servers import RunningServer
 
@@ -99,3 +99,15 @@ def list_other_times(page: Page, language: str) -> list[str]:
     English: 07:05, 07:05:09. French: 7 h 05, 7 h 05 min 09 s, with narrow spaces that do not break.
     """
     return re.findall(OTHER_TIMES[language], FIELD_HINTS.sub("", page.evaluate(READ_TEXT)))
+
+
+def note_questions(page: Page) -> list[str]:
+    """Accept every question of the browser; gives a list to which each is added."""
+    asked: list[str] = []
+
+    def accept(dialog: Dialog) -> None:
+        asked.append(dialog.type)
+        dialog.accept()
+
+    page.on("dialog", accept)
+    return asked

@@ -101,6 +101,12 @@ def test_a_dropped_recording_is_finished_with_person_arm_pose_and_lunch_in_twelv
     expect(card.get_by_role("button", name=words["finish"]["save"])).to_be_disabled()
     keep_picture(page, f"finish-marked-{width}-{language}")
     card.locator("[name=end]").fill("")
+    expect(
+        card.get_by_role("button", name=words["finish"]["save"])
+    ).to_be_disabled()  # a break without its end
+    subject.focus()
+    expect(card.get_by_text(words["finish"]["break_incomplete"])).to_be_visible()
+    card.locator("[name=end]").focus()
     hand.type("07.02.30")
     hand.press("Tab")
     expect(card.locator("[name=end]")).to_have_value("07:02:30")
@@ -119,6 +125,19 @@ def test_a_dropped_recording_is_finished_with_person_arm_pose_and_lunch_in_twelv
     assert barriers == []
 
 
+@pytest.mark.parametrize("answer", [("lunch", "07:01:00", ""), ("lunch", "", "07:02:00"), ("lunch", "", "")])
+def test_a_break_without_start_or_end_is_refused(
+    server: RunningServer, right: str, answer: tuple[str, str, str]
+) -> None:
+    place = f"/recordings/{server.see(right)['recording_id']}/finish"
+    form = {"analysis": right, "subject": "S012", "side": "right", "kind": "break"}
+
+    told = server.client.post(place, data=form | dict(zip(("label", "start", "end"), answer, strict=True)))
+
+    assert told.status_code == 422
+    assert "E-PARAMETER" in told.text
+
+
 def test_what_was_skipped_stays_assumed_and_is_marked_in_the_list(
     page: Page, server: RunningServer, tmp_path: Path
 ) -> None:
@@ -126,6 +145,11 @@ def test_what_was_skipped_stays_assumed_and_is_marked_in_the_list(
     open_home(page, server)
     page.set_input_files("#files", file)
 
+    page.locator("#finish [name=subject]").fill("S9")
+    page.once("dialog", lambda dialog: dialog.dismiss())
+    page.locator("#finish").get_by_role("link", name="Not now").click()
+    expect(page.locator("#finish [name=subject]")).to_have_value("S9")  # nothing typed is lost unasked
+    page.once("dialog", lambda dialog: dialog.accept())
     page.locator("#finish").get_by_role("link", name="Not now").click()
 
     expect(page.locator("#finish")).to_have_count(0)
@@ -167,6 +191,7 @@ def test_a_list_of_participants_proposes_for_each_file_of_a_drop(
     expect(offers).to_have_count(2)
     offers.first.click()
     other = card.locator("[name=subject]").input_value()
+    page.once("dialog", lambda dialog: dialog.accept())
     card.get_by_role("link", name="Not now").click()
 
     assert {one, other} == {"K71", "K72"}

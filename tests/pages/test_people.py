@@ -12,7 +12,7 @@ from playwright.sync_api import Locator, Page, expect
 
 from fusion.simulation import write_recordings
 from tests.pages.conftest import keep_picture
-from tests.pages.steps import END_MS, find_row, list_other_times, open_home
+from tests.pages.steps import END_MS, find_row, list_other_times, note_questions, open_home
 from tests.ways_in.servers import RunningServer
 
 pytestmark = pytest.mark.browser
@@ -174,6 +174,36 @@ def look_at_the_study(page: Page) -> None:
             assert dot is not None
             assert 0 < dot["x"] < width
             expect_to_fit(page, language, f"study-{language}-{width}")
+
+
+def test_codes_that_were_typed_in_a_study_are_not_lost_unasked(
+    page: Page, server: RunningServer, batch: str
+) -> None:
+    asked = note_questions(page)
+    page.goto(f"{server.address}studies/{batch}?lang=en")
+    page.locator(".whose [name=subject]").first.fill("S77")
+
+    page.get_by_role("link", name="People").click()
+
+    expect(page).to_have_url(re.compile("/persons"))
+    assert asked == ["beforeunload"]
+
+
+def test_files_of_a_study_lead_to_its_page_also_beside_a_file_that_was_refused(
+    page: Page, server: RunningServer, tmp_path: Path
+) -> None:
+    good = write_recordings(tmp_path, "gt9x", 0.02, 64)[0]
+    empty = tmp_path / "empty.csv"
+    empty.touch()
+    open_home(page, server)
+    page.get_by_label("Study").first.fill("Loose files")
+
+    page.set_input_files("#files", [good, empty])
+
+    expect(page.get_by_text('The study "Loose files" is ready.')).to_be_visible(timeout=END_MS)
+    expect(page.locator("#cards section")).to_have_count(0)
+    page.get_by_role("link", name="Open the study").click()
+    expect(page.get_by_role("heading", level=1)).to_have_text("Loose files")
 
 
 def test_a_study_of_short_recordings_says_that_nothing_is_ranked(

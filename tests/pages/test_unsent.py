@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Dialog, Page, expect
+from playwright.sync_api import Browser, Page, expect
 
 from app.accounts.accounts import AccountStore
 from app.accounts.passwords import hash_password
@@ -12,7 +12,7 @@ from app.accounts.sign_in import SignIn
 from app.settings import Settings
 from fusion.simulation import write_recordings
 from tests.pages.conftest import finish
-from tests.pages.steps import END_MS, open_analysis, open_home, wait_for_curve
+from tests.pages.steps import END_MS, note_questions, open_analysis, open_home, wait_for_curve
 from tests.pages.test_access import PASSWORD, SECRET, log_in
 from tests.ways_in.servers import RunningServer
 
@@ -51,18 +51,6 @@ def find_draft(page: Page, server: RunningServer, form: str) -> str | None:
     """Return the text of a draft on the server."""
     answer = page.request.get(f"{server.address}drafts/{form}")
     return answer.json()["text"] if answer.status == 200 else None
-
-
-def note_questions(page: Page) -> list[str]:
-    """Accept every question of the browser; gives a list to which each is added."""
-    asked: list[str] = []
-
-    def accept(dialog: Dialog) -> None:
-        asked.append(dialog.type)
-        dialog.accept()
-
-    page.on("dialog", accept)
-    return asked
 
 
 def test_a_conclusion_that_was_not_sent_is_there_again(

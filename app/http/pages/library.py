@@ -496,7 +496,7 @@ def show_study(batch_id: str, page: UsedPage) -> Response:
     found = Library(page.services.store.reader).find_page(wanted, MAX_STUDY_ROWS)
     entries = [entry for entry in found if entry.job.request.reference is None]
     rows = [build_study_row(entry, page.language) for entry in entries]
-    rows.sort(key=lambda row: (not row.subject, row.subject.casefold(), row.folder, row.file.casefold()))
+    rows.sort(key=lambda row: (row.folder, row.file.casefold()))  # the order does not change on saving
     return page.render(
         "library/study.html",
         batch=batch,
@@ -527,7 +527,7 @@ def import_participants(
     Return how many change (``changed``), and the listed files that the study does not contain (``unknown``).
     """
     jobs = _find_newest(services, services.batches.get(batch_id).id)
-    tasks = [Task(Path(job.recording_id, job.file_name), job.request, Path()) for job in jobs]
+    tasks = [Task(_find_path(services, job), job.request, Path()) for job in jobs]
     assigned, unknown = assign_participants(tasks, content, None)
     changed = _describe_all(services, jobs, [task.request for task in assigned])
     return {"changed": changed, "unknown": [row.file for row in unknown]}
@@ -549,6 +549,11 @@ def change_whose(batch_id: str, page: UsedPage, form: UsedForm) -> Response:
         asked.append(replace(job.request, subject=_read_code("subject", subject), side=_read_side(side)))
     _describe_all(services, jobs, asked)
     return page.go(f"/studies/{batch_id}")
+
+
+def _find_path(services: Services, job: Job) -> Path:
+    """Return a path whose end is the path of the dropped file; the first part is unique."""
+    return Path(job.recording_id, services.recordings.get(job.recording_id).about.folder, job.file_name)
 
 
 def _find_newest(services: Services, batch_id: str) -> list[Job]:

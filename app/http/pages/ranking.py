@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from statistics import fmean
 from urllib.parse import urlencode
 
-from app.http.pages.views import build_row
+from app.http.pages.views import OPEN_POSES, build_row
 from app.library.listing import Entry, HeadlineFigures
 from app.report.words.numbers import NARROW, format_duration, format_number, format_percent, format_range
 from app.report.words.wording import Language, fill, load_wording
@@ -20,7 +20,8 @@ class RankedArm:
     """An arm of a person in the ranking: its mean over whole days, with places on the scale in percent.
 
     ``dots``: each day; ``line``: the 95 % range of a single day, None for several days or without a range.
-    ``address`` is the page of the person or, without a subject code, of the recording.
+    ``address`` is the page of the person or, without a subject code, of the recording. ``has_open_pose``:
+    nobody has confirmed the pose of a day.
     """
 
     name: str
@@ -32,6 +33,7 @@ class RankedArm:
     dots: tuple[str, ...]
     line: tuple[str, str] | None
     is_poor: bool
+    has_open_pose: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,6 +130,7 @@ def _rank_arm(days: Sequence[_Counted], top: float, language: Language) -> Ranke
         dots=tuple(_place(percent, top) for percent in percents) if len(days) > 1 else (),
         line=line,
         is_poor=any(headline.verdict == "poor" for _, headline, _ in days),
+        has_open_pose=any(headline.calibration_state in OPEN_POSES for _, headline, _ in days),
     )
 
 

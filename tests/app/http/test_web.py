@@ -51,7 +51,8 @@ def test_a_choice_of_language_is_remembered(shared: TestClient) -> None:
 
 
 @pytest.mark.parametrize(
-    ("page", "title"), [("", "Recordings"), ("persons", "People"), ("studies", "Studies"), ("help/poses", "Help")]
+    ("page", "title"),
+    [("", "Recordings"), ("persons", "People"), ("studies", "Studies"), ("help/poses", "Help")],
 )
 def test_the_tab_of_the_shown_page_is_marked(shared: TestClient, page: str, title: str) -> None:
     top = shared.get(f"/{page}?lang=en").text.partition("</header>")[0]

@@ -6,6 +6,7 @@ A file name, its folders and a list of participants only propose: nothing is use
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
+from itertools import zip_longest
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -109,10 +110,24 @@ def read_answers(before: ReportRequest, form: Form, day: DayFile | None) -> Repo
         answered = replace(answered, calibration_windows_s=(window_s,), arm_axis=None)
     elif choice:
         answered = choose_pose(answered, day.facts, choice)
+    _check_breaks(form, clock)
     if breaks := read_rows(form, clock):
         answered = replace(answered, diary=(*before.diary, *breaks))
         place_rows(answered.select_diary(), clock)  # raises if a row cannot be placed
     return answered if _is_changed(before, answered) else before
+
+
+def _check_breaks(form: Form, clock: DayClock) -> None:
+    """Refuse a break without its start or end: an open one would exclude the rest of the shift.
+
+    Raises BadParameter.
+    """
+    columns = (form.get(name, []) for name in ("label", "start", "end"))
+    for label, *ends in zip_longest(*columns, fillvalue=""):
+        if any(map(str.strip, (label, *ends))) and not all(map(str.strip, ends)):
+            raise BadParameter(
+                name="break", value=" ".join((label, *ends))[:60], allowed=clock.format_bounds()
+            )
 
 
 def _is_changed(before: ReportRequest, answered: ReportRequest) -> bool:

@@ -19,13 +19,17 @@ class Card {
   constructor(section, onEnd) {
     Object.assign(this, { section, onEnd, form: section.querySelector("form") });
     section.querySelector("[data-skip]").addEventListener("click", (event) => {
+      if (!this.onEnd) return; // the browser asks
+      event.preventDefault();
+      if (isTyped && !confirm(event.target.dataset.skip)) return;
       isTyped = false;
-      if (this.onEnd) event.preventDefault(), this.end("");
+      this.end("");
     });
     if (!this.form) return;
     section.addEventListener("click", (event) => this.act(event.target.closest("button")));
     section.addEventListener("click", ({ target }) => target.matches(".stretch") && this.choose(target.dataset.value));
-    this.form.addEventListener("input", () => (isTyped = true));
+    this.form.addEventListener("input", () => ((isTyped = true), this.show()));
+    this.form.addEventListener("focusout", () => setTimeout(() => this.show()));
     this.form.addEventListener("sent", () => (isTyped = false));
     this.form.addEventListener("change", () => this.show());
     this.form.addEventListener("submit", (event) => this.save(event));
@@ -105,7 +109,16 @@ class Card {
     const other = this.part("[data-other]");
     if (other) other.hidden = choice !== "other";
     for (const button of this.section.querySelectorAll("[data-propose]")) button.hidden = this.form.elements[button.dataset.propose].value === button.dataset.value;
-    this.part("[type=submit]").disabled = !this.isOver || Boolean(this.times && !this.times.isFine);
+    const open = [...this.section.querySelectorAll("[data-break]")].filter((row) => this.markOpen(row));
+    this.part("[type=submit]").disabled = !this.isOver || open.length > 0 || Boolean(this.times && !this.times.isFine);
+  }
+
+  // Return whether a break lacks its start or end; say so once its row is left.
+  markOpen(row) {
+    const [label, start, end] = ["label", "start", "end"].map((name) => row.querySelector(`[name=${name}]`).value.trim());
+    const isOpen = Boolean(label || start || end) && !(start && end);
+    row.querySelector("[data-incomplete]").hidden = !isOpen || row.contains(document.activeElement);
+    return isOpen;
   }
 
   async save(event) {

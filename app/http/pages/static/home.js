@@ -12,16 +12,18 @@ const words = $("upload").dataset;
 const cards = new Cards($("cards"));
 const queue = new Queue(form.dataset.api, showQueue, showAdded);
 
-// A dropped folder leads to the page of its study once everything is uploaded.
+// Files of a study lead to its page once everything is uploaded; a file that was not added stays in sight first.
 let study = "";
 let isAdded = false;
 
 function lead() {
   const address = `${$("leads").dataset.address}?${new URLSearchParams({ name: study })}`;
+  const isDone = !queue.open.length;
+  const { text, ready } = $("leads").dataset;
   $("leads").hidden = !study;
-  $("leads").querySelector("span").textContent = fill($("leads").dataset.text, { name: study });
+  $("leads").querySelector("span").textContent = fill(isDone ? ready : text, { name: study });
   $("leads").querySelector("a").href = address;
-  if (study && isAdded && !queue.all.size) location.assign(address);
+  if (study && isAdded && isDone && !queue.all.size) location.assign(address);
 }
 
 function showQueue() {
@@ -68,7 +70,7 @@ function discardInterrupted() {
 function take({ files, ignored, folder }) {
   const chosen = new FormData(form);
   const name = chosen.get("study").trim() || (folder || "").slice(0, 100);
-  if (folder && files.length) study = name;
+  if (files.length) study = name;
   queue.add(files, { study: name });
   if (ignored) say(fill(words.ignored, { n: ignored }));
 }

@@ -20,6 +20,7 @@ async function send(file) {
   const { changed, unknown } = await answer.json();
   const rest = unknown.length ? " " + fill(form.dataset.unknown, { unknown: unknown.join(", ") }) : "";
   sessionStorage.setItem(KEPT, fill(form.dataset.done, { changed }) + rest);
+  isTyped = false; // the list was sent in place of the typed codes
   location.reload();
 }
 
@@ -45,6 +46,13 @@ async function poll() {
   }
   setTimeout(poll, LOOK_MS);
 }
+
+// Ask before codes that were typed and not saved are lost.
+let isTyped = false;
+const whose = document.querySelector(".whose")?.closest("form");
+whose?.addEventListener("input", () => (isTyped = true));
+whose?.addEventListener("submit", () => (isTyped = false));
+window.addEventListener("beforeunload", (event) => isTyped && event.preventDefault());
 
 if (form) {
   form.hidden = false;

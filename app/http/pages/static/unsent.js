@@ -19,14 +19,15 @@ export class Unsent {
     form.addEventListener("sent", () => this.forget());
     this.note.querySelector("button").addEventListener("click", () => this.discard());
     window.addEventListener("pagehide", () => this.save(true));
-    document.addEventListener("visibilitychange", () => document.hidden && this.save(true));
+    document.addEventListener("visibilitychange", () => (document.hidden ? this.save(true) : this.show()));
     window.addEventListener("beforeunload", (event) => this.isKept || event.preventDefault());
   }
 
   async show() {
     const answer = await fetch(this.address).catch(() => null);
     const draft = answer?.status === 200 ? await answer.json() : null;
-    if (!draft || draft.text === this.asServed || this.isChanged) return;
+    const isOwn = this.serialize() !== this.saved; // typed here since the last draft
+    if (!draft || draft.text === this.serialize() || isOwn) return;
     try {
       this.restore(draft.text);
     } catch {
