@@ -1,15 +1,17 @@
 """Build the application and serve it."""
 
 import asyncio
+import ctypes
 import functools
 import logging
 import signal
 import socket
+import sys
 import threading
 import time
 import webbrowser
 from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import ExitStack, asynccontextmanager, closing, contextmanager
+from contextlib import ExitStack, asynccontextmanager, closing, contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -92,6 +94,8 @@ MAX_HEADER_BYTES = 64 * 1024
 MAX_LIVE_MESSAGE_BYTES = 256 * 1024
 GRACE_S = 3
 BACKLOG = 2048
+M_ARENA_MAX, MOST_ARENAS = -8, 2
+"""Option of glibc's mallopt, and its value."""
 TLS_CIPHERS = "ECDHE+AESGCM:ECDHE+CHACHA20"
 """For TLS 1.2; uvicorn's default includes ciphers without forward secrecy."""
 OPENER = "open.html"
@@ -156,6 +160,7 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
     Raises ForeignAddress, BadParameter, ExamplePassword, PortTaken, FolderTaken, FolderUnusable, WrongSchema,
     DatabaseDamaged, DatabaseLocked, DatabaseAway, StoreAway, DiskFull or UnknownRecordings.
     """
+    limit_arenas()
     restrict_new_files()
     check_certificate(settings)
     check_host_names(settings)
@@ -203,6 +208,16 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
             watch.stop()
         pool.stop()
         opener.unlink(missing_ok=True)
+
+
+def limit_arenas() -> None:
+    """Let the C library keep two memory arenas, not one with its own peak for each thread (glibc only).
+
+    Without it the server grows by some 60 MB within an hour of requests (``python -m benchmarks.soak``).
+    """
+    if sys.platform == "linux":
+        with suppress(OSError, AttributeError):  # another C library
+            ctypes.CDLL(None).mallopt(M_ARENA_MAX, MOST_ARENAS)
 
 
 def write_opener(path: Path, address: str) -> str:
