@@ -17,7 +17,7 @@ from fusion.comparison.levels import ComparedLevel, Extent, compare_with_levels,
 from fusion.conventions import MAIN_THRESHOLD_DEG, CalibrationState, Pose
 from fusion.exposure.types import Exposure, TimeAbove
 from fusion.quality import Quality, TimeAccount
-from fusion.recording import Span
+from fusion.recording import MICROSECONDS, Span
 
 if TYPE_CHECKING:
     from fusion.pipeline import Analysis
@@ -73,6 +73,11 @@ class RecordingFacts:
     rate_hz: float
     serial_hash: str | None = None
     reader: tuple[str, str] | None = None
+
+    @property
+    def duration_s(self) -> float:
+        """Seconds from the first sample to the end."""
+        return self.duration_us / MICROSECONDS
 
 
 @dataclass(frozen=True, slots=True)

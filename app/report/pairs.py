@@ -533,7 +533,8 @@ def _build_days(pair: ArmPair, sides: Sequence[PairSide], language: Language) ->
     begins_s = (0.0 - first_s, pair.offset_s - first_s)
     lasts_s = [side.kept.findings.recording.duration_us / MICROSECONDS for side in sides]
     whole_s = max(begin + lasts for begin, lasts in zip(begins_s, lasts_s, strict=True))
-    clock = Clock(Clock(pair.left.findings.recording.start, language).at(first_s), language)
+    start = Clock(pair.left.findings.recording.start, language).at(first_s)
+    clock = Clock(start, language, whole_s)
     days = []
     for side, begin_s in zip(sides, begins_s, strict=True):
         own = build_timeline(side.kept.findings, clock, report_words)

@@ -403,7 +403,7 @@ def _build_day(
     """Build the page of the hours and tasks, and the charts and tables of hours that it has no room for."""
     exposure, words = context.exposure, context.words
     hours = [  # without the last sample of a recording that ends on the hour: "11:00–11:00, 0 s"
-        (_format_hour(part, context), part)
+        (context.clock.format_range(part.start_s, part.end_s, is_hour=True), part)
         for part in exposure.by_hour
         if part.end_s - part.start_s >= SHORTEST_HOUR_S
     ]
@@ -491,7 +491,7 @@ def _tabulate_periods(context: Context) -> tuple[Table, Table]:
     clock, words = context.clock, context.words
     tasks = [(_name_task(part, words), part) for part in context.exposure.by_task]
     periods = [
-        (f"{clock.format(part.start_s)}–{clock.format(part.end_s)} {_name_part(part, words)}", part)
+        (f"{clock.format_range(part.start_s, part.end_s)} {_name_part(part, words)}", part)
         for part in context.exposure.by_period
     ]
     return (
@@ -502,11 +502,6 @@ def _tabulate_periods(context: Context) -> tuple[Table, Table]:
 
 def _name_task(part: PartExposure, words: Words) -> str:
     return _name_part(part, words) + (f" ({part.periods}\u00a0×)" if part.periods > 1 else "")
-
-
-def _format_hour(part: PartExposure, context: Context) -> str:
-    first, last = (context.clock.format_tick(edge_s) for edge_s in (part.start_s, part.end_s))
-    return f"{first}–{last if last != first else context.clock.format(part.end_s, with_seconds=True)}"
 
 
 def _name_part(part: PartExposure, words: Words) -> str:
@@ -917,7 +912,7 @@ def _tabulate_windows(context: Context) -> Table:
         length = format_duration(window.length_s, language).replace("1\u202fh", "60\u202fmin")
         place = NONE
         if window.start_s is not None:
-            place = "–".join(clock.format(window.start_s + at_s) for at_s in (0, window.length_s))
+            place = clock.format_range(window.start_s, window.start_s + window.length_s)
         interval = exposure.intervals.get(WINDOWS["percent_above_60"].spell({"length_s": window.length_s}))
         share = format_ranged(window.percent_above_60, interval, _show_number(language, 1), context.words)
         rows.append((length, place, share))
