@@ -12,7 +12,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from datetime import timedelta
+from datetime import datetime, timedelta
 from typing import TYPE_CHECKING, Any, Literal
 
 from app.errors import CannotCompare
@@ -80,6 +80,11 @@ states it, and no report is made; "no": the codes are of two people.
 def read_code(kept: FinishedAnalysis) -> str:
     """Return the code of the person; empty if none was given."""
     return find_code(clean_text(kept.subject.subject))
+
+
+def identify_hours(kept: FinishedAnalysis) -> tuple[str, datetime | None]:
+    """Return what two analyses of the same hours of one file share: the digest, and the start."""
+    return kept.findings.recording.sha256, kept.findings.recording.start
 
 
 def judge_person(every: Sequence[FinishedAnalysis], *, is_stated: bool) -> OnePerson:
