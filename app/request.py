@@ -8,6 +8,7 @@ import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields
+from datetime import datetime
 from typing import Any, Literal
 
 from fusion.conventions import ArmAxis, MethodName, Pose, PoseHeld, Side
@@ -29,6 +30,7 @@ LONGEST_SUBJECT = 100
 _NOBODY = frozenset({"n/a", "nan", "null", "none", "unknown", "inconnu", "inconnue"})
 SUBJECT_HINT = f"<= {LONGEST_SUBJECT} printable characters"
 WINDOW_HINT = "START_S,END_S"
+INTERVAL_HINT = "2026-03-02T07:00/2026-03-02T15:30"
 BY_DIARY = "diary"
 SHIFT_HINT = f"HH:MM-HH:MM|{BY_DIARY}"
 SLIP_HINT = "SECONDS"
@@ -139,6 +141,14 @@ def check_hours(text: str) -> str:
     if "T" in start + end:
         raise ValueError(SHIFT_HINT)
     return f"{start}-{end}"
+
+
+def check_interval(text: str) -> str:
+    """Return the window of a shift as an interval of ISO 8601. Raises ValueError."""
+    start, end = map(datetime.fromisoformat, text.split("/"))
+    if (start.tzinfo is None) is not (end.tzinfo is None) or start >= end:
+        raise ValueError(INTERVAL_HINT)
+    return f"{start.isoformat()}/{end.isoformat()}"
 
 
 def find_window_hint(pose: Pose, window_count: int, arm_axis: ArmAxis | None) -> str:

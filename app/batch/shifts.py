@@ -5,7 +5,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
-from datetime import datetime
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +41,7 @@ def _split(task: Task, *, not_removed: bool) -> list[Task]:
     start, duration_us = datetime.fromisoformat(extent["start"]), int(extent["duration_us"])
     windows = _find_windows(task.request, start, duration_us)
     if not windows:
-        return [task]
+        return [replace(task, request=replace(whole, shift=_name_missing(task.request.shift, start)))]
     requests = [_cut_request(whole, window, start, duration_us) for window in windows]
     if not_removed:
         requests = [requests[0], *(_carry_pose(requests[0], later, start) for later in requests[1:])]
@@ -71,6 +71,17 @@ def _find_windows(request: ReportRequest, start: datetime, duration_us: int) -> 
     if request.shift == BY_DIARY:
         return find_by_diary(request.select_diary(), start, duration_us)
     return find_by_hours(start, duration_us, parse_hours(request.shift))
+
+
+def _name_missing(shift: str, start: datetime) -> str:
+    """Return the hours on the first date, so that the refusal names them."""
+    if shift == BY_DIARY:
+        return shift
+    hours = parse_hours(shift)
+    end_day = start if hours.end > hours.start else start + timedelta(days=1)
+    return str(
+        ShiftWindow(*(datetime.combine(day, at) for day, at in ((start, hours.start), (end_day, hours.end))))
+    )
 
 
 def _cut_request(

@@ -6,6 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from datetime import datetime
 from functools import partial
 from itertools import accumulate
 
@@ -630,8 +631,17 @@ def _build_method_in_short(context: Context) -> Section:
         pairs.append(Pair(words["calibration"]["found"], format_found(findings, words)))
         pairs.append(Pair(words["calibration"]["sigma"], sigma))
     file = clean_text(context.subject.file_name) or words["label"]["not_given"]
-    pairs.append(Pair(words["provenance"]["file"], file))
+    pairs += [Pair(words["provenance"]["file"], file), *_describe_shift(context)]
     return Section("method", words["section"]["method"], (entry["short"],), pairs=tuple(pairs))
+
+
+def _describe_shift(context: Context) -> list[Pair]:
+    """Return the hours that were cut from a longer recording; none for a whole one."""
+    if not context.subject.shift:
+        return []
+    start, end = map(datetime.fromisoformat, context.subject.shift.split("/"))
+    shown = Clock(start, context.language, (end - start).total_seconds()).format_whole()
+    return [Pair(context.words["provenance"]["shift"], shown)]
 
 
 def _build_method(context: Context) -> Section:
@@ -710,6 +720,7 @@ def _build_provenance(context: Context) -> Section:
     pairs = (
         Pair(words["label"]["subject"], clean_text(subject.subject) or unknown),
         Pair(entry["file"], clean_text(subject.file_name) or unknown),
+        *_describe_shift(context),
         Pair(entry["sha256"], recording.sha256, code=True),
         Pair(entry["device"], find_device_name(words, recording.device)),
         Pair(entry["serial"], recording.serial_hash or unknown, code=bool(recording.serial_hash)),

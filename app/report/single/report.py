@@ -24,7 +24,6 @@ from app.report.single.profile import build_profile
 from app.report.words.numbers import (
     NARROW,
     Clock,
-    format_clock,
     format_date,
     format_duration,
     format_duration_range,
@@ -198,16 +197,7 @@ def _format_worst_window(context: Context) -> str:
 def _build_header(context: Context) -> tuple[Pair, ...]:
     words, clock, subject = context.words, context.clock, context.subject
     label, heading, recording = words["label"], words["heading"], context.findings.recording
-    time, when = context.findings.time, str(label["no_clock"])
-    end = clock.at(clock.duration_s)
-    if clock.start is not None and end is not None:
-        facts = {
-            "date": format_date(clock.start, clock.language),
-            "start": format_clock(clock.start, clock.language),
-            "last": format_date(end, clock.language),
-            "end": format_clock(end, clock.language),
-        }
-        when = fill(heading["from_to" if facts["date"] == facts["last"] else "from_to_days"], facts)
+    time, when = context.findings.time, clock.format_whole() or str(label["no_clock"])
     analysed, recorded = (
         format_duration(us / MICROSECONDS, clock.language) for us in (time.analysed_us, time.recorded_us)
     )

@@ -232,6 +232,20 @@ class Clock:
         dash = "–" if day == last_day else " – "
         return self._add_day(start, day if day != last_day else "") + dash + self._add_day(end, last_day)
 
+    def format_whole(self) -> str:
+        """Format the start and end with their dates; empty without a clock."""
+        start, end = self.start, self.at(self.duration_s)
+        if start is None or end is None:
+            return ""
+        facts = {
+            "date": format_date(start, self.language),
+            "start": format_clock(start, self.language),
+            "last": format_date(end, self.language),
+            "end": format_clock(end, self.language),
+        }
+        key = "from_to" if facts["date"] == facts["last"] else "from_to_days"
+        return fill(load_wording(self.language)["heading"][key], facts)
+
     def format_tick(self, elapsed_s: float) -> str:
         """Format the time under an axis; its date is below it."""
         moment = self.at(elapsed_s)
