@@ -10,7 +10,7 @@ from fusion.diary import DiaryEntry, parse_clock
 from fusion.errors import UnusableDiary
 from fusion.exposure.periods import place_moment
 from fusion.readers.time.window import ShiftWindow, add_elapsed
-from fusion.recording import MICROSECONDS, Span
+from fusion.recording import MICROSECONDS, Span, join_overlapping
 
 HOURS_HINT = "07:00-15:30"
 DAY = timedelta(days=1)
@@ -80,9 +80,10 @@ def find_by_diary(
 def propose(nonwear: Iterable[Span], start: datetime, duration_us: int) -> tuple[ShiftWindow, ...]:
     """Propose shifts: the stretches of wear of an hour or more between stretches off the arm.
 
-    ``nonwear``: stretches in which the sensor did not move. A person confirms every proposal.
+    ``nonwear``: stretches in which the sensor did not move, or has no samples. A person confirms every
+    proposal.
     """
-    off = sorted((span.start_us, span.end_us) for span in nonwear)
+    off = join_overlapping((span.start_us, span.end_us) for span in nonwear)
     off = [span for span in off if span[1] - span[0] >= LONGEST_BREAK_S * MICROSECONDS]
     edges = [0, *(edge for span in off for edge in span), duration_us]
     worn = [pair for pair in zip(edges[::2], edges[1::2], strict=True) if pair[1] > pair[0]]

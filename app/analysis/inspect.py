@@ -27,7 +27,8 @@ from fusion.readers import (
 from fusion.readers.preview import MAX_GAPS, inspect_recording, preview_head
 from fusion.readers.tables.profile import propose_file_profile
 from fusion.readers.time.window import ShiftWindow, cut_recording, parse_window
-from fusion.recording import MICROSECONDS, Recording, find_uncovered
+from fusion.recording import MICROSECONDS, Recording, find_missing, find_uncovered
+from fusion.shifts import propose
 
 _FAILED = "the reader plug-in %s %s failed: %s"
 
@@ -103,6 +104,7 @@ def read_file(path: Path, request: ReportRequest, sha256: str = "") -> Recording
 
 
 MOST_ROUNDING_US = 2
+DAY_US = 86_400 * MICROSECONDS
 
 
 def inspect_file(
@@ -134,7 +136,19 @@ def inspect_file(
         for span in propose_nonwear(recording)
     ]
     proposed = {"calibration_proposals": proposals, "nonwear_proposals": nonwear}
-    return {"file": name} | understood | proposed
+    return {"file": name} | understood | proposed | {"shift_proposals": propose_shifts(recording)}
+
+
+def propose_shifts(recording: Recording) -> list[str]:
+    """Return the stretches of wear of a recording of over a day, as intervals; a person confirms them."""
+    if recording.start is None or recording.duration_us <= DAY_US:
+        return []
+    off = (
+        *propose_nonwear(recording),
+        *recording.excluded,
+        *find_missing(recording.segments, recording.duration_us),
+    )
+    return [str(window) for window in propose(off, recording.start, recording.duration_us)]
 
 
 def _inspect_capture(capture: AngleFile) -> dict[str, Any]:
@@ -156,6 +170,7 @@ def _inspect_capture(capture: AngleFile) -> dict[str, Any]:
         "gaps": gaps[:MAX_GAPS],
         "calibration_proposals": [],
         "nonwear_proposals": [],
+        "shift_proposals": [],
     }
 
 

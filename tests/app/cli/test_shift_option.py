@@ -1,11 +1,16 @@
 """``acromion run --shift``: one folder, calibration and report for each shift of a recording."""
 
 import json
+from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from app.analysis.inspect import propose_shifts
+from fusion.recording import Recording, Segment
 from tests.app.cli.typed import read_table, run
 from tests.simulated_week import Week, write_week
 
@@ -108,3 +113,24 @@ def test_hours_that_are_none_are_refused_before_anything_is_read(tmp_path: Path)
     ended = run("run", tmp_path / "absent.gt3x", "-o", tmp_path, "--shift", "morning")
 
     assert ended.exit_code == 2
+
+
+def test_a_recording_of_more_than_a_day_has_a_proposed_shift_for_each_stretch_of_wear() -> None:
+    chance = np.random.default_rng(1)
+    start = datetime.fromisoformat("2026-03-02T07:00:00")
+    segments = tuple(
+        Segment(
+            first_h * 3_600_000_000,
+            10.0,
+            chance.normal(0.0, 0.5, (72_000, 3)).astype(np.float32),
+            chance.normal(0.0, 50.0, (72_000, 3)).astype(np.float32),
+        )
+        for first_h in (0, 24)
+    )
+    recording = Recording("other", "", start, None, 26 * 3_600_000_000, segments)
+
+    assert propose_shifts(recording) == [
+        "2026-03-02T07:00:00/2026-03-02T09:00:00",
+        "2026-03-03T07:00:00/2026-03-03T09:00:00",
+    ]
+    assert propose_shifts(replace(recording, start=None)) == []
