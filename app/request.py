@@ -8,10 +8,12 @@ import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields
+from datetime import datetime
 from typing import Any, Literal
 
 from fusion.conventions import ArmAxis, MethodName, Pose, PoseHeld, Side
-from fusion.diary import DiaryEntry, TaskWindow, plain_word
+from fusion.diary import DiaryEntry, TaskWindow, parse_clock, plain_word
+from fusion.errors import UnusableDiary
 
 Stage = Literal["preparing", "reading", "checking", "calibrating", "fusing", "counting", "rendering"]
 Language = Literal["en", "fr", "fr-CA"]
@@ -28,6 +30,9 @@ LONGEST_SUBJECT = 100
 _NOBODY = frozenset({"n/a", "nan", "null", "none", "unknown", "inconnu", "inconnue"})
 SUBJECT_HINT = f"<= {LONGEST_SUBJECT} printable characters"
 WINDOW_HINT = "START_S,END_S"
+INTERVAL_HINT = "2026-03-02T07:00/2026-03-02T15:30"
+BY_DIARY = "diary"
+SHIFT_HINT = f"HH:MM-HH:MM|{BY_DIARY}"
 SLIP_HINT = "SECONDS"
 
 
@@ -125,6 +130,27 @@ def parse_window(text: str) -> tuple[float, float]:
     return start_s, end_s
 
 
+def check_hours(text: str) -> str:
+    """Return hours as ``07:00-15:30``, or "diary". Raises ValueError."""
+    if text == BY_DIARY:
+        return text
+    try:
+        start, end = (parse_clock(part) for part in re.split(r"[-–]", text))
+    except UnusableDiary:
+        raise ValueError(SHIFT_HINT) from None
+    if "T" in start + end:
+        raise ValueError(SHIFT_HINT)
+    return f"{start}-{end}"
+
+
+def check_interval(text: str) -> str:
+    """Return the window of a shift as an interval of ISO 8601. Raises ValueError."""
+    start, end = map(datetime.fromisoformat, text.split("/"))
+    if (start.tzinfo is None) is not (end.tzinfo is None) or start >= end:
+        raise ValueError(INTERVAL_HINT)
+    return f"{start.isoformat()}/{end.isoformat()}"
+
+
 def find_window_hint(pose: Pose, window_count: int, arm_axis: ArmAxis | None) -> str:
     """Return the allowed number of calibration windows if ``window_count`` is not allowed; else "".
 
@@ -217,8 +243,13 @@ class ReportRequest:
     the sensor's axis along the arm, if no pose was held; ``slip_times_s``: when the sensor slipped, as the
     person states, ``no_slip_times_s``: when it did not. ``version`` counts the reports of one recording.
     ``changes`` lists the differences from the previous report (a setting, "input" or "engine"); ``reason`` is
-    the person's reason. ``conclusion`` applies to these figures only; after a correction it becomes a
-    ``draft``. ``appendix``: the PDF has its appendix.
+    the person's reason. ``shift``: the window of clock time to analyse, as an interval of ISO 8601, of a
+    recording of several days; "" for all; all seconds then count from the first sample in the window. In
+    the settings of a run it may also be hours (``07:00-15:30``) or "diary", which cut every recording.
+    ``pose_from``: an earlier shift whose pose applies, because a person states that the sensor was not
+    removed, and ``pose_from_windows_s``: when it was held there; empty if at its start. ``conclusion``
+    applies to these figures only; after a correction it becomes a ``draft``. ``appendix``: the PDF has
+    its appendix.
 
     With a ``reference``, the request is for a comparison instead of a report.
     """
@@ -248,6 +279,9 @@ class ReportRequest:
     pose_held: PoseHeld | None = None
     draft: ConclusionDraft | None = None
     appendix: bool = False
+    shift: str = ""
+    pose_from: str = ""
+    pose_from_windows_s: tuple[tuple[float, float], ...] = ()
 
     def to_json(self) -> str:
         """Return the request as text for a job row or a settings hash."""
@@ -258,7 +292,10 @@ class ReportRequest:
         """Parse the text of :meth:`to_json`; unknown names are ignored."""
         known = {field.name for field in fields(cls)}
         values = {name: value for name, value in json.loads(text).items() if name in known}
-        windows = tuple((float(a), float(b)) for a, b in values.pop("calibration_windows_s", ()))
+        windows, earlier = (
+            tuple((float(a), float(b)) for a, b in values.pop(name, ()))
+            for name in ("calibration_windows_s", "pose_from_windows_s")
+        )
         diary = tuple(DiaryEntry(**entry) for entry in values.pop("diary", ()))
         for name in ("languages", "kinds", "joined", "changes", "slip_times_s", "no_slip_times_s"):
             if name in values:
@@ -271,7 +308,7 @@ class ReportRequest:
         if draft := values.pop("draft", None):
             changes = tuple(draft["changes"])
             values["draft"] = ConclusionDraft(Conclusion(**draft["conclusion"]), draft["version"], changes)
-        return cls(calibration_windows_s=windows, diary=diary, **values)
+        return cls(calibration_windows_s=windows, pose_from_windows_s=earlier, diary=diary, **values)
 
     def describe_settings(self) -> dict[str, object]:
         """Return the settings that distinguish versions, without languages and output formats."""

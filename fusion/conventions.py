@@ -18,18 +18,19 @@ MAIN_THRESHOLD_DEG = 60
 """The arm counts as raised above this angle, if a figure uses a single threshold."""
 ARM_AXES: tuple[ArmAxis, ...] = get_args(ArmAxis)
 
-CalibrationState = Literal["given", "held_at_start", "repeated", "assumed", "axis", "none"]
+CalibrationState = Literal["given", "held_at_start", "repeated", "carried", "assumed", "axis", "none"]
 """How the arm axis was determined.
 
 - "given": a person entered the time of the pose.
 - "repeated": several poses that agree.
 - "held_at_start": a person stated that the pose was held at the start of wear, and a still period starts
   there.
+- "carried": the pose of an earlier shift of the recording; a person stated that the sensor was not removed.
 - "assumed": the first still period of wear, not confirmed by a person.
 - "axis": the sensor axis that was strapped along the arm.
 - "none": no still period was found; the axis comes from walking or from the stillest moment.
 """
-CONFIRMED: frozenset[CalibrationState] = frozenset({"given", "held_at_start", "repeated"})
+CONFIRMED: frozenset[CalibrationState] = frozenset({"given", "held_at_start", "repeated", "carried"})
 UNHELD: frozenset[CalibrationState] = frozenset({"axis", "none"})
 """States without a calibration pose."""
 PoseHeld = Literal["start", "no"]

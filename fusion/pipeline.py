@@ -184,6 +184,8 @@ def apply_file_settings(recording: Recording, settings: AnalysisSettings) -> Ana
         settings = replace(settings, diary=diary, calibration_windows_s=windows_s)
     if settings.calibration_windows_s or settings.arm_axis or settings.pose == "two-point":
         return settings
+    if settings.carried:
+        return settings
     if recording.arm_axis is not None:
         return replace(settings, arm_axis=recording.arm_axis)
     held = settings.pose_held or recording.pose_held

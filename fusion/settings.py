@@ -10,6 +10,14 @@ from fusion.diary import DiaryEntry
 
 
 @dataclass(frozen=True, slots=True)
+class CarriedPose:
+    """The arm axis of an earlier shift: unit vector in the sensor, and its standard deviation."""
+
+    axis: tuple[float, float, float]
+    sigma_deg: float
+
+
+@dataclass(frozen=True, slots=True)
 class AnalysisSettings:
     """Options of an analysis; everything else follows from the recording.
 
@@ -26,6 +34,8 @@ class AnalysisSettings:
     ``no_slip_times_s``: times at which a person states that it did not, although the recording suggests it.
     ``pose_held``: "start": a person states that the pose was held at the start of wear; a window or an axis
     takes precedence. "no": not stated; statements of the file or its column profile are ignored.
+    ``carried``: the pose of an earlier shift; a person states that the sensor was not removed since. A window
+    or an axis takes precedence.
     """
 
     method: MethodName = "smoothed"
@@ -36,6 +46,7 @@ class AnalysisSettings:
     slip_times_s: tuple[float, ...] = ()
     no_slip_times_s: tuple[float, ...] = ()
     pose_held: PoseHeld | None = None
+    carried: CarriedPose | None = None
 
     def __post_init__(self) -> None:
         """Raise ValueError with the allowed values if a value cannot be used."""

@@ -140,6 +140,11 @@ def load_and_set_again(
     importlib.import_module("app.report.products").set_report_again(results, request, out, release)
 
 
+def load_and_measure(recording_path: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Write when a recording starts and ends; the child process loads ``fusion`` only here."""
+    importlib.import_module("app.analysis.inspect").write_extent(recording_path, request, out, on_stage)
+
+
 def choose_limits(settings: "Settings", size_bytes: int) -> Limits:
     """Choose the limits of an attempt: a large file gets more time."""
     wall_s = settings.wall_limit_s + settings.wall_limit_s_per_gb * size_bytes / 1e9

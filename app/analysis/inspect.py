@@ -8,19 +8,27 @@ from typing import Any
 
 import numpy as np
 
-from app.request import OnStage, ReportRequest
+from app.request import BY_DIARY, OnStage, ReportRequest
 from app.store.decoded import hash_entry_key
-from app.store.folder import KnownFiles, hash_file
+from app.store.folder import NOTHING_KNOWN, KnownFiles, hash_file
 from app.version import identify_engine
 from fusion.angle_files import AngleFile, read_angle_file, recognise_layout, resample_file
 from fusion.caveats import Caveat
-from fusion.errors import FailedReader, FusionError
+from fusion.errors import FailedReader, FusionError, UnusableShift
 from fusion.pose.calibrate import propose_poses
 from fusion.quality.time_account import find_exclusions, propose_nonwear
-from fusion.readers import identify_header, join_recordings, parse_profile, read_recording
+from fusion.readers import (
+    identify_header,
+    join_recordings,
+    measure_extent,
+    parse_profile,
+    read_recording,
+)
 from fusion.readers.preview import MAX_GAPS, inspect_recording, preview_head
 from fusion.readers.tables.profile import propose_file_profile
-from fusion.recording import MICROSECONDS, Recording, find_uncovered
+from fusion.readers.time.window import ShiftWindow, cut_recording, parse_window
+from fusion.recording import MICROSECONDS, Recording, find_missing, find_uncovered
+from fusion.shifts import propose
 
 _FAILED = "the reader plug-in %s %s failed: %s"
 
@@ -30,7 +38,8 @@ logger = logging.getLogger(__name__)
 def read_joined(recording_path: Path, request: ReportRequest, known: KnownFiles) -> Recording:
     """Read the recording of a request and the files joined to it, from the cache if possible."""
     paths = (recording_path, *map(Path, request.joined))
-    recordings = []
+    window, recordings = find_window(request), []
+    request = replace(request, shift="") if request.joined else request  # cut once they are joined
     for path, digest in zip(paths, known.digests or ("",) * len(paths), strict=True):
         asked = request if path is recording_path else replace(request, file_name=path.name)
         if known.cache is None:
@@ -38,13 +47,29 @@ def read_joined(recording_path: Path, request: ReportRequest, known: KnownFiles)
             continue
         sha256 = digest or hash_file(path)
         reading = [Path(asked.file_name).suffix, request.rate_hz, request.profile]
+        reading += [asked.shift] if asked.shift else []
         key = hash_entry_key(sha256, json.dumps(reading), identify_engine())
         recording = known.cache.find(key)
         if recording is None:
             recording = read_file(path, asked, sha256)
             known.cache.keep(key, recording)
         recordings.append(recording)
-    return join_recordings(recordings) if request.joined else recordings[0]
+    if not request.joined:
+        return recordings[0]
+    joined = join_recordings(recordings)
+    return cut_recording(joined, window) if window else joined
+
+
+def find_window(request: ReportRequest) -> ShiftWindow | None:
+    """Return the window of the shift of a request; None for a whole recording.
+
+    Raises UnusableShift: it is not an interval, because the recording had no clock to cut it by.
+    """
+    try:
+        return parse_window(request.shift) if request.shift else None
+    except ValueError:
+        why = "no days" if request.shift == BY_DIARY else "no clock"
+        raise UnusableShift(why=why, window=request.shift) from None
 
 
 def read_file(path: Path, request: ReportRequest, sha256: str = "") -> Recording:
@@ -54,10 +79,16 @@ def read_file(path: Path, request: ReportRequest, sha256: str = "") -> Recording
     the header.
     """
     profile = parse_profile(request.profile) if request.profile else None
+    window = find_window(request)
     with path.open("rb") as file:
         try:
             recording = read_recording(
-                file, file_name=request.file_name, rate_hz=request.rate_hz, sha256=sha256, profile=profile
+                file,
+                file_name=request.file_name,
+                rate_hz=request.rate_hz,
+                sha256=sha256,
+                profile=profile,
+                window=window,
             )
         except FusionError as refusal:
             if isinstance(refusal, FailedReader):
@@ -73,6 +104,7 @@ def read_file(path: Path, request: ReportRequest, sha256: str = "") -> Recording
 
 
 MOST_ROUNDING_US = 2
+DAY_US = 86_400 * MICROSECONDS
 
 
 def inspect_file(
@@ -104,7 +136,19 @@ def inspect_file(
         for span in propose_nonwear(recording)
     ]
     proposed = {"calibration_proposals": proposals, "nonwear_proposals": nonwear}
-    return {"file": name} | understood | proposed
+    return {"file": name} | understood | proposed | {"shift_proposals": propose_shifts(recording)}
+
+
+def propose_shifts(recording: Recording) -> list[str]:
+    """Return the stretches of wear of a recording of over a day, as intervals; a person confirms them."""
+    if recording.start is None or recording.duration_us <= DAY_US:
+        return []
+    off = (
+        *propose_nonwear(recording),
+        *recording.excluded,
+        *find_missing(recording.segments, recording.duration_us),
+    )
+    return [str(window) for window in propose(off, recording.start, recording.duration_us)]
 
 
 def _inspect_capture(capture: AngleFile) -> dict[str, Any]:
@@ -126,6 +170,7 @@ def _inspect_capture(capture: AngleFile) -> dict[str, Any]:
         "gaps": gaps[:MAX_GAPS],
         "calibration_proposals": [],
         "nonwear_proposals": [],
+        "shift_proposals": [],
     }
 
 
@@ -134,6 +179,22 @@ def write_inspection(recording_path: Path, request: ReportRequest, out: Path, on
     on_stage("reading", 0.0)
     found = inspect_file(recording_path, request.rate_hz, request.profile, request.file_name)
     (out / "inspection.json").write_text(json.dumps(found), "utf-8")
+
+
+def write_extent(recording_path: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Write ``extent.json``: start, duration and digest of a recording, to find its shifts."""
+    on_stage("reading", 0.0)
+    profile = parse_profile(request.profile) if request.profile else None
+    if request.joined:
+        joined = read_joined(recording_path, request, NOTHING_KNOWN)
+        start, duration_us, sha256 = joined.start, joined.duration_us, ""
+    else:
+        with recording_path.open("rb") as file:
+            start, duration_us, sha256 = measure_extent(
+                file, file_name=request.file_name, rate_hz=request.rate_hz, profile=profile
+            )
+    found = {"start": start.isoformat() if start else "", "duration_us": duration_us, "sha256": sha256}
+    (out / "extent.json").write_text(json.dumps(found), "utf-8")
 
 
 def write_preview(recording_path: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:

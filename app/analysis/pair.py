@@ -23,6 +23,7 @@ from app.report.pairs import (
     describe_pair,
     encode_document,
     has_mixed_methods,
+    identify_hours,
     is_confirmed,
     judge_person,
     read_code,
@@ -127,7 +128,7 @@ def _read(folder: Path, refusal: AppError) -> FinishedAnalysis:
 
 def _check_same_person(one: FinishedAnalysis, other: FinishedAnalysis) -> None:
     """Reject the same recording twice, which would look like perfect symmetry, and two people."""
-    if one.findings.recording.sha256 == other.findings.recording.sha256:
+    if identify_hours(one) == identify_hours(other):
         raise CannotPair(why="same")
     if len({read_code(one), read_code(other)} - {""}) > 1:
         raise CannotPair(why="subjects")

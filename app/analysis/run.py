@@ -19,10 +19,11 @@ from app.store.day_file import DAY_NAME, DaySegment, write_day
 from app.store.folder import NOTHING_KNOWN, KnownFiles, sync_file
 from fusion.angle_files import AngleFile, AngleFileOptions, holds_samples, read_angle_file, recognise_layout
 from fusion.caveats import Caveat
-from fusion.conventions import SAID_S, awaits_pose
+from fusion.conventions import CONFIRMED, SAID_S, PoseHeld, awaits_pose
+from fusion.errors import FusionError
 from fusion.exposure.periods import find_diary_poses
-from fusion.pipeline import Analysis, analyse, analyse_angle_file, analyse_angles
-from fusion.pose.calibrate import find_early_stills, propose_poses, reduce_recording, survey
+from fusion.pipeline import Analysis, analyse, analyse_angle_file, analyse_angles, apply_file_settings
+from fusion.pose.calibrate import calibrate, find_early_stills, propose_poses, reduce_recording, survey
 from fusion.pose.rules import find_nearest_axis
 from fusion.quality.time_account import propose_nonwear
 from fusion.readers import holds_device_format
@@ -30,6 +31,7 @@ from fusion.recording import MICROSECONDS, Span
 from fusion.sensor.model import view_segment
 from fusion.sensor.self_calibration import calibrate_accelerometer
 from fusion.sensor.stillness import find_still_moments, reduce_run
+from fusion.settings import CarriedPose
 
 # The day of an analysis, for the page on which a person reviews and corrects it.
 
@@ -170,7 +172,7 @@ def _analyse_file(
     if request.source == "angles":
         with recording_path.open("rb") as file:
             return analyse_angles(file, begin, diary)
-    captured = _read_capture(recording_path, request)
+    captured = None if request.shift else _read_capture(recording_path, request)
     if captured is not None:
         duration_us = round((captured.last_s - captured.first_s) * MICROSECONDS)
         windows_s = windows_s or find_diary_poses(entries, captured.start, duration_us)
@@ -181,7 +183,27 @@ def _analyse_file(
         for time_s in times_s:
             if time_s > duration_s:
                 raise BadParameter(name=name, value=f"{time_s:g}", allowed=f"0 … {duration_s:g}")
-    return analyse(recording, build_settings(request), begin)
+    settings = build_settings(request)
+    if request.pose_from:
+        settings = replace(settings, carried=_find_carried(recording_path, request, known))
+    return analyse(recording, settings, begin)
+
+
+def _find_carried(recording_path: Path, request: ReportRequest, known: KnownFiles) -> CarriedPose | None:
+    """Return the pose of the earlier shift; None if no person confirmed it, or it cannot be used."""
+    windows_s = request.pose_from_windows_s
+    held: PoseHeld | None = None if windows_s else "start"
+    earlier = replace(
+        request, shift=request.pose_from, calibration_windows_s=windows_s, pose_held=held, diary=()
+    )
+    earlier = replace(earlier, slip_times_s=(), no_slip_times_s=())
+    try:
+        recording = read_joined(recording_path, earlier, known)
+        found = calibrate(recording, apply_file_settings(recording, build_settings(earlier))).calibration
+    except FusionError:
+        return None
+    x, y, z = found.arm_axis.tolist()
+    return CarriedPose((x, y, z), found.sigma_deg) if found.state in CONFIRMED else None
 
 
 def _read_capture(recording_path: Path, request: ReportRequest) -> AngleFile | None:

@@ -143,7 +143,7 @@ def format_folder_name(log: Path) -> str:
 class Task:
     """One recording to analyse: its path, its request and its result folder.
 
-    ``path`` is relative to the folder in the command.
+    ``path`` is relative to the folder in the command; ``sha256``: of the recording, if it has been read.
     """
 
     log: Path
@@ -151,6 +151,7 @@ class Task:
     folder: Path
     force: bool = False
     path: str = ""
+    sha256: str = ""
 
     @property
     def name(self) -> str:
@@ -313,7 +314,11 @@ def build_marker(task: Task, digest: str = "") -> Marker:
 
     ``digest``: SHA-256 of its single recording, if known.
     """
-    digest = digest or " ".join(hash_file(path) for path in (task.log, *map(Path, task.request.joined)))
+    digest = (
+        digest
+        or task.sha256
+        or " ".join(hash_file(path) for path in (task.log, *map(Path, task.request.joined)))
+    )
     settings, fingerprint = _write_settings(task.request), compute_fingerprint(digest, task.request)
     language, place = task.request.languages[0], identify_place(task.log)
     papers = {language: describe_paper(task.request)}

@@ -169,7 +169,8 @@ def _do(task: Task, before: Marker | None, asked: Marker | None, go_on: GoOn) ->
             version, changes = version + 1, find_changes(before, asked)
     request = replace(task.request, version=version, changes=changes)
     with open_staging(task.folder) as staging:
-        known = KnownFiles(tuple(asked.input.split()) if asked else ())
+        digests = asked.input.split() if asked else filter(None, [task.sha256])
+        known = KnownFiles(tuple(digests))
         outcome = _attempt(task, request, staging, partial(load_and_make_report, known=known), go_on)
         if outcome.code:
             return outcome

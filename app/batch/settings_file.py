@@ -16,12 +16,14 @@ import yaml
 
 from app.errors import UnusableSettings
 from app.request import (
+    SHIFT_HINT,
     SLIP_HINT,
     WINDOW_HINT,
     Language,
     Paper,
     ReportKind,
     ReportRequest,
+    check_hours,
     parse_slip_time,
     write_profile,
 )
@@ -137,6 +139,7 @@ SETTINGS: tuple[Setting, ...] = (
     Setting("axis", "arm_axis", lambda value: None if value is None else parse_arm_axis(value), AXIS_HINT),
     Setting("slip_at", "slip_times_s", _read_slip_list, f"[{SLIP_HINT}]"),
     Setting("no_slip_at", "no_slip_times_s", _read_slip_list, f"[{SLIP_HINT}]"),
+    Setting("shift", "shift", lambda value: check_hours(value) if value else "", SHIFT_HINT),
     Setting("rate_hz", "rate_hz", _read_rate, "1 to 10000"),
     Setting(
         "lang",
@@ -169,6 +172,7 @@ def encode_settings(request: ReportRequest) -> bytes:
         "axis": request.arm_axis,
         "slip_at": list(request.slip_times_s),
         "no_slip_at": list(request.no_slip_times_s),
+        "shift": request.shift or None,
         "rate_hz": request.rate_hz,
         "lang": request.languages[0],
         "report": list(request.kinds),

@@ -15,6 +15,7 @@ from app.batch.run import SHARD_HINT, Shard, parse_shard
 from app.cli.output import Exit, print_problem
 from app.errors import UNREADABLE_PATH, AppError, UnusableList
 from app.request import (
+    SHIFT_HINT,
     SLIP_HINT,
     SUBJECT_HINT,
     WINDOW_HINT,
@@ -22,6 +23,7 @@ from app.request import (
     Paper,
     ReportKind,
     ReportRequest,
+    check_hours,
     check_subject,
     find_window_hint,
     parse_slip_time,
@@ -196,6 +198,11 @@ def parse_shard_option(text: str | None) -> Shard | None:
 def parse_slip_times(texts: list[str] | None, option: str) -> tuple[float, ...]:
     """Parse times at which the sensor did or did not slip."""
     return _parse(option, f"{SLIP_HINT}, e.g. 14400", lambda: tuple(map(parse_slip_time, texts or ())))
+
+
+def parse_shift(text: str | None) -> str:
+    """Parse the hours of the shifts; empty if the option is not given."""
+    return _parse("--shift", SHIFT_HINT, lambda: check_hours(text) if text else "")
 
 
 def check_windows(requests: Iterable[ReportRequest]) -> None:

@@ -262,7 +262,8 @@ def format_question(outcomes: Sequence[Outcome]) -> list[str]:
     if len(outcomes) > 1:
         return [words["all_held"]]
     start, calibration = results["recording"]["start"], results["calibration"]
-    clock = Clock(datetime.fromisoformat(start) if start else None, request.languages[0])
+    duration_s = results["recording"]["duration_s"]
+    clock = Clock(datetime.fromisoformat(start) if start else None, request.languages[0], duration_s)
     lines = [] if request.pose_held else [words["which_start"]]
     for still in calibration["proposals"]:
         start_s, end_s = still["start_s"], still["start_s"] + still["duration_s"]

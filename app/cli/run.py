@@ -25,6 +25,7 @@ from app.cli.options import (
     parse_axis,
     parse_kinds,
     parse_shard_option,
+    parse_shift,
     parse_slip_times,
     parse_subject,
     parse_windows,
@@ -47,7 +48,7 @@ from app.cli.output import (
 )
 from app.errors import NO_RECORDING, NO_SHARDS
 from app.report.words.wording import fill, load_wording
-from app.request import Language, Paper, ReportRequest
+from app.request import SHIFT_HINT, Language, Paper, ReportRequest
 from fusion.conventions import MethodName, Pose
 
 
@@ -104,6 +105,20 @@ def run(
         ),
     ] = None,
     diary: DiaryOption = None,
+    shift: Annotated[
+        str | None,
+        typer.Option(
+            metavar=SHIFT_HINT,
+            help="Cut a recording of several days: these hours of each day, or the days of the diary.",
+        ),
+    ] = None,
+    not_removed: Annotated[
+        bool,
+        typer.Option(
+            "--not-removed",
+            help="The sensor stayed on between the shifts: the first shift's pose applies to the later ones.",
+        ),
+    ] = False,
     lang: Annotated[
         Language | None, typer.Option(help="Language of the report; fr-CA: French of Québec  \\[default: en]")
     ] = None,
@@ -152,6 +167,7 @@ def run(
         "pose_held": pose_held,
         "slip_times_s": parse_slip_times(slip_at, "--slip-at"),
         "no_slip_times_s": parse_slip_times(no_slip_at, "--no-slip-at"),
+        "shift": parse_shift(shift),
         "rate_hz": rate_hz,
         "kinds": parse_kinds(report),
         "paper": paper,
@@ -176,6 +192,10 @@ def run(
     for row in unmatched:
         _note("unmatched", language, line=str(row.line), file=row.file)
     check_windows(task.request for task in tasks)
+    if any(task.request.shift for task in tasks):
+        from app.batch.shifts import split_into_shifts  # noqa: PLC0415  loads fusion
+
+        tasks = split_into_shifts(tasks, not_removed=not_removed)
     mine, record = parse_shard_option(shard), None
     if mine:
         tasks, record = mine.select(tasks), ShardRecord(out, mine, tasks, request)

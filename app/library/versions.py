@@ -10,6 +10,7 @@ confirms or dismisses it.
 
 import hashlib
 import json
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -43,7 +44,7 @@ def select_same(keys: Sequence[str]) -> Select[Any]:
 
 @dataclass(slots=True)
 class _History:
-    """The reports of one recording, added in the order in which they were requested.
+    """The reports of one recording, or of one shift of it, in the order in which they were requested.
 
     ``ours``: this engine's reports by their settings; ``last``: the highest version; ``newest``: requested
     last; ``concluded``: the report of each conclusion, and whether it is this engine's. ``measured``: this
@@ -86,7 +87,7 @@ def number_versions(connection: Connection, items: Sequence[Item]) -> list[tuple
     histories = _read_histories(connection, digests, COUNTED)
     numbered = []
     for recording_id, _, request in items:
-        history = histories[recording_id]
+        history = histories[recording_id, request.shift]
         asked = request
         if not request.reference:
             asked = _number(history, request)
@@ -120,9 +121,10 @@ def renumber(connection: Connection, analysis_id: str) -> None:
     row = connection.execute(query.where(analyses.c.id == analysis_id)).one()
     asked = ReportRequest.from_json(row.request)
     histories = _read_histories(connection, {row.id: row.sha256}, (JobState.SUCCEEDED,))
-    numbered = asked if asked.reference else _number(histories[row.id], asked)
+    history = histories[row.id, asked.shift]
+    numbered = asked if asked.reference else _number(history, asked)
     if numbered.draft is not None:
-        numbered = replace(numbered, draft=_compare_draft(histories[row.id], numbered.draft, numbered))
+        numbered = replace(numbered, draft=_compare_draft(history, numbered.draft, numbered))
     if numbered != asked:
         change = update(analyses).where(analyses.c.id == analysis_id)
         connection.execute(change.values(request=numbered.to_json()))
@@ -130,9 +132,9 @@ def renumber(connection: Connection, analysis_id: str) -> None:
 
 def _read_histories(
     connection: Connection, digests: Mapping[str, str], states: Sequence[JobState]
-) -> dict[str, _History]:
-    """Return the reports of some recordings, in the order in which they were requested."""
-    histories = {recording_id: _History() for recording_id in digests}
+) -> dict[tuple[str, str], _History]:
+    """Return the reports of some recordings and their shifts, in the order in which they were requested."""
+    histories: dict[tuple[str, str], _History] = defaultdict(_History)
     columns = (analyses.c.recording_id, analyses.c.key, analyses.c.request, answers.c.method)
     joined = select(*columns).outerjoin(answers, answers.c.analysis_id == analyses.c.id)
     ordered = sorted(digests)
@@ -142,8 +144,8 @@ def _read_histories(
         for row in connection.execute(query.order_by(analyses.c.created_at, analyses.c.id)):
             request = ReportRequest.from_json(row.request)
             is_ours = row.key == identify_work(digests[row.recording_id], request)
-            histories[row.recording_id].add(request, is_ours=is_ours)
-            histories[row.recording_id].is_capture |= row.method == ""
+            histories[row.recording_id, request.shift].add(request, is_ours=is_ours)
+            histories[row.recording_id, request.shift].is_capture |= row.method == ""
     return histories
 
 

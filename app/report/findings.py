@@ -17,7 +17,7 @@ from fusion.comparison.levels import ComparedLevel, Extent, compare_with_levels,
 from fusion.conventions import MAIN_THRESHOLD_DEG, CalibrationState, Pose
 from fusion.exposure.types import Exposure, TimeAbove
 from fusion.quality import Quality, TimeAccount
-from fusion.recording import Span
+from fusion.recording import MICROSECONDS, Span
 
 if TYPE_CHECKING:
     from fusion.pipeline import Analysis
@@ -37,7 +37,8 @@ class ReportSubject:
 
     ``version`` counts from 1; a later one replaces the previous one: ``changes`` lists the differences (a
     setting, "input" or "engine"), ``reason`` is the person's reason. ``columns`` is the JSON of a table's
-    column profile, "" for none. ``conclusion`` is the clinician's, and ``report_id`` comes from
+    column profile, "" for none; ``shift`` the window that was cut from a longer recording, as an interval of
+    ISO 8601, "" for none. ``conclusion`` is the clinician's, and ``report_id`` comes from
     :func:`app.report.export.results.identify_report`.
     """
 
@@ -51,6 +52,7 @@ class ReportSubject:
     columns: str = ""
     conclusion: Conclusion | None = None
     report_id: str = ""
+    shift: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +75,11 @@ class RecordingFacts:
     rate_hz: float
     serial_hash: str | None = None
     reader: tuple[str, str] | None = None
+
+    @property
+    def duration_s(self) -> float:
+        """Seconds from the first sample to the end."""
+        return self.duration_us / MICROSECONDS
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,10 +2,11 @@
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from datetime import datetime
 from typing import Any
 
 from app.report.words.messages import describe_flag, format_facts
-from app.report.words.numbers import format_exact, format_long_duration, format_number
+from app.report.words.numbers import Clock, format_exact, format_long_duration, format_number
 from app.report.words.wording import Language, Words, clean_text, fill, find_device_name, load_wording
 from fusion.caveats import Caveat
 from fusion.recording import QualityFlag
@@ -33,6 +34,7 @@ def describe_inspection(facts: Mapping[str, Any], language: Language) -> str:
         "warnings": [_format_warning(warning, language) for warning in facts["warnings"]],
         "proposals": [_format_proposal(each, words, language) for each in facts["calibration_proposals"]],
         "nonwear": [_format_gap(each, words, language) for each in facts["nonwear_proposals"]],
+        "shifts": [_format_shift(each, language) for each in facts["shift_proposals"]],
     }
     shown = {
         name: _join(lines, words, facts["gap_count"] if name == "gaps" else 0)
@@ -82,6 +84,11 @@ def _join(lines: Sequence[str], words: Words, count: int) -> str:
 def _format_gap(gap: Mapping[str, float], words: Words, language: Language) -> str:
     facts = {name: format_exact(gap[f"{name}_s"], language) for name in ("length", "start")}
     return fill(words["gap"], facts)
+
+
+def _format_shift(interval: str, language: Language) -> str:
+    start, end = map(datetime.fromisoformat, interval.split("/"))
+    return Clock(start, language, (end - start).total_seconds()).format_whole()
 
 
 def _format_warning(warning: Mapping[str, Any], language: Language) -> str:

@@ -12,7 +12,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from datetime import timedelta
+from datetime import datetime, timedelta
 from typing import TYPE_CHECKING, Any, Literal
 
 from app.errors import CannotCompare
@@ -80,6 +80,11 @@ states it, and no report is made; "no": the codes are of two people.
 def read_code(kept: FinishedAnalysis) -> str:
     """Return the code of the person; empty if none was given."""
     return find_code(clean_text(kept.subject.subject))
+
+
+def identify_hours(kept: FinishedAnalysis) -> tuple[str, datetime | None]:
+    """Return what two analyses of the same hours of one file share: the digest, and the start."""
+    return kept.findings.recording.sha256, kept.findings.recording.start
 
 
 def judge_person(every: Sequence[FinishedAnalysis], *, is_stated: bool) -> OnePerson:
@@ -533,7 +538,8 @@ def _build_days(pair: ArmPair, sides: Sequence[PairSide], language: Language) ->
     begins_s = (0.0 - first_s, pair.offset_s - first_s)
     lasts_s = [side.kept.findings.recording.duration_us / MICROSECONDS for side in sides]
     whole_s = max(begin + lasts for begin, lasts in zip(begins_s, lasts_s, strict=True))
-    clock = Clock(Clock(pair.left.findings.recording.start, language).at(first_s), language)
+    start = Clock(pair.left.findings.recording.start, language).at(first_s)
+    clock = Clock(start, language, whole_s)
     days = []
     for side, begin_s in zip(sides, begins_s, strict=True):
         own = build_timeline(side.kept.findings, clock, report_words)

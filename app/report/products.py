@@ -80,6 +80,7 @@ def describe_subject(
         reason=request.reason,
         columns=request.profile,
         conclusion=request.conclusion,
+        shift=request.shift,
     )
     return replace(subject, report_id=identify_report(build_settings(request), findings, subject))
 

@@ -659,4 +659,7 @@ def _find_stated(
     if settings.arm_axis is not None:
         along, worn_s = point_along(settings.arm_axis), wear.worn_from_s
         return (FoundPose("axis", worn_s, worn_s, along, AXIS_SIGMA_DEG),), ()
+    if settings.carried is not None:
+        axis, worn_s = scale_to_unit(np.array(settings.carried.axis)), wear.worn_from_s
+        return (FoundPose("carried", worn_s, worn_s, axis, settings.carried.sigma_deg),), ()
     return (), ()

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from datetime import datetime
 from importlib.metadata import EntryPoint
 from os import PathLike
 from pathlib import Path
@@ -76,6 +77,7 @@ from fusion.readers.tables.profile import (
 )
 from fusion.readers.time.clock import flag_days
 from fusion.readers.time.joining import join_recordings
+from fusion.readers.time.window import ShiftWindow, cut_recording
 from fusion.recording import ACC_UNITS_G, QualityFlag, Recording
 
 __all__ = [
@@ -88,6 +90,7 @@ __all__ = [
     "holds_device_format",
     "identify_header",
     "join_recordings",
+    "measure_extent",
     "parse_profile",
     "propose_profile",
     "read_recording",
@@ -132,6 +135,7 @@ def read_recording(
     rate_hz: float | None = None,
     sha256: str = "",
     profile: ColumnProfile | None = None,
+    window: ShiftWindow | None = None,
 ) -> Recording:
     """Read a recording of any known format and check it against physics.
 
@@ -148,6 +152,8 @@ def read_recording(
     profile
         What the columns of a table mean, or which of its sensors is on the arm, for tables whose header does
         not tell, which other formats ignore; and when the pose was held.
+    window
+        The shift to read, of a recording of several days.
 
     Returns
     -------
@@ -169,11 +175,12 @@ def read_recording(
                 rate_hz=rate_hz,
                 sha256=sha256,
                 profile=profile,
+                window=window,
             )
     source = open_source(file, file_name, is_hashed=not sha256)
     if source.size_bytes == 0:
         raise EmptyFile
-    content = unpack(source, profile.sensor if profile else "")
+    content = replace(unpack(source, profile.sensor if profile else ""), window=window)
     refuse_blank(content)
     if profile is not None and content.is_chosen:
         profile = replace(profile, sensor="")
@@ -191,7 +198,22 @@ def read_recording(
         recording = replace(recording, understood=understood)
     held = profile.pose_held if profile else None
     hashed = replace(recording, sha256=sha256 or hash_source(source), pose_held=held or recording.pose_held)
-    return _check_readings(hashed)
+    checked = _check_readings(hashed)
+    return cut_recording(checked, window) if window else checked
+
+
+def measure_extent(
+    file: BinaryIO, *, file_name: str = "", rate_hz: float | None = None, profile: ColumnProfile | None = None
+) -> tuple[datetime | None, int, str]:
+    """Return the clock at the first sample, the duration in microseconds, and the digest of the bytes.
+
+    A .gt3x is not decoded for it. Raises as :func:`read_recording`.
+    """
+    source = open_source(file, file_name)
+    if source.extension == ".gt3x" and gt3x.recognise(source):
+        return *gt3x.measure_extent(source), hash_source(source)
+    recording = read_recording(file, file_name=file_name, rate_hz=rate_hz, profile=profile)
+    return recording.start, recording.duration_us, recording.sha256
 
 
 def _is_read_by_profile(content: Source, profile: ColumnProfile) -> bool:

@@ -9,9 +9,10 @@ The records come first, then the order of their seconds; :func:`read` follows.
 
 import re
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta, timezone
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -19,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
-from fusion.errors import DamagedFile, MissingMember, NoGyroscope, NoSamples, UnknownColumns
+from fusion.errors import DamagedFile, MissingMember, NoGyroscope, NoSamples, UnknownColumns, UnusableShift
 from fusion.numba_kernels import njit
 from fusion.readers.samples import SampleColumns
 from fusion.readers.source import (
@@ -43,6 +44,7 @@ from fusion.readers.time.clock import (
     parse_offset_s,
     trust_clock,
 )
+from fusion.readers.time.window import ShiftWindow
 from fusion.recording import (
     MICROSECONDS,
     QualityFlag,
@@ -669,10 +671,30 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
         text = parse_device_text(read_text(archive, "info.txt"))
         member = archive.getinfo("log.bin")
         to_log_end = replace(source, size_bytes=member.header_offset + member.compress_size)
-        log = decode_log(read_member(archive, "log.bin"), member.file_size, to_log_end)
+        find = partial(_find_window, text, source.window) if source.window else None
+        log = decode_log(read_member(archive, "log.bin"), member.file_size, to_log_end, find)
     log.refuse_unusable()
     timeline = order_seconds(log.seconds(), log.columns.acc, log.columns.gyr)
     return build_recording(text, log, timeline)
+
+
+def measure_extent(source: Source) -> tuple[datetime | None, int]:
+    """Return the clock at the first sample, and the time to the last stamp in microseconds.
+
+    Only the first second is decoded. Raises as :func:`read`.
+    """
+    with open_archive(source) as archive:
+        check_parts(archive)
+        text = parse_device_text(read_text(archive, "info.txt"))
+        size_bytes = archive.getinfo("log.bin").file_size
+        log = decode_log(
+            read_member(archive, "log.bin"), size_bytes, find_window=lambda unix_s, _: (unix_s, unix_s + 1)
+        )
+    log.refuse_unusable()
+    first_unix_s = int(log.seconds().unix_s[0])
+    duration_s = log.scan.last_unix_s + 1 - first_unix_s
+    start, _ = trust_clock(_read_clock(text, log.events, first_unix_s, duration_s)[0])
+    return start, duration_s * MICROSECONDS
 
 
 # info.txt: what the device tells about itself.
@@ -752,6 +774,8 @@ LARGEST_DIFFERENCE_G = 0.2
 
 Primary = tuple[int, NDArray[np.int16]]
 """One second of ACTIVITY2: its stamp, and its rows in counts, shape (rows, 3)."""
+FindWindow = Callable[[int, DeviceEvents], tuple[int, int] | None]
+"""Returns the stamps to decode from the stamp of the first sample, and the events before it."""
 
 
 def measure_bias_g(
@@ -802,6 +826,8 @@ class DeviceLog:
     ``n_undecoded``: number of SENSOR_DATA records that fit no schema.
     ``held``: Unix seconds and payloads of samples before the first schema.
     ``primary_seconds``: checked seconds of the primary accelerometer.
+    ``window_unix_s``: the stamps to decode (first, stop), which ``find_window`` returns at the first sample;
+    None for all.
     """
 
     columns: SampleColumns = field(default_factory=lambda: SampleColumns(has_stamps=False))
@@ -815,6 +841,18 @@ class DeviceLog:
     n_undecoded: int = 0
     held: list[tuple[int, bytes]] = field(default_factory=list)
     primary_seconds: list[Primary] = field(default_factory=list)
+    find_window: FindWindow | None = None
+    window_unix_s: tuple[int, int] | None = None
+
+    def is_inside(self, unix_s: int) -> bool:
+        """Return whether a stamp is in the window, if there is one."""
+        return self.window_unix_s is None or self.window_unix_s[0] <= unix_s < self.window_unix_s[1]
+
+    @property
+    def last_unix_s(self) -> int:
+        """The last stamp of the file, or of the window."""
+        last_unix_s = self.scan.last_unix_s
+        return last_unix_s if self.window_unix_s is None else min(last_unix_s, self.window_unix_s[1] - 1)
 
     @property
     def scan(self) -> ScanTally:
@@ -835,6 +873,11 @@ class DeviceLog:
             raise DamagedFile(p=round(damaged_percent, 1), clock=clock)
         if self.columns.rows:
             return
+        if self.window_unix_s is not None:
+            first, stop = (
+                datetime.fromtimestamp(unix_s, UTC).isoformat()[:19] for unix_s in self.window_unix_s
+            )
+            raise UnusableShift(why="no samples", window=f"{first}/{stop}")
         if self.n_undecoded and not self.labels:
             raise MissingMember(member="SENSOR_SCHEMA")
         if self.n_undecoded and self.decoder is not None:
@@ -846,15 +889,21 @@ class DeviceLog:
         raise NoGyroscope(cure="GT9X")
 
 
-def decode_log(pieces: Iterable[bytes], size_bytes: int = 0, source: Source | None = None) -> DeviceLog:
+def decode_log(
+    pieces: Iterable[bytes],
+    size_bytes: int = 0,
+    source: Source | None = None,
+    find_window: FindWindow | None = None,
+) -> DeviceLog:
     """Scan and decode log.bin in one pass over its pieces.
 
     ``pieces``: the bytes of log.bin.
     ``size_bytes``: its size in the archive's directory, to estimate the room for the samples.
     ``source``: the file up to the end of log.bin, to refuse too many rows.
+    ``find_window``: returns the stamps to decode; None for all.
     """
-    log = DeviceLog(SampleColumns(source, has_stamps=False))
-    to_come = size_bytes
+    log = DeviceLog(SampleColumns(source, has_stamps=False), find_window=find_window)
+    to_come = 0 if find_window else size_bytes
 
     def scan(buffer: NDArray[np.uint8], is_last: bool) -> tuple[int, NDArray[np.int64]]:  # noqa: FBT001
         records = np.empty((len(buffer) // FRAME_BYTES + 1, 4), np.int64)
@@ -875,6 +924,7 @@ def decode_log(pieces: Iterable[bytes], size_bytes: int = 0, source: Source | No
             log.columns.reserve(len(buffer), to_come)
             to_come = 0
     log.columns.trim()
+    log.events.sleep = [one for one in log.events.sleep if log.is_inside(one[0])]
     return log
 
 
@@ -885,6 +935,8 @@ def _take_records(log: DeviceLog, buffer: NDArray[np.uint8], records: NDArray[np
         payload = buffer[first : first + size].tobytes()
         if kind == SCHEMA:
             _take_schema(log, payload)
+        elif kind != METADATA and not log.is_inside(unix_s):
+            continue
         elif size > 1 and kind == ACTIVITY2:
             rows = len(payload) // ROW_BYTES
             log.primary_seconds.append((unix_s, np.frombuffer(payload, "<i2", 3 * rows).reshape(rows, 3)))
@@ -924,6 +976,10 @@ def _take_samples(
     fits = (sizes >= 2) & (n_rows > 0) & (odd_bytes == 0)
     fits[fits] = decoder.find_own(buffer, firsts[fits])
     log.n_undecoded += int(np.count_nonzero(~fits))
+    if log.find_window and log.window_unix_s is None and fits.any():
+        log.window_unix_s = log.find_window(int(records[fits, 1][0]), log.events)
+    if log.window_unix_s is not None:
+        fits &= (records[:, 1] >= log.window_unix_s[0]) & (records[:, 1] < log.window_unix_s[1])
     unix_s, firsts, n_rows = records[fits, 1], firsts[fits], n_rows[fits]
     columns = log.columns
     stops = columns.rows + np.cumsum(n_rows)
@@ -973,11 +1029,27 @@ def _find_clock(
     text: DeviceText, log: DeviceLog, timeline: Timeline
 ) -> tuple[datetime, tuple[QualityFlag, ...]]:
     """Find the clock at the first sample, in the file's zone where it counts UTC and names one."""
-    first_unix_s = int(timeline.seconds.unix_s[0])
-    zone = find_zone(log.events.zone_name) if log.events.counts_utc else None
+    return _read_clock(text, log.events, int(timeline.seconds.unix_s[0]), timeline.runs[-1].end_s)
+
+
+def _read_clock(
+    text: DeviceText, events: DeviceEvents, first_unix_s: int, duration_s: int
+) -> tuple[datetime, tuple[QualityFlag, ...]]:
+    zone = find_zone(events.zone_name) if events.counts_utc else None
     if zone is None:
-        return find_start(first_unix_s, text.offset_s, counts_utc=log.events.counts_utc), ()
-    return follow_zone(first_unix_s, timeline.runs[-1].end_s, zone)
+        return find_start(first_unix_s, text.offset_s, counts_utc=events.counts_utc), ()
+    return follow_zone(first_unix_s, duration_s, zone)
+
+
+def _find_window(
+    text: DeviceText, window: ShiftWindow, first_unix_s: int, events: DeviceEvents
+) -> tuple[int, int] | None:
+    """Return the stamps of a window (first, stop); None if the clock was never set."""
+    start, _ = trust_clock(_read_clock(text, events, first_unix_s, 0)[0])
+    if start is None:
+        return None
+    first_us, stop_us = window.place(start)
+    return first_unix_s - -first_us // MICROSECONDS, first_unix_s - -stop_us // MICROSECONDS
 
 
 def _make_segment(columns: SampleColumns, seconds: Seconds, run: Run) -> Segment:
@@ -1000,7 +1072,7 @@ def find_exclusions(log: DeviceLog, timeline: Timeline) -> tuple[tuple[Span, ...
     after the last sample, which is ignored.
     """
     covered = [(run.start_s, run.end_s) for run in timeline.runs]
-    end_s = max(covered[-1][1], timeline.place_s(log.scan.last_unix_s))
+    end_s = max(covered[-1][1], timeline.place_s(log.last_unix_s))
     asides: tuple[QualityFlag, ...] = ()
     if end_s - covered[-1][1] > LONGEST_GAP_S:
         end_s = covered[-1][1]
@@ -1008,7 +1080,7 @@ def find_exclusions(log: DeviceLog, timeline: Timeline) -> tuple[tuple[Span, ...
     seconds = {place for place in map(timeline.place_s, log.events.docked_s) if 0 <= place < end_s}
     docked = join_overlapping((second, second + 1) for second in seconds)
     asleep: list[tuple[int, int]] = []
-    for start_unix_s, end_unix_s in pair_sleep(log.events.sleep, log.scan.last_unix_s):
+    for start_unix_s, end_unix_s in pair_sleep(log.events.sleep, log.last_unix_s):
         early_s = -timeline.place_s(start_unix_s)
         if 0 < early_s <= LONGEST_GAP_S:
             asides += (QualityFlag(Caveat.SLEEP, 1, float(early_s)),)
@@ -1059,7 +1131,8 @@ def flag_file(
     text: DeviceText, log: DeviceLog, timeline: Timeline, segments: Sequence[Segment]
 ) -> tuple[QualityFlag, ...]:
     """Caveats that come from the records and from info.txt."""
-    planned_s, last_s = text.unix_s("Stop Date"), float(timeline.seconds.unix_s[-1] + 1)
+    whole_s = log.scan.last_unix_s if log.window_unix_s else 0
+    planned_s, last_s = text.unix_s("Stop Date"), float(max(timeline.seconds.unix_s[-1] + 1, whole_s))
     serial, firmware = text.values.get("Serial Number", ""), text.values.get("Firmware", "")
     counts = {
         Caveat.ROWS_DROPPED: log.n_undecoded,

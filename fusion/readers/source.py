@@ -24,6 +24,7 @@ from fusion.errors import (
     UnknownFormat,
     UnsafeArchive,
 )
+from fusion.readers.time.window import ShiftWindow
 
 Found = TypeVar("Found")
 
@@ -63,6 +64,7 @@ class Source:
     ``pair``: the tables of the archive that are read as one recording.
     ``left_aside``: files of the archive that are not part of the recording; ``beside``: those of them that
     are tables of another device's sensor. ``is_chosen``: it was chosen from the archive by its name.
+    ``window``: only its samples are needed; a reader may decode more.
     """
 
     file: BinaryIO
@@ -74,6 +76,7 @@ class Source:
     left_aside: int = 0
     beside: tuple[str, ...] = ()
     is_chosen: bool = False
+    window: ShiftWindow | None = None
 
     @property
     def read_bytes(self) -> int:

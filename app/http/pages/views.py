@@ -252,6 +252,7 @@ def build_settings(job: Job, clock: DayClock | None, language: Language) -> tupl
         "no_slips": format_times(request.no_slip_times_s, clock, language),
         "columns": format_columns(request.profile, language) if request.profile else "",
         "periods": _format_periods(job, clock, language) or words["none"],
+        "shift": request.shift.replace("T", " ").replace("/", " – "),
         "added": format_time(job.created_at, language),
         "size": format_size(job.size_bytes, language),
         "sha256": job.sha256,

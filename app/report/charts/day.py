@@ -33,6 +33,7 @@ LONG_S = 7200.0
 """Above two hours minutes are narrow: a thinner median keeps the band visible."""
 
 _LANE_PX = 22.0
+_DATE_PX = 14.0
 """Height of the periods below the plot."""
 _SHORTEST_NAME = 5
 """Minimum number of characters of a name, including its rank, that is worth writing."""
@@ -197,7 +198,7 @@ def build_day(findings: Findings, blocks: tuple[Block, ...], clock: Clock, words
     day = replace(build_timeline(findings, clock, words), blocks=blocks)
     percent = next((w.percent_above_60 for w in exposure.peak_windows if w.length_s == WORST_WINDOW_S), None)
     stay = next(e for e in exposure.episodes if e.threshold_deg == MAIN_THRESHOLD_DEG)
-    marks = (f"{m.label}, {clock.format(m.start_s)}–{clock.format(m.end_s)}" for m in day.marks)
+    marks = (f"{m.label}, {clock.format_range(m.start_s, m.end_s)}" for m in day.marks)
     facts = {
         "start": clock.format(0),
         "end": clock.format(day.duration_s),
@@ -255,7 +256,7 @@ def draw_day(day: Day, labels: DayLabels, width_px: float) -> str:
     plot = _lay_out(day, 36, width_px - 4, 22, 138 if width_px > NARROW else 190)
     axis = replace(plot, bottom_px=plot.bottom_px + (_LANE_PX if day.blocks else 0.0))
     named = _name_reasons(labels, (day,), plot)
-    legend, height = _draw_legend((day,), named, axis.bottom_px + 38, key, width_px)
+    legend, height = _draw_legend((day,), named, axis.bottom_px + 38 + _measure_dates(day), key, width_px)
     body = [
         svg.define_hatch(key),
         *_draw_panel(day, plot, key),
@@ -280,7 +281,8 @@ def _draw_two_days(days: Sequence[tuple[str, Day]], labels: DayLabels, width_px:
         body += [*_draw_panel(day, plot, key), svg.text(plot.left_px, top - 6, name, "strong")]
     every = [day for _, day in days]
     named = _name_reasons(labels, every, plot)
-    legend, bottom = _draw_legend(every, named, plot.bottom_px + 38, key, width_px)
+    below_px = plot.bottom_px + 38 + _measure_dates(every[-1])
+    legend, bottom = _draw_legend(every, named, below_px, key, width_px)
     body += _draw_time_axis(every[-1], plot) + legend
     return svg.picture(width_px, bottom, key, (labels.title, labels.description), body)
 
@@ -435,15 +437,24 @@ def _draw_time_axis(day: Day, plot: Plot) -> list[str]:
     most = int((plot.right_px - plot.left_px) // (svg.estimate_width("00:00:00") + 10))
     fitting = (step for step in _TICK_STEPS_S if day.duration_s / step <= max(most, 1))
     step = next(fitting, _TICK_STEPS_S[-1])
-    body, at = [], day.clock.seconds_to_whole_hour() % step
+    body, at, date = [], day.clock.seconds_to_whole_hour() % step, ""
     while at <= day.duration_s:
-        x, label = plot.x(at), day.clock.format_tick(at)
+        x, label, on = plot.x(at), day.clock.format_tick(at), day.clock.format_day(at)
         half = svg.estimate_width(label) / 2
         place = min(max(x, half), plot.right_px + 4 - half)
         body.append(svg.line(x, plot.bottom_px, x, plot.bottom_px + 4, svg.RULE))
         body.append(svg.text(place, plot.bottom_px + 16, label, "soft", "middle"))
-        at += step
+        if on != date:  # below the first time of each date
+            half = svg.estimate_width(on) / 2
+            place = min(max(x, half), plot.right_px + 4 - half)
+            body.append(svg.text(place, plot.bottom_px + 16 + _DATE_PX, on, "soft", "middle"))
+        at, date = at + step, on
     return body
+
+
+def _measure_dates(day: Day) -> float:
+    """Return the height of the dates below the time axis; 0 for a recording of one date."""
+    return _DATE_PX if day.clock.format_day(0.0) else 0.0
 
 
 def _draw_block(block: Block, plot: Plot) -> list[str]:

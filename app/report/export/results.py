@@ -77,6 +77,7 @@ def build_results(findings: Findings, subject: ReportSubject) -> dict[str, objec
             "time_zone": recording.time_zone,
             "rate_hz": recording.rate_hz,
             "duration_s": recording.duration_us / MICROSECONDS,
+            "shift": subject.shift or None,
             "side": subject.side,
             "subject": subject.subject,
             "columns": json.loads(subject.columns) if subject.columns else None,
@@ -154,6 +155,8 @@ def identify_report(settings: AnalysisSettings, findings: Findings, subject: Rep
         said["reader"] = findings.recording.reader
     if subject.columns:
         said["columns"] = json.loads(subject.columns)
+    if subject.shift:
+        said["shift"] = subject.shift
     if subject.conclusion:
         said["conclusion"] = asdict(subject.conclusion)
     text = json.dumps(round_all(said), sort_keys=True)
@@ -394,6 +397,7 @@ def _read_subject(results: Mapping[str, Any]) -> ReportSubject:
         columns=json.dumps(recording["columns"]) if recording["columns"] else "",
         conclusion=Conclusion(**results["conclusion"]) if results["conclusion"] else None,
         report_id=report["id"],
+        shift=recording.get("shift") or "",
     )
 
 

@@ -12,7 +12,7 @@ from typing import Literal
 
 from app.errors import CannotProfile
 from app.report.findings import FinishedAnalysis
-from app.report.pairs import OnePerson, has_mixed_methods, judge_person, name_pose, read_code
+from app.report.pairs import OnePerson, has_mixed_methods, identify_hours, judge_person, name_pose, read_code
 from app.report.words.wording import clean_text
 from fusion.comparison.change import WHOLE_DAY_S
 from fusion.comparison.days import ClockBand
@@ -172,9 +172,9 @@ def group_days(
     """
     if len(days) < 2:
         raise CannotProfile(why="one")
-    seen: dict[str, MeasuredDay] = {}
+    seen: dict[tuple[str, datetime | None], MeasuredDay] = {}
     for day in days:
-        first = seen.setdefault(day.kept.findings.recording.sha256, day)
+        first = seen.setdefault(identify_hours(day.kept), day)
         if first is not day:
             raise CannotProfile(why="same", name=_name(first), other=_name(day))
     one_person = judge_person([day.kept for day in days], is_stated=same_subject)

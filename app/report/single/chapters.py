@@ -6,6 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from datetime import datetime
 from functools import partial
 from itertools import accumulate
 
@@ -403,7 +404,7 @@ def _build_day(
     """Build the page of the hours and tasks, and the charts and tables of hours that it has no room for."""
     exposure, words = context.exposure, context.words
     hours = [  # without the last sample of a recording that ends on the hour: "11:00–11:00, 0 s"
-        (_format_hour(part, context), part)
+        (context.clock.format_range(part.start_s, part.end_s, is_hour=True), part)
         for part in exposure.by_hour
         if part.end_s - part.start_s >= SHORTEST_HOUR_S
     ]
@@ -491,7 +492,7 @@ def _tabulate_periods(context: Context) -> tuple[Table, Table]:
     clock, words = context.clock, context.words
     tasks = [(_name_task(part, words), part) for part in context.exposure.by_task]
     periods = [
-        (f"{clock.format(part.start_s)}–{clock.format(part.end_s)} {_name_part(part, words)}", part)
+        (f"{clock.format_range(part.start_s, part.end_s)} {_name_part(part, words)}", part)
         for part in context.exposure.by_period
     ]
     return (
@@ -502,11 +503,6 @@ def _tabulate_periods(context: Context) -> tuple[Table, Table]:
 
 def _name_task(part: PartExposure, words: Words) -> str:
     return _name_part(part, words) + (f" ({part.periods}\u00a0×)" if part.periods > 1 else "")
-
-
-def _format_hour(part: PartExposure, context: Context) -> str:
-    first, last = (context.clock.format_tick(edge_s) for edge_s in (part.start_s, part.end_s))
-    return f"{first}–{last if last != first else context.clock.format(part.end_s, with_seconds=True)}"
 
 
 def _name_part(part: PartExposure, words: Words) -> str:
@@ -635,8 +631,17 @@ def _build_method_in_short(context: Context) -> Section:
         pairs.append(Pair(words["calibration"]["found"], format_found(findings, words)))
         pairs.append(Pair(words["calibration"]["sigma"], sigma))
     file = clean_text(context.subject.file_name) or words["label"]["not_given"]
-    pairs.append(Pair(words["provenance"]["file"], file))
+    pairs += [Pair(words["provenance"]["file"], file), *_describe_shift(context)]
     return Section("method", words["section"]["method"], (entry["short"],), pairs=tuple(pairs))
+
+
+def _describe_shift(context: Context) -> list[Pair]:
+    """Return the hours that were cut from a longer recording; none for a whole one."""
+    if not context.subject.shift:
+        return []
+    start, end = map(datetime.fromisoformat, context.subject.shift.split("/"))
+    shown = Clock(start, context.language, (end - start).total_seconds()).format_whole()
+    return [Pair(context.words["provenance"]["shift"], shown)]
 
 
 def _build_method(context: Context) -> Section:
@@ -715,6 +720,7 @@ def _build_provenance(context: Context) -> Section:
     pairs = (
         Pair(words["label"]["subject"], clean_text(subject.subject) or unknown),
         Pair(entry["file"], clean_text(subject.file_name) or unknown),
+        *_describe_shift(context),
         Pair(entry["sha256"], recording.sha256, code=True),
         Pair(entry["device"], find_device_name(words, recording.device)),
         Pair(entry["serial"], recording.serial_hash or unknown, code=bool(recording.serial_hash)),
@@ -917,7 +923,7 @@ def _tabulate_windows(context: Context) -> Table:
         length = format_duration(window.length_s, language).replace("1\u202fh", "60\u202fmin")
         place = NONE
         if window.start_s is not None:
-            place = "–".join(clock.format(window.start_s + at_s) for at_s in (0, window.length_s))
+            place = clock.format_range(window.start_s, window.start_s + window.length_s)
         interval = exposure.intervals.get(WINDOWS["percent_above_60"].spell({"length_s": window.length_s}))
         share = format_ranged(window.percent_above_60, interval, _show_number(language, 1), context.words)
         rows.append((length, place, share))

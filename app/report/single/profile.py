@@ -268,7 +268,7 @@ def _tabulate_quarter_hours(context: Context) -> Table | None:
     entry, rows = context.words["profile"]["quarter_hours"], []
     for rank, window in enumerate(context.exposure.quarter_hours, 1):
         start_s = window.start_s or 0.0
-        times = "–".join(context.clock.format(at_s) for at_s in (start_s, start_s + window.length_s))
+        times = context.clock.format_range(start_s, start_s + window.length_s)
         rows.append((f"{rank}  {times}", format_percent(window.percent_above_60, context.language), ""))
     return Table(entry["title"], tuple(entry["columns"]), tuple(rows)) if rows else None
 

@@ -24,11 +24,9 @@ from app.report.single.profile import build_profile
 from app.report.words.numbers import (
     NARROW,
     Clock,
-    format_clock,
     format_date,
     format_duration,
     format_duration_range,
-    format_elapsed,
     format_number,
     format_percent,
     format_range,
@@ -62,7 +60,7 @@ def build_report(
     """Build the report on the findings in one language; page 1 has the stamp of a released report."""
     ranges = choose_ranges(findings)
     words = name_ranges(load_wording(language), ranges)
-    clock = Clock(findings.recording.start, language)
+    clock = Clock(findings.recording.start, language, findings.recording.duration_s)
     context = Context(findings, subject, clock, words)
     header, limits, use = _build_header(context), words["limits"], words["intended_use"]
     footer = fill(words["heading"]["footer"], {"version": subject.software.version, "id": subject.report_id})
@@ -88,7 +86,7 @@ def build_report(
         report_id=subject.report_id,
         footer=footer,
         brief=fill(words["label"]["brief"], facts | {"footer": footer}),
-        made_of=clock.at(findings.recording.duration_us / MICROSECONDS),
+        made_of=clock.at(clock.duration_s),
         amendment=_format_amendment(context),
         words=words["label"],
         pose_state=format_pose_state(context),
@@ -172,9 +170,8 @@ def _format_longest(episodes: Episodes, context: Context) -> str:
         longest = fill(entry["longest_range"], shown)
     if episodes.longest_start_s is None:
         return longest
-    moment = context.clock.at(episodes.longest_start_s)
-    time = format_clock(moment, language) if moment else format_elapsed(episodes.longest_start_s)
-    return fill(entry["longest_at" if moment else "longest_after"], {"longest": longest, "time": time})
+    key = "longest_after" if context.clock.start is None else "longest_at"
+    return fill(entry[key], {"longest": longest, "time": context.clock.format(episodes.longest_start_s)})
 
 
 def _format_worst_window(context: Context) -> str:
@@ -186,8 +183,7 @@ def _format_worst_window(context: Context) -> str:
         return str(entry["window_zero"])
     interval = exposure.intervals.get(f"worst_{WORST_WINDOW_S // 60}_min_above_60_percent")
     facts = {
-        "start": clock.format(window.start_s),
-        "end": clock.format(window.start_s + window.length_s),
+        **clock.format_span(window.start_s, window.start_s + window.length_s),
         "percent": format_percent(window.percent_above_60, context.language),
         "range": format_range(interval, context.language),
     }
@@ -201,14 +197,7 @@ def _format_worst_window(context: Context) -> str:
 def _build_header(context: Context) -> tuple[Pair, ...]:
     words, clock, subject = context.words, context.clock, context.subject
     label, heading, recording = words["label"], words["heading"], context.findings.recording
-    time, when = context.findings.time, str(label["no_clock"])
-    if clock.start is not None:
-        facts = {
-            "date": format_date(clock.start, clock.language),
-            "start": format_clock(clock.start, clock.language),
-            "end": clock.format(recording.duration_us / MICROSECONDS),
-        }
-        when = fill(heading["from_to"], facts)
+    time, when = context.findings.time, clock.format_whole() or str(label["no_clock"])
     analysed, recorded = (
         format_duration(us / MICROSECONDS, clock.language) for us in (time.analysed_us, time.recorded_us)
     )

@@ -11,7 +11,7 @@ from datetime import UTC, date, datetime, timedelta
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from app.report.words.wording import Language, is_french, load_wording
+from app.report.words.wording import Language, fill, is_french, load_wording
 
 if TYPE_CHECKING:
     from fusion.exposure.types import Interval  # the page uses this module without ``fusion``
@@ -172,11 +172,11 @@ def format_elapsed(elapsed_s: float) -> str:
     return f"{hours}:{rest // MINUTE_S:02d}:{rest % MINUTE_S:02d}"
 
 
-def format_date(day: date, language: Language) -> str:
+def format_date(day: date, language: Language, *, with_year: bool = True) -> str:
     """Format an unambiguous date: "3 March 2026", "3 mars 2026"."""
     month = load_wording(language)["months"][day.month - 1]
     number = "1er" if is_french(language) and day.day == 1 else str(day.day)
-    return f"{number}\u00a0{month}\u00a0{day.year}"
+    return f"{number}\u00a0{month}" + (f"\u00a0{day.year}" if with_year else "")
 
 
 def _join_units(*parts: tuple[int, str]) -> str:
@@ -186,10 +186,14 @@ def _join_units(*parts: tuple[int, str]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Clock:
-    """Converts seconds of the recording to the device's clock, if the file has one."""
+    """Converts seconds of the recording to the device's clock, if the file has one.
+
+    If the recording ends on another date than it starts, every time has its date.
+    """
 
     start: datetime | None
     language: Language = "en"
+    duration_s: float = 0.0
 
     def at(self, elapsed_s: float) -> datetime | None:
         """Return the clock time in the zone of the recording; None without a clock.
@@ -204,21 +208,64 @@ class Clock:
         return (self.start.astimezone(UTC) + passed).astimezone(self.start.tzinfo)
 
     def format(self, elapsed_s: float, *, with_seconds: bool = False) -> str:
-        """Format the time: "10:42", or "2:44:00" since the first sample."""
+        """Format the time: "10:42", "10:42 on 3 March", or "2:44:00" since the first sample."""
+        return self._add_day(self._format_time(elapsed_s, with_seconds), self.format_day(elapsed_s))
+
+    def format_span(self, start_s: float, end_s: float) -> dict[str, str]:
+        """Format ``start`` and ``end`` of a span; only ``time`` if both read the same.
+
+        A date that both share is only in ``end``.
+        """
+        start, end = self.format(start_s), self.format(end_s)
+        if start == end:
+            return {"time": start, "end": end}
+        is_one_day = self.format_day(start_s) == self.format_day(end_s)
+        return {"start": self._format_time(start_s) if is_one_day else start, "end": end}
+
+    def format_range(self, start_s: float, end_s: float, *, is_hour: bool = False) -> str:
+        """Format a span: "10:42–11:42", "23:30–23:45 on 3 March"; with ``is_hour`` in French "8 h–9 h"."""
+        write = self.format_tick if is_hour else self._format_time
+        start, end = write(start_s), write(end_s)
+        if is_hour and start == end:
+            end = self._format_time(end_s, with_seconds=True)
+        day, last_day = self.format_day(start_s), self.format_day(end_s)
+        dash = "–" if day == last_day else " – "
+        return self._add_day(start, day if day != last_day else "") + dash + self._add_day(end, last_day)
+
+    def format_whole(self) -> str:
+        """Format the start and end with their dates; empty without a clock."""
+        start, end = self.start, self.at(self.duration_s)
+        if start is None or end is None:
+            return ""
+        facts = {
+            "date": format_date(start, self.language),
+            "start": format_clock(start, self.language),
+            "last": format_date(end, self.language),
+            "end": format_clock(end, self.language),
+        }
+        key = "from_to" if facts["date"] == facts["last"] else "from_to_days"
+        return fill(load_wording(self.language)["heading"][key], facts)
+
+    def format_tick(self, elapsed_s: float) -> str:
+        """Format the time under an axis; its date is below it."""
+        moment = self.at(elapsed_s)
+        return format_elapsed(elapsed_s) if moment is None else format_hour(moment, self.language)
+
+    def format_day(self, elapsed_s: float) -> str:
+        """Format the date of a time: "3 March"; empty if the recording has only one date, or no clock."""
+        moment, end = self.at(elapsed_s), self.at(self.duration_s)
+        if self.start is None or moment is None or end is None or end.date() == self.start.date():
+            return ""
+        return format_date(moment, self.language, with_year=False)
+
+    def _format_time(self, elapsed_s: float, with_seconds: bool = False) -> str:  # noqa: FBT001, FBT002
         moment = self.at(elapsed_s)
         if moment is None:
             return format_elapsed(elapsed_s)
         return format_clock(moment, self.language, with_seconds=with_seconds)
 
-    def format_span(self, start_s: float, end_s: float) -> dict[str, str]:
-        """Format ``start`` and ``end`` of a span; only ``time`` if both read the same."""
-        start, end = self.format(start_s), self.format(end_s)
-        return {"time": start, "end": end} if start == end else {"start": start, "end": end}
-
-    def format_tick(self, elapsed_s: float) -> str:
-        """Format the time under an axis."""
-        moment = self.at(elapsed_s)
-        return format_elapsed(elapsed_s) if moment is None else format_hour(moment, self.language)
+    def _add_day(self, time: str, day: str) -> str:
+        return fill(load_wording(self.language)["heading"]["time_on"], {"time": time, "date": day})
 
     def seconds_to_whole_hour(self) -> float:
         """Return the time from the first sample to the first whole hour in s; 0 without a clock."""

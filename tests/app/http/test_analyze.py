@@ -58,6 +58,7 @@ def test_every_wish_reaches_the_job(client: TestClient, store: JobStore) -> None
         "pose_held": "no",
         "slip_at": "3600",
         "no_slip_at": ["60", "7200"],
+        "shift": "2026-03-02T07:00/2026-03-02T15:30",
         "rate_hz": "100",
         "lang": "fr",
         "sensor": "arm",
@@ -72,6 +73,7 @@ def test_every_wish_reaches_the_job(client: TestClient, store: JobStore) -> None
     assert json.loads(request.profile) == {"sensor": "arm"}
     assert (request.pose_held, request.slip_times_s) == ("no", (3600.0,))
     assert request.no_slip_times_s == (60.0, 7200.0)
+    assert request.shift == "2026-03-02T07:00:00/2026-03-02T15:30:00"
 
 
 @pytest.mark.parametrize(
@@ -85,6 +87,8 @@ def test_every_wish_reaches_the_job(client: TestClient, store: JobStore) -> None
         ("slip_at", "noon"),
         ("no_slip_at", "noon"),
         ("pose_held", "end"),
+        ("shift", "07:00-15:30"),
+        ("shift", "2026-03-02T15:30/2026-03-02T07:00"),
         ("lang", "it"),
         ("subject", "x" * 101),
         ("subject", "a\nb"),

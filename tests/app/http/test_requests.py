@@ -4,12 +4,14 @@ import csv
 import io
 import json
 import threading
+from pathlib import Path
 from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import delete
 
+from app.analysis.attempt import load_and_make_report
 from app.library.database.tables import batch_items
 from app.library.jobs import JobStore
 from app.queue.worker import run_next
@@ -429,3 +431,45 @@ def test_a_repetition_takes_its_place_in_every_batch_that_asked(
     run_next(open_worker(stand_ins.write_report))
 
     assert client.get(second["links"]["self"]).json()["counts"]["succeeded"] == 1
+
+
+def test_each_shift_of_a_recording_has_its_own_versions(client: TestClient, store: JobStore) -> None:
+    recording = keep(client)
+    monday, tuesday = (f"2026-03-0{day}T07:00/2026-03-0{day}T15:30" for day in (2, 3))
+    wishes: tuple[dict[str, object], ...] = (
+        {"shift": monday},
+        {"shift": tuesday},
+        {"shift": tuesday, "method": "live"},
+    )
+
+    views = [ask(client, recording, settings=wish) for wish in wishes]
+
+    versions = [store.get(view["id"]).request.version for view in views]
+    assert versions == [1, 1, 2]
+    assert views[1]["settings"]["shift"] == "2026-03-03T07:00:00/2026-03-03T15:30:00"
+
+
+def test_the_hours_of_a_shift_are_analysed_and_nothing_else(
+    client: TestClient, open_worker: OpenWorker, shift_gt3x: Path
+) -> None:
+    wish = {"file_name": "week.gt3x", "shift": "2026-03-02T07:01/2026-03-02T07:05"}
+    job = client.post("/api/v1/analyze", params=wish, content=shift_gt3x.read_bytes()).json()
+    run_next(open_worker(load_and_make_report))
+
+    results = client.get(f"/api/v1/analyses/{job['id']}/results.json").json()
+
+    recording = results["recording"]
+    assert (recording["start"][:19], recording["duration_s"]) == ("2026-03-02T07:01:00", 240.0)
+    assert recording["shift"] == "2026-03-02T07:01:00/2026-03-02T07:05:00"
+
+
+def test_a_shift_outside_the_recording_fails_with_its_code(
+    client: TestClient, open_worker: OpenWorker, shift_gt3x: Path
+) -> None:
+    wish = {"file_name": "week.gt3x", "shift": "2026-03-05T07:00/2026-03-05T15:30"}
+    job = client.post("/api/v1/analyze", params=wish, content=shift_gt3x.read_bytes()).json()
+    run_next(open_worker(load_and_make_report))
+
+    view = client.get(f"/api/v1/analyses/{job['id']}").json()
+
+    assert (view["state"], view["problem"]["code"]) == ("failed", "E-SHIFT")

@@ -42,9 +42,11 @@ def test_after_midnight_an_hour_is_of_the_next_day() -> None:
     assert TWO_DAYS.format(0.0) == "2026-03-02 22:00:00"  # where an hour may mean two days
 
 
-def test_a_moment_is_shown_as_its_language_spells_it_with_a_date_where_needed() -> None:
-    assert NIGHT.show(9 * 3600 + 305, "en") == "07:05:05"
-    assert plain(NIGHT.show(9 * 3600 + 305, "fr")) == "7 h 05 min 05 s"
+def test_a_moment_is_shown_as_its_language_spells_it_with_its_date_if_the_recording_spans_midnight() -> None:
+    morning = DayClock(START.replace(hour=7), 3600 * 1_000_000)
+    assert morning.show(305, "en") == "07:05:05"
+    assert plain(morning.show(305, "fr")) == "7 h 05 min 05 s"
+    assert NIGHT.show(305, "en") == "2026-03-02 22:05:05"
     assert plain(TWO_DAYS.show_span(0.0, 60.4, "fr-CA")) == (
         "2026-03-02 22 h 00 min 00 s – 2026-03-02 22 h 01 min 00 s"
     )

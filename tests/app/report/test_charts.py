@@ -3,6 +3,7 @@
 import re
 import xml.etree.ElementTree as ET
 from dataclasses import replace
+from datetime import datetime
 from html import escape
 from itertools import pairwise
 
@@ -30,6 +31,7 @@ from app.report.words.wording import load_wording
 from fusion.caveats import Caveat
 from fusion.recording import QualityFlag, Span
 from tests.app.analysis_factory import START, make_analysis, make_exposure
+from tests.app.report.report_reading import plain
 
 LABELS = DayLabels("Day", "What", "band", "median", "left out", "no data", "worst")
 SVG = "{http://www.w3.org/2000/svg}"
@@ -181,3 +183,14 @@ def test_labels_are_only_text(label: str) -> None:
 
     assert [e.tag for e in ET.fromstring(svg).iter()] == [e.tag for e in ET.fromstring(plain).iter()]
     assert escape(printable) in svg
+
+
+def test_below_the_time_axis_the_first_time_of_each_date_has_its_date() -> None:
+    start = datetime.fromisoformat("2026-03-02T22:30:00")
+    day = Day(4 * 3600.0, Clock(start, "en", 4 * 3600.0), (), (), None)
+
+    words = [plain(word) for word in words_in(draw_day(day, LABELS, 680))]
+
+    assert words.index("2 March") == words.index("22:30") + 1
+    assert words.index("3 March") == words.index("00:00") + 1
+    assert words.count("3 March") == 1

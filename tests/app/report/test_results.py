@@ -63,6 +63,7 @@ def test_the_recording(results: dict[str, Any]) -> None:
         "time_zone": "UTC-05:00",
         "rate_hz": 100.0,
         "duration_s": 28740.0,
+        "shift": None,
         "side": "right",
         "subject": "S012",
         "columns": None,

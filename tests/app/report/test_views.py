@@ -435,3 +435,19 @@ def test_a_table_of_a_shift_without_ranges_has_a_row_for_each_hour_and_is_not_cu
 
     assert len(table.rows) == len(make_exposure().by_hour)
     assert "The first" not in table.note
+
+
+@pytest.mark.parametrize(
+    ("language", "expected"),
+    [
+        ("en", "3 March 2026, 07:58 to 4 March 2026, 17:58"),
+        ("fr", "du 3 mars 2026, 7 h 58, au 4 mars 2026, 17 h 58"),
+    ],
+)
+def test_the_header_of_a_recording_over_midnight_has_both_dates(language: Language, expected: str) -> None:
+    analysis = make_analysis()
+    recording = replace(analysis.recording, duration_us=34 * 3600 * 1_000_000)
+
+    report = report_of(analysis=replace(analysis, recording=recording), language=language)
+
+    assert plain(report.header[1].value) == expected

@@ -37,6 +37,7 @@ from app.report.words.wording import (
 from fusion.exposure.types import Interval
 from fusion.recording import QualityFlag
 from tests import ROOT
+from tests.app.report.report_reading import plain
 
 SOURCE = " ".join(path.read_text() for folder in ("fusion", "app") for path in (ROOT / folder).rglob("*.py"))
 UNFIT_WORDS = r"\b(risk|risky|safe|unsafe|abnormal|dangerous posture|risque|risqué|sûre?s?|anormale?)\b"
@@ -303,6 +304,7 @@ def test_a_noun_follows_its_number(language: Language, number: str, form: str) -
 N = "\u202f"
 MORNING = datetime(2026, 3, 3, 10, 42, 5, tzinfo=UTC)
 TORONTO = datetime(2027, 3, 14, 1, 30, tzinfo=ZoneInfo("America/Toronto"))  # half an hour before summer time
+NIGHT = datetime(2026, 3, 2, 22, tzinfo=UTC)
 
 WRITTEN = {
     "a percentage always has one decimal": (
@@ -337,6 +339,26 @@ WRITTEN = {
     "without a clock, time counts from the first sample": (Clock(None, "fr").format(3725), "1:02:05"),
     "a zone with daylight saving is followed": (Clock(TORONTO, "en").format(3600), "03:30"),
     "a device clock counts on": (Clock(TORONTO.replace(tzinfo=None), "en").format(3600), "02:30"),
+    "over midnight each time has its date": (
+        [plain(Clock(NIGHT, language, 8 * 3600.0).format(7200)) for language in ("en", "fr")],
+        ["00:00 on 3 March", "0 h 00 le 3 mars"],
+    ),
+    "a recording within one date has no date in its times": (
+        Clock(NIGHT, "en", 3600.0).format(3600),
+        "23:00",
+    ),
+    "a range within one day has one date": (
+        plain(Clock(NIGHT, "en", 8 * 3600.0).format_range(1800, 2700)),
+        "22:30–22:45 on 2 March",
+    ),
+    "a range over midnight has both dates": (
+        plain(Clock(NIGHT, "en", 8 * 3600.0).format_range(7080, 7320)),
+        "23:58 on 2 March – 00:02 on 3 March",
+    ),
+    "a whole hour on a French axis has its date": (
+        plain(Clock(NIGHT, "fr", 8 * 3600.0).format_range(10800, 14400, is_hour=True)),
+        "1 h–2 h le 3 mars",
+    ),
     "the axis begins with the first whole hour": (
         Clock(datetime(2026, 3, 3, 7, 58, 12, tzinfo=UTC)).seconds_to_whole_hour(),
         108.0,

@@ -32,12 +32,14 @@ from app.library.rows import Job
 from app.report.export.tables import encode_table
 from app.report.words.wording import MAX_TEXT, Language, check_conclusion, clean_text, find_other_language
 from app.request import (
+    INTERVAL_HINT,
     LONGEST_CONCLUSION,
     LONGEST_SUBJECT,
     SUBJECT_HINT,
     WINDOW_HINT,
     Paper,
     ReportRequest,
+    check_interval,
     check_subject,
     clean_file_name,
     clean_folder,
@@ -218,6 +220,14 @@ class AnalysisOptions(BaseModel):
         SlipTimes,
         Field(max_length=MAX_WINDOWS, description="When it did not slip although it may seem so, seconds."),
     ] = []
+    shift: Annotated[
+        str,
+        AfterValidator(lambda text: _parse(check_interval, text, INTERVAL_HINT) if text else ""),
+        Field(
+            max_length=100,
+            description="START/END, clock times of one shift of a longer recording; seconds count from it.",
+        ),
+    ] = ""
     rate_hz: Annotated[float | None, Field(ge=1, le=10_000, description="For files without timestamps.")] = (
         None
     )
@@ -266,6 +276,7 @@ class AnalysisOptions(BaseModel):
             slip_times_s=tuple(self.slip_at),
             no_slip_times_s=tuple(self.no_slip_at),
             pose_held=self.pose_held,
+            shift=self.shift,
             rate_hz=self.rate_hz,
             profile=write_profile(self.columns) if self.columns else "",
             languages=(first, find_other_language(first)),
@@ -418,7 +429,7 @@ SAME = (
 
 SETTINGS = (
     *("subject", "side", "method", "pose", "calibration_windows_s", "pose_held", "arm_axis"),
-    *("slip_times_s", "no_slip_times_s", "rate_hz", "source", "paper", "appendix"),
+    *("slip_times_s", "no_slip_times_s", "shift", "rate_hz", "source", "paper", "appendix"),
 )
 
 

@@ -82,6 +82,10 @@ class DayClock:
         """Whether a time of day without a date can be ambiguous."""
         return self.duration_s >= DAY_S
 
+    def report(self, language: Language) -> Clock:
+        """Return the clock as the report writes it."""
+        return Clock(self.start, language, self.duration_s)
+
     def format(self, elapsed_s: float) -> str:
         """Format a time for a field, so that :meth:`read` returns it, to a hundredth of a second."""
         if self.start is None:
@@ -95,7 +99,7 @@ class DayClock:
         if self.start is None:
             return self.format(elapsed_s)
         moment = self.start + timedelta(seconds=round(elapsed_s))
-        write = format_moment if self.needs_date else format_clock
+        write = format_moment if self.report(language).format_day(elapsed_s) else format_clock
         return write(moment, language, with_seconds=True)
 
     def show_span(self, start_s: float, end_s: float, language: Language) -> str:
@@ -531,7 +535,7 @@ def build_day(day: DayFile, request: ReportRequest, language: Language) -> dict[
         "slips": "; ".join(map(clock.format, request.slip_times_s)),
         "no_slips": "; ".join(map(clock.format, request.no_slip_times_s)),
         "axis": _build_axis(day.facts, request, words, language),
-        "questions": tuple(_list_questions(day.facts, request, words, Clock(clock.start, language))),
+        "questions": tuple(_list_questions(day.facts, request, words, clock.report(language))),
         "proposals": tuple(_list_proposals(day.facts, clock, words, language)),
         "kinds": tuple((kind, str(names[kind])) for kind in KINDS),
         "has_samples": bool(day.facts["calibration"] or day.facts.get("nearest_axis")),

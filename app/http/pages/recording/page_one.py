@@ -73,7 +73,7 @@ def read_page_one(services: Services, job: Job, day: DayFile | None, language: L
 
 def list_minutes(findings: Findings, language: Language) -> Minutes:
     """List the minutes of the day as the report shows them."""
-    clock = Clock(findings.recording.start, language)
+    clock = Clock(findings.recording.start, language, findings.recording.duration_s)
     runs = build_timeline(findings, clock, load_wording(language)).runs
     return tuple(
         tuple(
@@ -88,7 +88,8 @@ def _list_highlights(
     findings: Findings, day: DayFile, language: Language
 ) -> tuple[list[Highlight], list[Highlight]]:
     """Return the 15 minutes with most time above 60 deg and the longest stay, then the highest episodes."""
-    clock, report_clock = DayClock.of(day.facts), Clock(findings.recording.start, language)
+    clock = DayClock.of(day.facts)
+    report_clock = Clock(findings.recording.start, language, clock.duration_s)
     words = load_wording(language, "page")["page_one"]
 
     def build_highlight(
@@ -102,7 +103,7 @@ def _list_highlights(
     if window is not None and window.start_s is not None and window.percent_above_60:
         start_s, end_s = window.start_s, window.start_s + window.length_s
         share = format_percent(window.percent_above_60, language)
-        facts = {"start": report_clock.format(start_s), "end": report_clock.format(end_s), "percent": share}
+        facts = {**report_clock.format_span(start_s, end_s), "percent": share}
         flag = fill(words["window_flag"], facts)
         looks.append(build_highlight(fill(words["window"], facts), start_s, end_s, 60.0, flag))
     stays = next((e for e in findings.exposure.episodes if e.threshold_deg == MAIN_THRESHOLD_DEG), None)

@@ -24,7 +24,7 @@ function readClock(text) {
 }
 
 export class Clock {
-  // start: ISO 8601, or "" if the recording has no clock; dated: whether a time without a date is ambiguous.
+  // start: ISO 8601, or "" if the recording has no clock; dated: whether a typed time without a date is ambiguous.
   constructor(start, durationS, dated) {
     this.durationS = durationS;
     this.dated = dated;
@@ -32,6 +32,7 @@ export class Clock {
     this.hasClock = Boolean(parts);
     this.day = parts ? Date.parse(parts[1] + "T00:00:00Z") : 0;
     this.startS = parts ? Number(parts[2]) * 3600 + Number(parts[3]) * 60 + Number(parts[4]) : 0;
+    this.spansMidnight = this.startS + durationS >= DAY_S;
   }
 
   // Return a time for a field, "07:05:09".
@@ -48,7 +49,7 @@ export class Clock {
   show(second, digits = 0) {
     if (!this.hasClock) return String(round(second, digits));
     const { date, inDay } = this.place(second, digits);
-    return this.dated ? `${date} ${formatClock(inDay, digits)}` : formatClock(inDay, digits);
+    return this.spansMidnight ? `${date} ${formatClock(inDay, digits)}` : formatClock(inDay, digits);
   }
 
   // Return the date and the second of the day.
@@ -111,7 +112,7 @@ export class Clock {
   mark(second, step) {
     if (!this.hasClock) return this.format(second);
     const { date, inDay } = this.place(second, 2);
-    if (this.dated && inDay === 0) return date;
+    if (this.spansMidnight && inDay === 0) return date;
     return formatClock(inDay, step >= 60 ? null : step >= 1 ? 0 : step < 0.1 ? 2 : 1);
   }
 }

@@ -1,0 +1,156 @@
+"""Cut the recordings of a run into shifts: each has its task, folder, calibration and report."""
+
+import json
+import tempfile
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+from app.analysis.attempt import Attempt, choose_limits, load_and_measure, run_and_wait
+from app.batch.folder import MARKER, Task, identify_place
+from app.errors import Crashed, Interrupted, RecordedProblem
+from app.request import BY_DIARY, ReportRequest
+from app.settings import Settings
+from fusion.diary import DiaryEntry
+from fusion.exposure.periods import find_diary_poses
+from fusion.readers.time.window import ShiftWindow, add_elapsed, cut_windows
+from fusion.recording import MICROSECONDS
+from fusion.shifts import cut_diary, find_by_diary, find_by_hours, parse_hours
+
+
+def split_into_shifts(tasks: Sequence[Task], *, not_removed: bool) -> list[Task]:
+    """Return a task for each shift of each recording.
+
+    ``not_removed``: a person states that the sensor stayed on the arm, so that the pose of the first shift
+    applies to the later ones. A recording that cannot be cut keeps one task, which states the reason.
+    """
+    return [part for task in tasks for part in _split(task, not_removed=not_removed)]
+
+
+def _split(task: Task, *, not_removed: bool) -> list[Task]:
+    whole = replace(task.request, shift="")
+    try:
+        extent = _measure(task.log, whole)
+    except (RecordedProblem, Crashed, Interrupted):
+        return [replace(task, request=whole)]  # its analysis fails for the same reason
+    if not extent["start"]:
+        return [task]
+    start, duration_us = datetime.fromisoformat(extent["start"]), int(extent["duration_us"])
+    windows = _find_windows(task.request, start, duration_us)
+    if not windows:
+        return [replace(task, request=replace(whole, shift=_name_missing(task.request.shift, start)))]
+    requests = [_cut_request(whole, window, start, duration_us) for window in windows]
+    if not_removed:
+        requests = [requests[0], *(_carry_pose(requests[0], later, start) for later in requests[1:])]
+    names = _name_shifts(windows)
+    return [
+        replace(
+            task,
+            request=request,
+            folder=_choose_folder(task, name),
+            path=f"{task.name} {name}",
+            sha256=extent["sha256"],
+        )
+        for request, name in zip(requests, names, strict=True)
+    ]
+
+
+def _measure(log: Path, request: ReportRequest) -> dict[str, Any]:
+    """Return start, duration and digest of a recording. Raises RecordedProblem, Crashed or Interrupted."""
+    with tempfile.TemporaryDirectory() as folder:
+        limits = choose_limits(Settings(), log.stat().st_size)
+        run_and_wait(Attempt(log, request, Path(folder), load_and_measure, limits))
+        found: dict[str, Any] = json.loads((Path(folder) / "extent.json").read_bytes())
+        return found
+
+
+def _find_windows(request: ReportRequest, start: datetime, duration_us: int) -> tuple[ShiftWindow, ...]:
+    if request.shift == BY_DIARY:
+        return find_by_diary(request.select_diary(), start, duration_us)
+    return find_by_hours(start, duration_us, parse_hours(request.shift))
+
+
+def _name_missing(shift: str, start: datetime) -> str:
+    """Return the hours on the first date, so that the refusal names them."""
+    if shift == BY_DIARY:
+        return shift
+    hours = parse_hours(shift)
+    end_day = start if hours.end > hours.start else start + timedelta(days=1)
+    return str(
+        ShiftWindow(*(datetime.combine(day, at) for day, at in ((start, hours.start), (end_day, hours.end))))
+    )
+
+
+def _cut_request(
+    request: ReportRequest, window: ShiftWindow, start: datetime, duration_us: int
+) -> ReportRequest:
+    """Return the request of a shift: what a person stated about its time, and nothing about other shifts.
+
+    A calibration window becomes a row of the diary, because seconds count from the first sample of the shift.
+    """
+    first_us, stop_us = window.place(start)
+    first_us, stop_us = max(first_us, 0), min(stop_us, duration_us)
+    held = [
+        window_s for window_s in request.calibration_windows_s if cut_windows([window_s], first_us, stop_us)
+    ]
+    poses = [
+        DiaryEntry(_format_clock(start, first_s), _format_clock(start, last_s), "pose")
+        for first_s, last_s in held
+    ]
+    slips, no_slips = (
+        tuple(at_s - first_us / MICROSECONDS for at_s in times_s if first_us <= at_s * MICROSECONDS < stop_us)
+        for times_s in (request.slip_times_s, request.no_slip_times_s)
+    )
+    diary = cut_diary(request.select_diary(), start, duration_us, first_us, stop_us)
+    return replace(
+        request,
+        shift=str(window),
+        calibration_windows_s=(),
+        slip_times_s=slips,
+        no_slip_times_s=no_slips,
+        diary=(*poses, *diary),
+    )
+
+
+def _format_clock(start: datetime, at_s: float) -> str:
+    return add_elapsed(start, round(at_s * MICROSECONDS)).isoformat()
+
+
+def _carry_pose(first: ReportRequest, later: ReportRequest, start: datetime) -> ReportRequest:
+    """Return a later request with the pose of the first shift, unless a pose was stated in its own time."""
+    if later.arm_axis or any(entry.kind == "pose" for entry in later.diary):
+        return later
+    window = ShiftWindow(*map(datetime.fromisoformat, first.shift.split("/")))
+    first_us, stop_us = window.place(start)
+    begin = add_elapsed(start, max(first_us, 0))
+    windows_s = find_diary_poses(first.diary, begin, stop_us - max(first_us, 0))
+    return replace(later, pose_from=first.shift, pose_from_windows_s=windows_s, pose_held="no")
+
+
+def _name_shifts(windows: Sequence[ShiftWindow]) -> list[str]:
+    """Return the date of each shift; with its hour if there are several on one date."""
+    dates = Counter(window.start.date() for window in windows)
+    return [
+        window.start.strftime("%Y-%m-%d" if dates[window.start.date()] == 1 else "%Y-%m-%d_%H%M")
+        for window in windows
+    ]
+
+
+def _choose_folder(task: Task, name: str) -> Path:
+    """Return the folder of a shift, next to that of its recording; not one of another recording."""
+    place, number = identify_place(task.log), 1
+    folder = task.folder.with_name(f"{task.folder.name}_{name}")
+    while _belongs_to_other(folder, place):
+        number += 1
+        folder = task.folder.with_name(f"{task.folder.name}_{name}-{number}")
+    return folder
+
+
+def _belongs_to_other(folder: Path, place: str) -> bool:
+    try:
+        return bool(json.loads((folder / MARKER).read_text("utf-8")).get("place") != place)
+    except (OSError, ValueError):
+        return False

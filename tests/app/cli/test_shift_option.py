@@ -1,0 +1,136 @@
+"""``acromion run --shift``: one folder, calibration and report for each shift of a recording."""
+
+import json
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from app.analysis.inspect import propose_shifts
+from fusion.recording import Recording, Segment
+from tests.app.cli.typed import read_table, run
+from tests.simulated_week import Week, write_week
+
+HOURS = ("--shift", "07:00-07:20", "--pose-held", "start", "--report", "html")
+
+
+@pytest.fixture(scope="module")
+def week(tmp_path_factory: pytest.TempPathFactory) -> Week:
+    """Return three days; on the last no pose was held."""
+    return write_week(tmp_path_factory.mktemp("week"), days=3)
+
+
+@pytest.fixture(scope="module")
+def out(week: Week, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("out")
+    ended = run("run", week.path, "-o", out, *HOURS)
+    assert ended.exit_code == 0, ended.output
+    return out
+
+
+def results_of(out: Path, date: str) -> dict[str, Any]:
+    results: dict[str, Any] = json.loads((out / f"week_{date}" / "results.json").read_bytes())
+    return results
+
+
+def test_each_shift_has_its_folder_named_by_its_date(out: Path) -> None:
+    folders = sorted(path.name for path in out.iterdir() if path.is_dir())
+
+    assert folders == ["week_2026-03-02", "week_2026-03-03", "week_2026-03-04"]
+    assert [row["path"] for row in read_table(out / "summary.csv")] == [
+        f"week.gt3x 2026-03-0{day}" for day in (2, 3, 4)
+    ]
+
+
+def test_each_shift_has_its_own_pose_and_the_day_without_one_is_not_good(out: Path) -> None:
+    every = [results_of(out, f"2026-03-0{day}") for day in (2, 3, 4)]
+
+    states = [results["calibration"]["state"] for results in every]
+    assert states[:2] == ["held_at_start", "held_at_start"]
+    assert states[2] in {"assumed", "none"}
+    assert every[2]["quality"]["verdict"] != "good"
+    assert len({results["report"]["id"] for results in every}) == 3
+
+
+def test_the_report_states_which_hours_were_cut(out: Path) -> None:
+    assert results_of(out, "2026-03-03")["recording"]["shift"].startswith("2026-03-03T07:00:00")
+    page = (out / "week_2026-03-03" / "report.html").read_text("utf-8")
+    assert "Cut from a longer recording" in page
+
+
+def test_the_shifts_are_days_of_one_person(out: Path, tmp_path: Path) -> None:
+    ended = run("profile", out, "-o", tmp_path, "--report", "html")
+
+    assert ended.exit_code == 0, ended.output
+
+
+def test_finished_shifts_are_not_repeated(week: Week, out: Path) -> None:
+    ended = run("run", week.path, "-o", out, *HOURS, "--dry-run")
+
+    assert ended.output.count("done already") == 3
+
+
+def test_the_pose_of_the_first_shift_applies_to_the_later_ones_only_if_the_sensor_stayed(
+    week: Week, out: Path, tmp_path: Path
+) -> None:
+    ended = run("run", week.path, "-o", tmp_path, *HOURS, "--not-removed")
+
+    assert ended.exit_code == 0, ended.output
+    first, _, last = (results_of(tmp_path, f"2026-03-0{day}")["calibration"] for day in (2, 3, 4))
+    assert (first["state"], last["state"]) == ("held_at_start", "carried")
+    assert last["sigma_deg"] == first["sigma_deg"]
+    assert results_of(out, "2026-03-04")["calibration"]["state"] != "carried"
+
+
+def test_the_days_of_a_diary_cut_a_recording(week: Week, tmp_path: Path) -> None:
+    diary = tmp_path / "diary.csv"
+    diary.write_text("start,end,kind\n2026-03-03 07:00,2026-03-03 07:15,shift\n")
+
+    ended = run("run", week.path, "-o", tmp_path / "out", "--shift", "diary", "--diary", diary, "--dry-run")
+
+    assert "week_2026-03-03" in ended.output
+    assert ended.output.count("would do") == 1
+
+
+@pytest.mark.parametrize(
+    ("shift", "said"),
+    [("22:00-23:00", "no samples"), ("diary", "no row of the diary")],
+    ids=["hours", "diary"],
+)
+def test_a_recording_without_such_a_shift_is_refused_with_the_reason(
+    week: Week, tmp_path: Path, shift: str, said: str
+) -> None:
+    ended = run("run", week.days[0], "-o", tmp_path, "--shift", shift)
+
+    assert ended.exit_code != 0
+    assert said in " ".join(ended.output.split())
+
+
+def test_hours_that_are_none_are_refused_before_anything_is_read(tmp_path: Path) -> None:
+    ended = run("run", tmp_path / "absent.gt3x", "-o", tmp_path, "--shift", "morning")
+
+    assert ended.exit_code == 2
+
+
+def test_a_recording_of_more_than_a_day_has_a_proposed_shift_for_each_stretch_of_wear() -> None:
+    chance = np.random.default_rng(1)
+    start = datetime.fromisoformat("2026-03-02T07:00:00")
+    segments = tuple(
+        Segment(
+            first_h * 3_600_000_000,
+            10.0,
+            chance.normal(0.0, 0.5, (72_000, 3)).astype(np.float32),
+            chance.normal(0.0, 50.0, (72_000, 3)).astype(np.float32),
+        )
+        for first_h in (0, 24)
+    )
+    recording = Recording("other", "", start, None, 26 * 3_600_000_000, segments)
+
+    assert propose_shifts(recording) == [
+        "2026-03-02T07:00:00/2026-03-02T09:00:00",
+        "2026-03-03T07:00:00/2026-03-03T09:00:00",
+    ]
+    assert propose_shifts(replace(recording, start=None)) == []

@@ -1,0 +1,111 @@
+"""Find the shifts of a recording of several days."""
+
+from datetime import datetime
+from zoneinfo import ZoneInfo
+
+import pytest
+
+from fusion.diary import DiaryEntry, read_diary
+from fusion.recording import Span
+from fusion.shifts import cut_diary, find_by_diary, find_by_hours, parse_hours, propose
+
+DAY_US = 86_400_000_000
+HOUR_US = 3_600_000_000
+MONDAY = datetime(2026, 3, 2, 6)  # noqa: DTZ001  the device's clock
+
+
+def hours_of(start: datetime, days: float, hours: str) -> list[str]:
+    return [str(window) for window in find_by_hours(start, round(days * DAY_US), parse_hours(hours))]
+
+
+def test_each_calendar_day_has_one_shift() -> None:
+    assert hours_of(MONDAY, 2.0, "07:00-15:30") == [
+        "2026-03-02T07:00:00/2026-03-02T15:30:00",
+        "2026-03-03T07:00:00/2026-03-03T15:30:00",
+    ]
+
+
+def test_a_night_shift_ends_on_the_next_day_and_may_begin_before_the_recording() -> None:
+    assert hours_of(MONDAY.replace(hour=1), 1.0, "22h-6h") == [
+        "2026-03-01T22:00:00/2026-03-02T06:00:00",
+        "2026-03-02T22:00:00/2026-03-03T06:00:00",
+    ]
+
+
+def test_a_day_without_a_second_in_these_hours_has_no_shift() -> None:
+    assert hours_of(MONDAY.replace(hour=16), 0.5, "07:00-15:30") == []
+
+
+def test_a_night_in_which_the_clocks_go_forward_is_an_hour_shorter() -> None:
+    start = datetime(2026, 3, 7, 12, tzinfo=ZoneInfo("America/Toronto"))
+
+    (night,) = find_by_hours(start, DAY_US, parse_hours("22:00-06:00"))
+
+    first_us, stop_us = night.place(start)
+    assert (first_us, stop_us - first_us) == (10 * HOUR_US, 7 * HOUR_US)
+
+
+@pytest.mark.parametrize("text", ["", "07:00", "7-25:00", "07:00-09:00-11:00", "soon-later"])
+def test_what_are_no_hours_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match=r"."):
+        parse_hours(text)
+
+
+def diary_of(rows: str) -> tuple[DiaryEntry, ...]:
+    return read_diary(f"start,end,kind,label\n{rows}".encode())
+
+
+def test_the_shift_rows_of_a_diary_are_the_shifts() -> None:
+    diary = diary_of(
+        "2026-03-02 07:00,2026-03-02 15:00,shift,\n2026-03-02 09:00,2026-03-02 10:00,task,Boxes\n"
+        "2026-03-03 22:00,2026-03-04 06:00,shift,\n"
+    )
+
+    assert [str(window) for window in find_by_diary(diary, MONDAY, 7 * DAY_US)] == [
+        "2026-03-02T07:00:00/2026-03-02T15:00:00",
+        "2026-03-03T22:00:00/2026-03-04T06:00:00",
+    ]
+
+
+def test_without_shift_rows_each_date_is_a_shift_from_its_first_start_to_its_last_end() -> None:
+    diary = diary_of(
+        "2026-03-02 07:30,2026-03-02 09:00,task,A\n2026-03-02 10:00,2026-03-02 12:00,task,B\n"
+        "2026-03-03 08:00,2026-03-03 09:00,task,A\n12:00,12:30,break,\n"
+    )
+
+    assert [str(window) for window in find_by_diary(diary, MONDAY, 7 * DAY_US)] == [
+        "2026-03-02T07:30:00/2026-03-02T12:00:00",
+        "2026-03-03T08:00:00/2026-03-03T09:00:00",
+    ]
+
+
+def test_a_diary_without_dates_has_no_shifts() -> None:
+    assert find_by_diary(diary_of("07:00,15:00,shift,\n"), MONDAY, 7 * DAY_US) == ()
+
+
+def test_a_shift_has_its_own_rows_of_the_diary_and_those_without_a_date() -> None:
+    diary = diary_of(
+        "2026-03-02 09:00,2026-03-02 10:00,task,Monday\n2026-03-03 09:00,2026-03-03 10:00,task,Tuesday\n"
+        "12:00,12:30,break,\n"
+    )
+
+    kept = cut_diary(diary, MONDAY, 7 * DAY_US, 25 * HOUR_US, 33 * HOUR_US)
+
+    assert [entry.label or entry.kind for entry in kept] == ["Tuesday", "break"]
+
+
+def test_seconds_of_the_diary_count_from_the_start_of_the_shift() -> None:
+    rows = (DiaryEntry(60.0, 70.0, "pose"), DiaryEntry(3660.0, 3670.0, "pose"))
+
+    kept = cut_diary(rows, MONDAY, 2 * HOUR_US, HOUR_US, 2 * HOUR_US)
+
+    assert [(entry.start, entry.end) for entry in kept] == [(60.0, 70.0)]
+
+
+def test_wear_between_long_stretches_off_the_arm_is_proposed_as_shifts() -> None:
+    off = [Span(9 * HOUR_US, 15 * HOUR_US), Span(28 * HOUR_US, HOUR_US), Span(33 * HOUR_US, 15 * HOUR_US)]
+
+    assert [str(window) for window in propose(off, MONDAY, 2 * DAY_US)] == [
+        "2026-03-02T06:00:00/2026-03-02T15:00:00",
+        "2026-03-03T06:00:00/2026-03-03T15:00:00",
+    ]
