@@ -218,7 +218,8 @@ class ReportRequest:
     person states, ``no_slip_times_s``: when it did not. ``version`` counts the reports of one recording.
     ``changes`` lists the differences from the previous report (a setting, "input" or "engine"); ``reason`` is
     the person's reason. ``conclusion`` applies to these figures only; after a correction it becomes a
-    ``draft``. ``appendix``: the PDF has its appendix.
+    ``draft``. ``appendix``: the PDF has its appendix. ``time_zone``: the zone of clock times, "" for that of
+    the file; ``clock_offset_s``: seconds to add to the device's clock.
 
     With a ``reference``, the request is for a comparison instead of a report.
     """
@@ -248,6 +249,8 @@ class ReportRequest:
     pose_held: PoseHeld | None = None
     draft: ConclusionDraft | None = None
     appendix: bool = False
+    time_zone: str = ""
+    clock_offset_s: float = 0.0
 
     def to_json(self) -> str:
         """Return the request as text for a job row or a settings hash."""

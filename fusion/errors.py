@@ -296,6 +296,12 @@ class UnusableDiary(
     """
 
 
+class UnusableClock(
+    UnusableRecording, code="E-CLOCK", why=TERM, cure=TERM, value="start of the recording", zone="name"
+):
+    """The stated time zone or correction of the clock does not fit the start of the recording."""
+
+
 class UnusableJoin(UnusableRecording, code="E-JOIN", why=TERM):
     """The files are not one shift of one device."""
 

@@ -20,7 +20,7 @@ from app.store.folder import NOTHING_KNOWN, KnownFiles, sync_file
 from fusion.angle_files import AngleFile, AngleFileOptions, holds_samples, read_angle_file, recognise_layout
 from fusion.caveats import Caveat
 from fusion.conventions import SAID_S, awaits_pose
-from fusion.exposure.periods import find_diary_poses
+from fusion.exposure.periods import drop_poses
 from fusion.pipeline import Analysis, analyse, analyse_angle_file, analyse_angles
 from fusion.pose.calibrate import find_early_stills, propose_poses, reduce_recording, survey
 from fusion.pose.rules import find_nearest_axis
@@ -161,27 +161,21 @@ def write_elevation_csv(parquet: Path, _request: ReportRequest, out: Path, on_st
 def _analyse_file(
     recording_path: Path, request: ReportRequest, known: KnownFiles, begin: Callable[[Stage], None]
 ) -> Analysis:
-    entries = request.select_diary()
-    diary, windows_s = (
-        tuple(entry for entry in entries if entry.kind != "pose"),
-        request.calibration_windows_s,
-    )
+    settings = build_settings(request)
     begin("reading")
     if request.source == "angles":
         with recording_path.open("rb") as file:
-            return analyse_angles(file, begin, diary)
+            return analyse_angles(file, begin, replace(settings, diary=drop_poses(settings.diary)))
     captured = _read_capture(recording_path, request)
     if captured is not None:
-        duration_us = round((captured.last_s - captured.first_s) * MICROSECONDS)
-        windows_s = windows_s or find_diary_poses(entries, captured.start, duration_us)
-        return analyse_angle_file(captured, begin, diary, windows_s)
+        return analyse_angle_file(captured, begin, settings)
     recording = read_joined(recording_path, request, known)
     duration_s = recording.duration_us / MICROSECONDS
     for name, times_s in (("slip_at", request.slip_times_s), ("no_slip_at", request.no_slip_times_s)):
         for time_s in times_s:
             if time_s > duration_s:
                 raise BadParameter(name=name, value=f"{time_s:g}", allowed=f"0 … {duration_s:g}")
-    return analyse(recording, build_settings(request), begin)
+    return analyse(recording, settings, begin)
 
 
 def _read_capture(recording_path: Path, request: ReportRequest) -> AngleFile | None:

@@ -95,4 +95,6 @@ def build_settings(request: ReportRequest) -> AnalysisSettings:
         request.slip_times_s,
         request.no_slip_times_s,
         request.pose_held,
+        request.time_zone,
+        request.clock_offset_s,
     )

@@ -61,6 +61,7 @@ def test_the_recording(results: dict[str, Any]) -> None:
         "serial_hash": "3f2a9c01b7de",
         "start": "2026-03-03T07:58:12-05:00",
         "time_zone": "UTC-05:00",
+        "clock_offset_s": 0.0,
         "rate_hz": 100.0,
         "duration_s": 28740.0,
         "side": "right",
