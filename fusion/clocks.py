@@ -19,8 +19,10 @@ DAY_US = 86_400_000_000
 
 _COLONS = re.compile(r"(\d+):([0-5]\d)(?::([0-5]\d(?:\.\d+)?))?")
 _UNITS = re.compile(
-    r"(?:(\d+) ?(?:d|j))? ?(?:(\d+) ?h)? ?(?:(\d+)(?: ?(?:min|m))?)? ?(?:(\d+(?:\.\d+)?) ?s)?", re.IGNORECASE
+    r"(?:(\d+) ?[dj])? ?(?:(\d+) ?h)? ?(?:(\d+)(?: ?(?:min|m)|(?(2)$|(?!))))? ?(?:(\d+(?:\.\d+)?) ?s)?",
+    re.IGNORECASE,
 )
+"""Days, hours, minutes and seconds; after hours, minutes need no unit: ``1h02``."""
 _UNIT_S = (86_400, 3600, 60, 1)
 
 
@@ -53,11 +55,10 @@ def parse_time_zone(text: str) -> str:
     if not text.strip():
         return ""
     if zone is None:
-        word = text.strip().casefold().replace(" ", "_")
-        names = _name_zones()
+        word, names = text.strip().casefold().replace(" ", "_"), _name_zones()
         cities = {name.rpartition("/")[2]: name for name in sorted(names, key=len, reverse=True)}
-        near = [names[one] for one in get_close_matches(word, names, 2, 0.75)]
-        near = [names[cities[one]] for one in get_close_matches(word, cities, 1, 0.8)] or near
+        near = [names[cities[one]] for one in get_close_matches(word, cities, 1, 0.8) if len(word) > 3]
+        near = near or [names[one] for one in get_close_matches(word, names, 2, 0.75)]
         raise ValueError(", ".join(near) or ZONE_HINT)
     if isinstance(zone, ZoneInfo):
         return zone.key
@@ -90,7 +91,7 @@ def parse_clock_offset(text: str) -> float:
     """
     plain = text.strip().replace("\u2212", "-").replace("\u202f", " ").replace("\u00a0", " ")
     sign = -1.0 if plain.startswith("-") else 1.0
-    plain = plain.lstrip("+-").strip() if plain[:1] in {"+", "-"} else plain
+    plain = plain[1:].strip() if plain[:1] in {"+", "-"} else plain
     if re.fullmatch(r"\d+(?:\.\d+)?", plain):
         return sign * float(plain)
     if found := _COLONS.fullmatch(plain):

@@ -216,9 +216,8 @@ def make_profile(folders: Sequence[Path], request: ProfileRequest, out: Path) ->
     grouped = group_days(days, same_subject=request.same_subject, mixed_methods=request.mixed_methods)
     arms = []
     for arm in grouped.arms:
-        short = [
-            (Path(day.place), day) for day in arm.days if day.left_out != "long"
-        ]  # it would overlap itself
+        # a day of more than 24 h would overlap itself
+        short = [(Path(day.place), day) for day in arm.days if day.left_out != "long"]
         clocked = [
             lay_on_clock(read_analysed(place, day.kept), start)
             for place, day in short

@@ -66,6 +66,7 @@ def _describe_facts(analysis: Analysis) -> dict[str, Any]:
     return {
         "device": recording.device,
         "start": recording.start.isoformat() if recording.start else None,
+        "time_zone": recording.time_zone,
         "duration_us": recording.duration_us,
         "still": [[p.still.start_s, p.still.end_s, p.still.score, p.kind] for p in proposed],
         "not_worn": [_bound(span) for span in not_worn],
