@@ -22,6 +22,7 @@ from app.report.figures import (
 )
 from app.report.words.messages import Fact, describe_problem
 from app.report.words.wording import LANGUAGES, Language, load_wording
+from fusion.clocks import format_offset
 
 # CSV, safe to open in a spreadsheet.
 
@@ -133,15 +134,16 @@ def summarise_results(results: Results) -> Row:
 
 
 def split_offset(moment: Cell) -> tuple[Cell, str | None]:
-    """Return a time in ISO 8601 as local time without an offset, and its offset from UTC, None if unknown.
+    """Return a time in ISO 8601 as local time without an offset, and "UTC-05:00", None if unknown.
 
     All rows of a table therefore have one form, whether or not their recordings state an offset.
     """
     if not isinstance(moment, str) or moment.startswith("P"):  # a time from the first sample: "PT90S"
         return moment, None
     found = datetime.fromisoformat(moment)
-    local = found.replace(tzinfo=None).isoformat()
-    return local, found.isoformat().removeprefix(local) or None
+    offset = found.utcoffset()
+    shown = None if offset is None else format_offset(round(offset.total_seconds()))
+    return found.replace(tzinfo=None).isoformat(), shown
 
 
 def summarise_failure(origin: Origin, code: str) -> Row:

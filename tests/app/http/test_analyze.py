@@ -61,6 +61,8 @@ def test_every_wish_reaches_the_job(client: TestClient, store: JobStore) -> None
         "rate_hz": "100",
         "lang": "fr",
         "sensor": "arm",
+        "time_zone": "europe/paris",
+        "clock_offset": "-1h02m",
     }
 
     request = store.get(client.post(URL, content=b"x", params=wishes).json()["id"]).request
@@ -72,6 +74,7 @@ def test_every_wish_reaches_the_job(client: TestClient, store: JobStore) -> None
     assert json.loads(request.profile) == {"sensor": "arm"}
     assert (request.pose_held, request.slip_times_s) == ("no", (3600.0,))
     assert request.no_slip_times_s == (60.0, 7200.0)
+    assert (request.time_zone, request.clock_offset_s) == ("Europe/Paris", -3720.0)
 
 
 @pytest.mark.parametrize(
@@ -85,6 +88,8 @@ def test_every_wish_reaches_the_job(client: TestClient, store: JobStore) -> None
         ("slip_at", "noon"),
         ("no_slip_at", "noon"),
         ("pose_held", "end"),
+        ("time_zone", "Paris"),
+        ("clock_offset", "an hour"),
         ("lang", "it"),
         ("subject", "x" * 101),
         ("subject", "a\nb"),

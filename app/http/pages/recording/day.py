@@ -133,6 +133,14 @@ class DayClock:
         """Format the allowed range of times."""
         return f"{self.format(0.0)} … {self.format(self.duration_s)}"
 
+    def _format_readings(self, error: Exception) -> str:
+        """Format both readings of a time that the zone shows twice, each with its offset; else ""."""
+        facts = error.facts if isinstance(error, UnusableDiary) else {}
+        if facts.get("why") != "twice" or self.start is None or self.start.tzinfo is None:
+            return ""
+        instants = find_instants(datetime.fromisoformat(str(facts["value"])), self.start.tzinfo)
+        return ", ".join(str(instant) for instant in instants)
+
     def read(self, text: str, name: str) -> float:
         """Parse a typed time, in seconds from the first sample. Raises BadParameter."""
         clock, seconds = ("", text) if self.start is None else (text, "")
@@ -141,8 +149,9 @@ class DayClock:
             placed_us = place_moment(text if moment is None else moment, 0, self.start, self.duration_us)
             if not -SHOWN_US <= placed_us <= self.duration_us + SHOWN_US:
                 raise ValueError
-        except (UnusableDiary, ValueError):
-            raise BadParameter(name=name, value=text[:60], allowed=self.format_bounds()) from None
+        except (UnusableDiary, ValueError) as error:
+            allowed = self._format_readings(error) or self.format_bounds()
+            raise BadParameter(name=name, value=text[:60], allowed=allowed) from None
         return min(max(placed_us, 0), self.duration_us) / MICROSECONDS
 
 
