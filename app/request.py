@@ -249,7 +249,8 @@ class ReportRequest:
     ``pose_from``: an earlier shift whose pose applies, because a person states that the sensor was not
     removed, and ``pose_from_windows_s``: when it was held there; empty if at its start. ``conclusion``
     applies to these figures only; after a correction it becomes a ``draft``. ``appendix``: the PDF has
-    its appendix.
+    its appendix. ``time_zone``: the zone of clock times, "" for that of the file; ``clock_offset_s``: seconds
+    to add to the device's clock.
 
     With a ``reference``, the request is for a comparison instead of a report.
     """
@@ -282,6 +283,8 @@ class ReportRequest:
     shift: str = ""
     pose_from: str = ""
     pose_from_windows_s: tuple[tuple[float, float], ...] = ()
+    time_zone: str = ""
+    clock_offset_s: float = 0.0
 
     def to_json(self) -> str:
         """Return the request as text for a job row or a settings hash."""

@@ -109,6 +109,7 @@ class Caveat(StrEnum):
     CLOCK_BACK = "W-CLOCK-BACK", CAUTION, name_facts(step_s="s")
     CLOCK_FWD = "W-CLOCK-FWD", CAUTION, name_facts(step_s="s")
     CLOCK_UNSET = "W-CLOCK-UNSET", NOTE
+    CLOCK_SET = "W-CLOCK-SET", NOTE, name_facts(offset="h:min:s, added")
     WRAP = "W-WRAP", NOTE
     SEC_COUNT = "W-SEC-COUNT", NOTE
     JITTER = "W-JITTER", CAUTION
@@ -122,7 +123,7 @@ class Caveat(StrEnum):
     RATE_CHANGE = "W-RATE-CHANGE", CAUTION, name_facts(rate_hz="Hz, of the longest such stretch")
     TZ = "W-TZ", NOTE
     UTC = "W-UTC", NOTE
-    DST = "W-DST", NOTE, name_facts(step_s="s")
+    DST = "W-DST", NOTE, name_facts(step_s="s", zone="name, as stated")
     OFFSET = "W-OFFSET", CAUTION, name_facts(step_s="s")
     NO_DATE = "W-NO-DATE", NOTE, name_facts(time_of_day="time of the first row")
     DATE_ORDER = "W-DATE-ORDER", CAUTION, name_facts(date="date of the first row, as read")

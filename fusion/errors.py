@@ -203,7 +203,7 @@ class NoSamples(DamagedFile, code="E-NO-SAMPLES"):
 class UnusableShift(UnreadableFile, code="E-SHIFT"):
     """The recording has no clock, or no sample in the window of the shift.
 
-    ``why``: "no clock" or "no samples"; ``window``: the interval, in ISO 8601.
+    ``why``: "no clock", "no samples" or "stated clock" (not combined yet); ``window``: the interval, in ISO 8601.
     """
 
 
@@ -301,6 +301,12 @@ class UnusableDiary(
 
     The facts of the second such row end in ``_2``, and so on.
     """
+
+
+class UnusableClock(
+    UnusableRecording, code="E-CLOCK", why=TERM, cure=TERM, value="start of the recording", zone="name"
+):
+    """The stated time zone or correction of the clock does not fit the start of the recording."""
 
 
 class UnusableJoin(UnusableRecording, code="E-JOIN", why=TERM):

@@ -8,12 +8,19 @@ from typing import BinaryIO, Literal
 from fusion.angle_files import AngleFile, calibrate_alone, resample_file
 from fusion.angle_files.angle_series import read_angle_series
 from fusion.caveats import Caveat
+from fusion.clocks import correct_start
 from fusion.conventions import is_npose
-from fusion.diary import DiaryEntry
 from fusion.elevation import Elevation, apply_reading, estimate_elevation
 from fusion.errors import UnknownAxis
 from fusion.exposure.parts import DayDivision, snap_periods
-from fusion.exposure.periods import Placed, divide_day, find_diary_poses, find_left_out, place_diary
+from fusion.exposure.periods import (
+    Placed,
+    divide_day,
+    drop_poses,
+    find_diary_poses,
+    find_left_out,
+    place_diary,
+)
 from fusion.exposure.summary import remove_short_ranges, summarise_exposure, widen_intervals
 from fusion.exposure.types import Exposure
 from fusion.pose.calibrate import CalibratedSamples, Calibration, calibrate, reduce_recording
@@ -40,8 +47,9 @@ from fusion.quality.verdict import (
     flag_upside_down,
 )
 from fusion.readers import RecordingFile, read_recording
+from fusion.readers.time.clock import set_clock
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Span, flag_spans
-from fusion.settings import AnalysisSettings
+from fusion.settings import DEFAULT_SETTINGS, AnalysisSettings
 
 Step = Literal["checking", "calibrating", "fusing", "counting"]
 
@@ -131,7 +139,7 @@ def analyse(
     fusion.errors.UnreadableFile
         The file is not a readable recording.
     fusion.errors.UnusableRecording
-        No angle can be trusted (too short, no usable calibration).
+        No angle can be trusted (too short, no usable calibration), or a stated clock cannot be right.
     fusion.errors.UnusableDiary
         A row of the diary cannot be placed on the recording.
     OSError
@@ -139,7 +147,9 @@ def analyse(
     """
     if not isinstance(recording, Recording):
         recording = read_recording(recording)
-    settings = apply_file_settings(recording, settings or AnalysisSettings())
+    settings = settings or AnalysisSettings()
+    recording = set_clock(recording, settings.time_zone, settings.clock_offset_s)
+    settings = apply_file_settings(recording, settings)
     on_step("checking")
     placed = place_diary(settings.diary, recording.start, recording.duration_us)
     check_minimum_duration(recording)
@@ -178,7 +188,7 @@ def apply_file_settings(recording: Recording, settings: AnalysisSettings) -> Ana
     """Use the poses of the diary, or the pose or axis that the file states, if the person gives neither."""
     poses_s = find_diary_poses(settings.diary, recording.start, recording.duration_us)
     if poses_s:
-        diary = tuple(entry for entry in settings.diary if entry.kind != "pose")
+        diary = drop_poses(settings.diary)
         is_known = settings.calibration_windows_s or settings.arm_axis
         windows_s = settings.calibration_windows_s if is_known else poses_s
         settings = replace(settings, diary=diary, calibration_windows_s=windows_s)
@@ -218,6 +228,7 @@ def fuse_recording(
 
     Raises UnusableRecording: no usable calibration.
     """
+    recording = set_clock(recording, settings.time_zone, settings.clock_offset_s)
     settings = apply_file_settings(recording, settings)
     blocks = reduce_recording(recording)
     exclusions = find_exclusions(recording, blocks)
@@ -267,35 +278,39 @@ def _divide_time(
 def analyse_angles(
     file: BinaryIO,
     on_step: Callable[[Step], None] = ignore_step,
-    diary: tuple[DiaryEntry, ...] = (),
+    settings: AnalysisSettings = DEFAULT_SETTINGS,
 ) -> Analysis:
     """Return the analysis of an angle series (columns ``time_s,elevation_deg``; empty is missing)."""
-    return _count_ready(*read_angle_series(file), on_step, diary)
+    return _count_ready(*read_angle_series(file), on_step, settings)
 
 
 def analyse_angle_file(
     file: AngleFile,
     on_step: Callable[[Step], None] = ignore_step,
-    diary: tuple[DiaryEntry, ...] = (),
-    windows_s: tuple[tuple[float, float], ...] = (),
+    settings: AnalysisSettings = DEFAULT_SETTINGS,
 ) -> Analysis:
-    """Return the analysis of a motion capture; ``windows_s`` state when the arm hung, if the file needs it.
+    """Return the analysis of a motion capture; the windows or the diary state when the arm hung, if needed.
 
     Raises UnknownAxis: the orientation of a sensor that never hung still.
     """
+    start = correct_start(file.start, settings.time_zone, settings.clock_offset_s)
+    duration_us = round((file.last_s - file.first_s) * MICROSECONDS)
+    windows_s = settings.calibration_windows_s or find_diary_poses(settings.diary, start, duration_us)
     known = calibrate_alone(file, windows_s)
     if known.elevation_deg is None:
         raise UnknownAxis
-    return _count_ready(*resample_file(known, known.elevation_deg), on_step, diary)
+    settings = replace(settings, diary=drop_poses(settings.diary))
+    return _count_ready(*resample_file(known, known.elevation_deg), on_step, settings)
 
 
 def _count_ready(
     recording: Recording,
     elevation: Elevation,
     on_step: Callable[[Step], None],
-    diary: tuple[DiaryEntry, ...],
+    settings: AnalysisSettings,
 ) -> Analysis:
-    placed = place_diary(diary, recording.start, recording.duration_us)
+    recording = set_clock(recording, settings.time_zone, settings.clock_offset_s)
+    placed = place_diary(settings.diary, recording.start, recording.duration_us)
     on_step("counting")
     day = _divide(recording, elevation, (), placed)
     exposure = remove_short_ranges(
@@ -310,5 +325,4 @@ def _count_ready(
     time = replace(_divide_time(recording, day, exposure), shift_us=placed.shift_us)
     flags = (*placed.flags, *flag_upside_down(exposure))
     quality = assess_quality(recording, None, time, day.exclusions, flags)
-    settings = AnalysisSettings(diary=diary)
     return Analysis(recording, settings, None, elevation, day.exclusions, time, exposure, quality)

@@ -136,9 +136,9 @@ class Recording:
 
     ``device``: one of :data:`fusion.devices.KNOWN_DEVICES`, "angles", "other", or a plug-in's own name.
     ``sha256``: of the file's bytes, hexadecimal.
-    ``start``: the device's clock at the first sample, never converted. Aware if the file states its offset
-    from UTC, naive if it does not, None if there is no clock.
-    ``time_zone``: as the file states it ("UTC-05:00"), or None.
+    ``start``: the device's clock at the first sample, converted only to a zone that a person states. Aware
+    if the file states its offset from UTC, naive if it does not, None if there is no clock.
+    ``time_zone``: as a person ("Europe/Paris") or the file ("UTC-05:00") states it, or None.
     ``duration_us``: from the first timestamp to the last plus one period.
     ``segments``: unbroken runs of samples, in time order.
     ``excluded``: time that the device itself reports as not measured on the arm (reason "docked" or
@@ -154,6 +154,7 @@ class Recording:
     ``pose_windows_s``, ``arm_axis``, ``pose_held``: as the file states them: when a person held the pose
     (start, end), from the first sample; the sensor axis that was strapped along the arm; "start" if the pose
     was held at the start of wear. The settings of an analysis take precedence.
+    ``clock_offset_s``: the correction of the clock that a person states, which ``start`` includes.
     """
 
     device: str
@@ -174,6 +175,7 @@ class Recording:
     pose_windows_s: tuple[tuple[float, float], ...] = ()
     arm_axis: ArmAxis | None = None
     pose_held: PoseHeld | None = None
+    clock_offset_s: float = 0.0
 
     def __repr__(self) -> str:
         start = f" from {self.start:%Y-%m-%d %H:%M}" if self.start else ""

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from numbers import Real
 from typing import get_args
 
+from fusion.clocks import parse_time_zone
 from fusion.conventions import ARM_AXES, ArmAxis, MethodName, Pose, PoseHeld, check_choice
 from fusion.diary import DiaryEntry
 
@@ -36,6 +37,8 @@ class AnalysisSettings:
     takes precedence. "no": not stated; statements of the file or its column profile are ignored.
     ``carried``: the pose of an earlier shift; a person states that the sensor was not removed since. A window
     or an axis takes precedence.
+    ``time_zone``: the zone of clock times, such as "Europe/Paris" or "UTC-05:00"; "" for that of the file.
+    ``clock_offset_s``: seconds to add to the device's clock, if it was set to the wrong time.
     """
 
     method: MethodName = "smoothed"
@@ -47,6 +50,8 @@ class AnalysisSettings:
     no_slip_times_s: tuple[float, ...] = ()
     pose_held: PoseHeld | None = None
     carried: CarriedPose | None = None
+    time_zone: str = ""
+    clock_offset_s: float = 0.0
 
     def __post_init__(self) -> None:
         """Raise ValueError with the allowed values if a value cannot be used."""
@@ -67,6 +72,12 @@ class AnalysisSettings:
                 raise ValueError(f"slip times: {row!r}; allowed: seconds from the first sample, >= 0")
         if not _is_row(self.diary) or not all(isinstance(entry, DiaryEntry) for entry in self.diary):
             raise ValueError(f"diary: {self.diary!r}; allowed: DiaryEntry, ...")
+        try:
+            parse_time_zone(self.time_zone)
+        except ValueError as error:
+            raise ValueError(f"time_zone: {self.time_zone!r}; allowed: {error}") from None
+        if not math.isfinite(self.clock_offset_s):
+            raise ValueError(f"clock_offset_s: {self.clock_offset_s!r}; allowed: seconds")
 
 
 def _is_row(value: object) -> bool:

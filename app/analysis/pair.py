@@ -34,12 +34,14 @@ from app.report.several.people import MeasuredDay, Stage, group_days
 from app.report.several.report import build_days
 from app.request import PairRequest, ProfileRequest
 from fusion.angle_files.elevation_parquet import read_elevation
+from fusion.clocks import measure_us
 from fusion.comparison.arms import PairedArms, TrunkRelative, pair_arms, relate_to_trunk
 from fusion.comparison.days import lay_on_clock, overlay_days
 from fusion.elevation import Elevation
 from fusion.errors import TooShort
 from fusion.exposure.summary import join_intervals
 from fusion.quality.time_account import leave_out
+from fusion.recording import MICROSECONDS
 
 ELEVATION = "elevation.parquet"
 
@@ -109,9 +111,7 @@ def find_offset_s(left: FinishedAnalysis, right: FinishedAnalysis) -> float:
     first, second = left.findings.recording.start, right.findings.recording.start
     if first is None or second is None:
         raise CannotPair(why="offset")
-    if first.tzinfo is None or second.tzinfo is None:
-        first, second = first.replace(tzinfo=None), second.replace(tzinfo=None)
-    return (second - first).total_seconds()
+    return measure_us(first, second) / MICROSECONDS
 
 
 def read_analysed(folder: Path, kept: FinishedAnalysis) -> Elevation:
@@ -217,10 +217,12 @@ def make_profile(folders: Sequence[Path], request: ProfileRequest, out: Path) ->
     grouped = group_days(days, same_subject=request.same_subject, mixed_methods=request.mixed_methods)
     arms = []
     for arm in grouped.arms:
-        clocked = [  # a day of more than 24 h would overlap itself
-            lay_on_clock(read_analysed(Path(day.place), day.kept), day.start)
-            for day in arm.days
-            if day.start and day.left_out != "long" and (Path(day.place) / ELEVATION).exists()
+        # a day of more than 24 h would overlap itself
+        short = [(Path(day.place), day) for day in arm.days if day.left_out != "long"]
+        clocked = [
+            lay_on_clock(read_analysed(place, day.kept), start)
+            for place, day in short
+            if (start := day.kept.findings.recording.start) and (place / ELEVATION).exists()
         ]
         arms.append(replace(arm, bands=overlay_days(clocked)))
     studied = replace(grouped, arms=tuple(arms))

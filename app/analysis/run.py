@@ -20,8 +20,8 @@ from app.store.folder import NOTHING_KNOWN, KnownFiles, sync_file
 from fusion.angle_files import AngleFile, AngleFileOptions, holds_samples, read_angle_file, recognise_layout
 from fusion.caveats import Caveat
 from fusion.conventions import CONFIRMED, SAID_S, PoseHeld, awaits_pose
-from fusion.errors import FusionError
-from fusion.exposure.periods import find_diary_poses
+from fusion.errors import FusionError, UnusableShift
+from fusion.exposure.periods import drop_poses
 from fusion.pipeline import Analysis, analyse, analyse_angle_file, analyse_angles, apply_file_settings
 from fusion.pose.calibrate import calibrate, find_early_stills, propose_poses, reduce_recording, survey
 from fusion.pose.rules import find_nearest_axis
@@ -68,6 +68,7 @@ def _describe_facts(analysis: Analysis) -> dict[str, Any]:
     return {
         "device": recording.device,
         "start": recording.start.isoformat() if recording.start else None,
+        "time_zone": recording.time_zone,
         "duration_us": recording.duration_us,
         "still": [[p.still.start_s, p.still.end_s, p.still.score, p.kind] for p in proposed],
         "not_worn": [_bound(span) for span in not_worn],
@@ -163,27 +164,22 @@ def write_elevation_csv(parquet: Path, _request: ReportRequest, out: Path, on_st
 def _analyse_file(
     recording_path: Path, request: ReportRequest, known: KnownFiles, begin: Callable[[Stage], None]
 ) -> Analysis:
-    entries = request.select_diary()
-    diary, windows_s = (
-        tuple(entry for entry in entries if entry.kind != "pose"),
-        request.calibration_windows_s,
-    )
+    settings = build_settings(request)
     begin("reading")
     if request.source == "angles":
         with recording_path.open("rb") as file:
-            return analyse_angles(file, begin, diary)
+            return analyse_angles(file, begin, replace(settings, diary=drop_poses(settings.diary)))
+    if request.shift and (request.time_zone or request.clock_offset_s):
+        raise UnusableShift(why="stated clock", window=request.shift)
     captured = None if request.shift else _read_capture(recording_path, request)
     if captured is not None:
-        duration_us = round((captured.last_s - captured.first_s) * MICROSECONDS)
-        windows_s = windows_s or find_diary_poses(entries, captured.start, duration_us)
-        return analyse_angle_file(captured, begin, diary, windows_s)
+        return analyse_angle_file(captured, begin, settings)
     recording = read_joined(recording_path, request, known)
     duration_s = recording.duration_us / MICROSECONDS
     for name, times_s in (("slip_at", request.slip_times_s), ("no_slip_at", request.no_slip_times_s)):
         for time_s in times_s:
             if time_s > duration_s:
                 raise BadParameter(name=name, value=f"{time_s:g}", allowed=f"0 … {duration_s:g}")
-    settings = build_settings(request)
     if request.pose_from:
         settings = replace(settings, carried=_find_carried(recording_path, request, known))
     return analyse(recording, settings, begin)

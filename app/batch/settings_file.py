@@ -27,6 +27,7 @@ from app.request import (
     parse_slip_time,
     write_profile,
 )
+from fusion.clocks import OFFSET_HINT, ZONE_HINT, format_clock_offset, parse_clock_offset, parse_time_zone
 from fusion.conventions import AXIS_HINT, MethodName, Pose, PoseHeld, Side, parse_arm_axis
 from fusion.diary import KINDS, DiaryEntry, read_moment, split_times
 from fusion.errors import UnusableDiary
@@ -107,6 +108,10 @@ def _read_rate(value: Any) -> float | None:
     return float(value)
 
 
+def _read_clock_offset(value: Any) -> float:
+    return parse_clock_offset(str(value)) if value else 0.0
+
+
 def _read_kinds(value: Any) -> tuple[ReportKind, ...]:
     known = get_args(ReportKind)
     kinds = tuple(kind for kind in known if kind in value)
@@ -141,6 +146,8 @@ SETTINGS: tuple[Setting, ...] = (
     Setting("no_slip_at", "no_slip_times_s", _read_slip_list, f"[{SLIP_HINT}]"),
     Setting("shift", "shift", lambda value: check_hours(value) if value else "", SHIFT_HINT),
     Setting("rate_hz", "rate_hz", _read_rate, "1 to 10000"),
+    Setting("time_zone", "time_zone", lambda name: parse_time_zone(name or ""), ZONE_HINT),
+    Setting("clock_offset", "clock_offset_s", _read_clock_offset, OFFSET_HINT),
     Setting(
         "lang",
         "languages",
@@ -174,6 +181,8 @@ def encode_settings(request: ReportRequest) -> bytes:
         "no_slip_at": list(request.no_slip_times_s),
         "shift": request.shift or None,
         "rate_hz": request.rate_hz,
+        "time_zone": request.time_zone or None,
+        "clock_offset": format_clock_offset(request.clock_offset_s) or None,
         "lang": request.languages[0],
         "report": list(request.kinds),
         "paper": request.paper,

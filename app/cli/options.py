@@ -30,6 +30,7 @@ from app.request import (
     parse_window,
     write_profile,
 )
+from fusion.clocks import OFFSET_HINT, parse_clock_offset, parse_time_zone
 from fusion.conventions import AXIS_HINT, ArmAxis, PoseHeld, Side, parse_arm_axis
 from fusion.diary import DiaryEntry, TaskWindow, read_diary, read_tasks
 from fusion.errors import FusionError
@@ -67,6 +68,20 @@ PoseHeldOption = Annotated[
     typer.Option(
         "--pose-held",
         help="The pose was held at the start of wear; no: not held, even if the file states it.",
+    ),
+]
+TimeZoneOption = Annotated[
+    str,
+    typer.Option(
+        "--time-zone", metavar="ZONE", help="Zone of clock times, e.g. Europe/Paris  \\[default: the file's]"
+    ),
+]
+ClockOffsetOption = Annotated[
+    str,
+    typer.Option(
+        "--clock-offset",
+        metavar="±H:MM:SS",
+        help="Added to the device's clock, if it was wrong: -1h02m, -1:02:00 or -3720 (s).",
     ),
 ]
 PaperOption = Annotated[Paper, typer.Option(help="Paper of the PDF.")]
@@ -188,6 +203,20 @@ def parse_windows(texts: list[str] | None) -> tuple[tuple[float, float], ...]:
 def parse_axis(text: str | None) -> ArmAxis | None:
     """Parse the sensor axis that points along the arm."""
     return _parse("--axis", AXIS_HINT, lambda: None if text is None else parse_arm_axis(text))
+
+
+def parse_zone(text: str) -> str:
+    """Parse the time zone of clock times; the error names the nearest zones."""
+    try:
+        return parse_time_zone(text)
+    except ValueError as error:
+        problem = f"{text!r} is not a known time zone: write {error}"
+        raise typer.BadParameter(problem, param_hint="--time-zone") from None
+
+
+def parse_offset(text: str) -> float:
+    """Parse the correction of the device's clock, in s."""
+    return _parse("--clock-offset", OFFSET_HINT, lambda: parse_clock_offset(text) if text else 0.0)
 
 
 def parse_shard_option(text: str | None) -> Shard | None:

@@ -29,6 +29,7 @@ from app.report.words.messages import describe_problem
 from app.report.words.numbers import Clock, format_duration, format_number
 from app.report.words.wording import fill, load_wording
 from app.request import Language, ReportRequest
+from fusion.clocks import in_zone
 from fusion.errors import FusionError
 
 _TABLES = "app.batch.tables"
@@ -261,9 +262,10 @@ def format_question(outcomes: Sequence[Outcome]) -> list[str]:
     words = load_wording(request.languages[0], "run")["outcome"]
     if len(outcomes) > 1:
         return [words["all_held"]]
-    start, calibration = results["recording"]["start"], results["calibration"]
-    duration_s = results["recording"]["duration_s"]
-    clock = Clock(datetime.fromisoformat(start) if start else None, request.languages[0], duration_s)
+    recording, calibration = results["recording"], results["calibration"]
+    start = datetime.fromisoformat(recording["start"]) if recording["start"] else None
+    zoned = in_zone(start, recording["time_zone"])
+    clock = Clock(zoned, request.languages[0], recording["duration_s"])
     lines = [] if request.pose_held else [words["which_start"]]
     for still in calibration["proposals"]:
         start_s, end_s = still["start_s"], still["start_s"] + still["duration_s"]

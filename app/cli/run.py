@@ -10,6 +10,7 @@ import typer
 from app.batch.folder import Task, find_recordings, format_path, is_up_to_date, plan_tasks
 from app.batch.run import ShardRecord, choose_workers, collect_outcomes, measure_capacity
 from app.cli.options import (
+    ClockOffsetOption,
     DateOrderOption,
     DiaryOption,
     LanguageOption,
@@ -19,16 +20,19 @@ from app.cli.options import (
     SensorOption,
     SideOption,
     SubjectOption,
+    TimeZoneOption,
     apply_participants_file,
     check_windows,
     complete_profile,
     parse_axis,
     parse_kinds,
+    parse_offset,
     parse_shard_option,
     parse_shift,
     parse_slip_times,
     parse_subject,
     parse_windows,
+    parse_zone,
     read_diary_file,
     read_list_file,
     read_profile_file,
@@ -65,7 +69,7 @@ def run(
         Path | None,
         typer.Option(
             metavar="FILE.csv",
-            help="file,subject,side,pose,calibration,pose_held,axis,slip_at,no_slip_at,diary.",
+            help="file,subject,side,pose,calibration,pose_held,axis,slip_at,no_slip_at,diary,time_zone,clock_offset.",
         ),
     ] = None,
     config: Annotated[
@@ -128,6 +132,8 @@ def run(
     profile: ProfileOption = None,
     sensor: SensorOption = "",
     date_order: DateOrderOption = None,
+    time_zone: TimeZoneOption = "",
+    clock_offset: ClockOffsetOption = "",
     report: Annotated[
         str | None, typer.Option(help="Report formats: html, pdf or html,pdf  \\[default: html,pdf]")
     ] = None,
@@ -169,6 +175,8 @@ def run(
         "no_slip_times_s": parse_slip_times(no_slip_at, "--no-slip-at"),
         "shift": parse_shift(shift),
         "rate_hz": rate_hz,
+        "time_zone": parse_zone(time_zone),
+        "clock_offset_s": parse_offset(clock_offset),
         "kinds": parse_kinds(report),
         "paper": paper,
         "appendix": appendix,

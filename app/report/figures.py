@@ -363,6 +363,7 @@ SUMMARY: tuple[Column, ...] = (
         for end in ("low_pose", "high_pose")
     ),
     Column("{name}_velocity_p50_dps", {"name": "generalised_accelerometer"}),
+    Column("utc_offset", kind="text"),
 )
 """Columns of ``summary.csv``, one row per recording. Append new columns at the end."""
 

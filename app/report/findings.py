@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 import numpy as np
 
 from app.request import Conclusion
+from fusion.clocks import in_zone
 from fusion.comparison.levels import ComparedLevel, Extent, compare_with_levels, find_extent
 from fusion.conventions import MAIN_THRESHOLD_DEG, CalibrationState, Pose
 from fusion.exposure.types import Exposure, TimeAbove
@@ -75,6 +76,7 @@ class RecordingFacts:
     rate_hz: float
     serial_hash: str | None = None
     reader: tuple[str, str] | None = None
+    clock_offset_s: float = 0.0
 
     @property
     def duration_s(self) -> float:
@@ -210,17 +212,17 @@ def build_findings(analysis: Analysis) -> Findings:
     recording, method = analysis.recording, analysis.elevation.method
     # a file with angles has no recorded segments
     timed = recording if recording.segments else max(analysis.elevation.segments, key=len)
-    start, offset = recording.start, recording.start.utcoffset() if recording.start else None
     return Findings(
         recording=RecordingFacts(
             device=recording.device,
             sha256=recording.sha256,
-            start=start.replace(tzinfo=timezone(offset)) if start and offset is not None else start,
+            start=_simplify_zone(recording.start, recording.time_zone),
             time_zone=recording.time_zone,
             duration_us=recording.duration_us,
             rate_hz=timed.rate_hz,
             serial_hash=recording.serial_hash,
             reader=recording.reader,
+            clock_offset_s=recording.clock_offset_s,
         ),
         calibration=_build_calibration(analysis),
         method=MethodFacts(method.name, method.version, dict(method.parameters)) if method else None,
@@ -229,6 +231,14 @@ def build_findings(analysis: Analysis) -> Findings:
         exposure=analysis.exposure,
         quality=analysis.quality,
     )
+
+
+def _simplify_zone(start: datetime | None, time_zone: str | None) -> datetime | None:
+    """Return a start with its offset from UTC, or in the zone that the recording names."""
+    offset = start.utcoffset() if start else None
+    if start and offset is not None:
+        start = start.replace(tzinfo=timezone(offset))
+    return in_zone(start, time_zone)
 
 
 def _build_calibration(analysis: Analysis) -> CalibrationFacts | None:

@@ -12,7 +12,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from datetime import datetime, timedelta
+from datetime import datetime
 from typing import TYPE_CHECKING, Any, Literal
 
 from app.errors import CannotCompare
@@ -48,6 +48,7 @@ from app.report.words.wording import (
     load_wording,
 )
 from app.request import find_code
+from fusion.clocks import read_clock
 from fusion.comparison.change import SOURCE, ComparedDay, DayComparison, FigureChange, Reference, compare_days
 from fusion.conventions import CONFIRMED, UNHELD
 from fusion.exposure.types import LEAST_RANGED_S, PartExposure
@@ -207,7 +208,7 @@ def build_report(
     accuracy = dict.fromkeys(format_accuracy(kept.findings, common) for kept in every)
     stated = (first_limit or limits["paragraphs"][0], *limits["paragraphs"][1:], *accuracy)
     recordings = [kept.findings.recording for kept in every]  # compared by the time on their clocks
-    ends = [r.start + timedelta(microseconds=r.duration_us) for r in recordings if r.start is not None]
+    ends = [read_clock(r.start, r.duration_us) for r in recordings if r.start is not None]
     report_id = identify(document)
     footer = fill(words["footer"], {"version": version, "id": report_id})
     shown = ", ".join(fill(label["brief_fact"], {"name": pair.name, "value": pair.value}) for pair in header)

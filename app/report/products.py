@@ -96,4 +96,6 @@ def build_settings(request: ReportRequest) -> AnalysisSettings:
         request.slip_times_s,
         request.no_slip_times_s,
         request.pose_held,
+        time_zone=request.time_zone,
+        clock_offset_s=request.clock_offset_s,
     )

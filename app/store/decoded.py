@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.store.permissions import create_file, make_folder
+from fusion.clocks import in_zone
 from fusion.recording import QualityFlag, Recording, Segment, Span, Stated
 
 LONGEST_HEAD_BYTES = 16 << 20
@@ -164,9 +165,10 @@ def _describe(recording: Recording) -> dict[str, Any]:
 
 
 def _build(facts: dict[str, Any], segments: tuple[Segment, ...]) -> Recording:
+    start = datetime.fromisoformat(facts["start"]) if facts["start"] else None
     flags = [(flag, tuple(map(tuple, flag.pop("spans_s")))) for flag in facts["flags"]]
     read = {
-        "start": datetime.fromisoformat(facts["start"]) if facts["start"] else None,
+        "start": in_zone(start, facts["time_zone"]),
         "excluded": tuple(Span(**span) for span in facts["excluded"]),
         "flags": tuple(QualityFlag(spans_s=spans_s, **flag) for flag, spans_s in flags),
         "stated": Stated(**facts["stated"]),

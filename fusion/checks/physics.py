@@ -9,7 +9,6 @@ gives no evidence.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from datetime import timedelta
 from math import cos, isclose, sin, sqrt
 from typing import Any
 
@@ -29,6 +28,7 @@ from fusion.checks.summary import (
     measure_rest_scale,
     summarise,
 )
+from fusion.clocks import read_clock
 from fusion.errors import ExchangedSensors, MixedColumns, NoGravity, TooShort, UnknownUnit, WrongScale
 from fusion.numba_kernels import inner, kernel
 from fusion.recording import (
@@ -864,6 +864,6 @@ def refuse_impossible_rates(recording: Recording) -> Recording:
             at_s = segment.start_s + row / segment.rate_hz
             clock = f"+{at_s:.2f} s"
             if recording.start is not None:
-                clock = f"{recording.start + timedelta(seconds=at_s):%Y-%m-%d %H:%M:%S}"
+                clock = f"{read_clock(recording.start, round(at_s * MICROSECONDS)):%Y-%m-%d %H:%M:%S}"
             raise WrongScale(dps=round(size), clock=clock)
     return recording

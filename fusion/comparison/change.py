@@ -15,7 +15,9 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from fusion.clocks import measure_us
 from fusion.exposure.types import Exposure
+from fusion.recording import MICROSECONDS
 
 # Published values as data: value, source, scope, and how well it is confirmed.
 #
@@ -261,9 +263,7 @@ def _list_figures(exposure: Exposure) -> dict[str, float]:
 def _find_differences(before: ComparedDay, after: ComparedDay) -> tuple[Difference, ...]:
     first, second, later_s = before.start, after.start, None
     if first is not None and second is not None:
-        if first.tzinfo is None or second.tzinfo is None:  # both are treated as clocks of the same place
-            first, second = first.replace(tzinfo=None), second.replace(tzinfo=None)
-        later_s = (second - first).total_seconds()
+        later_s = measure_us(first, second) / MICROSECONDS
     same = before.sha256 == after.sha256 != ""
     overlaps = later_s is not None and -after.duration_s < later_s < before.duration_s
     unlike: dict[Difference, bool] = {

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from scipy.special import chdtri, stdtrit
 
+from fusion.clocks import list_zone_changes
 from fusion.comparison.change import find_detectable_change
 from fusion.elevation import Elevation
 from fusion.exposure.bins import CELLS, CELLS_PER_DEG, find_percentiles
@@ -51,7 +52,7 @@ def lay_on_clock(elevation: Elevation, start: datetime) -> Float64Array:
     """Count the analysed time of a day by quarter hour of the clock and by angle.
 
     ``elevation``: before the metric filter; excluded time must not be valid. ``start``: of the first sample;
-    the clock runs on from there, regardless of later clock changes.
+    the clock runs on from there, and follows the changes of a known zone.
 
     Returns
     -------
@@ -59,10 +60,15 @@ def lay_on_clock(elevation: Elevation, start: datetime) -> Float64Array:
         Shape (96, 1800): seconds in each 0.1 deg. Time after midnight is in the first rows.
     """
     begins_s = (start - start.replace(hour=0, minute=0, second=0, microsecond=0)).total_seconds()
+    ends_us = [run.start_us + round(len(run) / run.rate_hz * MICROSECONDS) for run in elevation.segments]
+    changes = list_zone_changes(start, max(ends_us, default=0))
     seconds = np.zeros(QUARTERS * CELLS)
     for run in (filter_elevation(segment) for segment in elevation.segments if len(segment)):
         rows = np.flatnonzero(run.valid)
-        clock_s = begins_s + run.start_us / MICROSECONDS + rows / run.rate_hz
+        elapsed_s = run.start_us / MICROSECONDS + rows / run.rate_hz
+        clock_s = begins_s + elapsed_s
+        for at_s, step_s in changes:
+            clock_s[elapsed_s >= at_s] += step_s
         quarter = (clock_s // QUARTER_S).astype(np.int64) % QUARTERS
         cell = np.minimum((run.elevation_deg[rows] * CELLS_PER_DEG).astype(np.int64), CELLS - 1)
         seconds += np.bincount(quarter * CELLS + cell, minlength=len(seconds)) / run.rate_hz

@@ -2,11 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime, timedelta
+from datetime import datetime
 from math import ceil
 
 import numpy as np
 
+from fusion.clocks import read_clock
 from fusion.exposure.bins import (
     AnyArray,
     PartHistograms,
@@ -59,14 +60,6 @@ def split_hours(start: datetime | None, duration_us: int) -> DayParts:
         for edge_us in edges_us[:-1].tolist()
     )
     return DayParts(edges_us, tuple(labels))
-
-
-def read_clock(start: datetime, elapsed_us: int) -> datetime:
-    """Return the clock time after a true elapsed time since ``start``."""
-    elapsed = timedelta(microseconds=elapsed_us)
-    if start.tzinfo is None:
-        return start + elapsed
-    return (start.astimezone(UTC) + elapsed).astimezone(start.tzinfo)
 
 
 def profile_minutes(minutes: PartHistograms) -> MinuteProfile:

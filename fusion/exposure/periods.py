@@ -8,10 +8,11 @@ one).
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime, time, timedelta
+from datetime import datetime, time, timedelta
 from itertools import pairwise
 
 from fusion.caveats import Caveat
+from fusion.clocks import find_instants, measure_us
 from fusion.diary import KINDS, DiaryEntry, Kind, parse_clock, refuse_slips
 from fusion.errors import UnusableDiary
 from fusion.recording import MICROSECONDS, QualityFlag, Span, flag_stretches
@@ -64,8 +65,9 @@ class Piece:
 def place_diary(entries: Sequence[DiaryEntry], start: datetime | None, duration_us: int) -> Placed:
     """Place the rows of a diary on a recording that starts at ``start`` and lasts ``duration_us``.
 
-    A clock time without a date gets the day that puts it within the recording, or nearest to it. Rows are cut
-    at the ends of the recording. Rows wholly outside are ignored with a flag, unless all rows are.
+    A clock time without a date gets the day that puts it within the recording, or nearest to it. A time that
+    the zone has twice or never that day is refused, unless the row states its offset. Rows are cut at the
+    ends of the recording. Rows wholly outside are ignored with a flag, unless all rows are.
 
     Raises UnusableDiary: with the line and the reason, if a row cannot be placed.
     """
@@ -115,6 +117,11 @@ def find_diary_poses(
     )
     placed = (place_diary([pose], start, duration_us).periods[0] for pose in poses)
     return tuple((held.start_us / MICROSECONDS, held.end_us / MICROSECONDS) for held in placed)
+
+
+def drop_poses(diary: Sequence[DiaryEntry]) -> tuple[DiaryEntry, ...]:
+    """Return the rows that divide the day."""
+    return tuple(entry for entry in diary if entry.kind != "pose")
 
 
 def _flag_overlaps(periods: Sequence[Period]) -> tuple[QualityFlag, ...]:
@@ -182,22 +189,40 @@ def place_moment(moment: float | str, line: int, start: datetime | None, duratio
         dated = datetime.fromisoformat(moment)
         if dated.tzinfo is not None and start.tzinfo is None:
             raise UnusableDiary(line=line, why="zone", cure="zone", value=dated.isoformat())
-        return _measure_from(start, dated if dated.tzinfo else dated.replace(tzinfo=start.tzinfo))
+        return _measure_from(start, dated, line)
     hour = time.fromisoformat(moment)
     days = range(-1, duration_us // (86400 * MICROSECONDS) + 3)
-    dates = [start.date() + timedelta(days=day) for day in days]
-    places = [_measure_from(start, datetime.combine(on, hour, tzinfo=start.tzinfo)) for on in dates]
-    nearest = sorted(places, key=lambda place_us: max(-place_us, place_us - duration_us, 0))
-    if 0 <= nearest[0] < duration_us and 0 <= nearest[1] < duration_us:
+    dates = [datetime.combine(start.date() + timedelta(days=day), hour) for day in days]
+
+    def measure_outside_us(on: datetime) -> int:
+        places = _list_places(start, on) or [measure_us(start.replace(tzinfo=None), on)]
+        return min(max(-place_us, place_us - duration_us, 0) for place_us in places)
+
+    first, second = sorted(dates, key=measure_outside_us)[:2]
+    place_us = _measure_from(start, first, line)
+    if 0 <= place_us < duration_us and any(0 <= one < duration_us for one in _list_places(start, second)):
         raise UnusableDiary(line=line, why="which day", cure="date", value=moment)
-    return nearest[0]
+    return place_us
 
 
-def _measure_from(start: datetime, moment: datetime) -> int:
-    """Return the true time since ``start``, across clock changes if the clock has a zone."""
-    if start.tzinfo is not None:
-        start, moment = start.astimezone(UTC), moment.astimezone(UTC)
-    return (moment - start) // timedelta(microseconds=1)
+def _measure_from(start: datetime, moment: datetime, line: int) -> int:
+    """Return the true time since ``start``, across clock changes if the clock has a zone.
+
+    Raises UnusableDiary: the zone has this time twice or never that day.
+    """
+    places = _list_places(start, moment)
+    if len(places) != 1:
+        why, cure = ("twice", "offset") if places else ("never", "never")
+        raise UnusableDiary(line=line, why=why, cure=cure, value=f"{moment:%Y-%m-%d %H:%M:%S}")
+    return places[0]
+
+
+def _list_places(start: datetime, moment: datetime) -> list[int]:
+    """Return when a clock shows a time, in microseconds since ``start``: in a zone also twice or never."""
+    instants: Sequence[datetime] = (moment,)
+    if start.tzinfo is not None and moment.tzinfo is None:
+        instants = find_instants(moment, start.tzinfo)
+    return [measure_us(start, one) for one in instants]
 
 
 def _refuse_overlap(periods: Sequence[Period]) -> None:

@@ -15,11 +15,13 @@ from datetime import UTC, datetime, timedelta, timezone
 from functools import partial
 from itertools import pairwise
 from typing import Any
+from zoneinfo import ZoneInfo
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
+from fusion.clocks import format_offset, parse_offset_s
 from fusion.errors import DamagedFile, MissingMember, NoGyroscope, NoSamples, UnknownColumns, UnusableShift
 from fusion.numba_kernels import njit
 from fusion.readers.samples import SampleColumns
@@ -35,15 +37,7 @@ from fusion.readers.source import (
     read_text,
     scan_pieces,
 )
-from fusion.readers.time.clock import (
-    find_zone,
-    flag_drift,
-    follow_zone,
-    format_offset,
-    hash_serial,
-    parse_offset_s,
-    trust_clock,
-)
+from fusion.readers.time.clock import find_zone, flag_drift, flag_zone_changes, hash_serial, trust_clock
 from fusion.readers.time.window import ShiftWindow
 from fusion.recording import (
     MICROSECONDS,
@@ -693,7 +687,8 @@ def measure_extent(source: Source) -> tuple[datetime | None, int]:
     log.refuse_unusable()
     first_unix_s = int(log.seconds().unix_s[0])
     duration_s = log.scan.last_unix_s + 1 - first_unix_s
-    start, _ = trust_clock(_read_clock(text, log.events, first_unix_s, duration_s)[0])
+    zone = find_zone(log.events.zone_name) if log.events.counts_utc else None
+    start, _ = trust_clock(_find_clock(text, log.events, first_unix_s, zone))
     return start, duration_s * MICROSECONDS
 
 
@@ -996,14 +991,15 @@ def build_recording(text: DeviceText, log: DeviceLog, timeline: Timeline) -> Rec
     segments = tuple(_make_segment(log.columns, timeline.seconds, run) for run in timeline.runs)
     excluded, asides = find_exclusions(log, timeline)
     duration_us = max([segments[-1].end_us, *(span.end_us for span in excluded)])
-    moment, changes = _find_clock(text, log, timeline)
-    start, unset = trust_clock(moment)
+    zone = find_zone(log.events.zone_name) if log.events.counts_utc else None
+    start, unset = trust_clock(_find_clock(text, log.events, int(timeline.seconds.unix_s[0]), zone))
+    changes = flag_zone_changes(start, duration_us) if zone and start else ()
     decoder = log.decoder
     return Recording(
         device="gt9x",
         sha256="",
         start=start,
-        time_zone=None if text.offset_s is None else format_offset(text.offset_s),
+        time_zone=zone.key if zone else None if text.offset_s is None else format_offset(text.offset_s),
         duration_us=duration_us,
         segments=segments,
         excluded=excluded,
@@ -1025,27 +1021,19 @@ def build_recording(text: DeviceText, log: DeviceLog, timeline: Timeline) -> Rec
     )
 
 
-def _find_clock(
-    text: DeviceText, log: DeviceLog, timeline: Timeline
-) -> tuple[datetime, tuple[QualityFlag, ...]]:
-    """Find the clock at the first sample, in the file's zone where it counts UTC and names one."""
-    return _read_clock(text, log.events, int(timeline.seconds.unix_s[0]), timeline.runs[-1].end_s)
-
-
-def _read_clock(
-    text: DeviceText, events: DeviceEvents, first_unix_s: int, duration_s: int
-) -> tuple[datetime, tuple[QualityFlag, ...]]:
-    zone = find_zone(events.zone_name) if events.counts_utc else None
+def _find_clock(text: DeviceText, events: DeviceEvents, first_unix_s: int, zone: ZoneInfo | None) -> datetime:
+    """Find the clock at the first sample, in the zone that the file names if it counts UTC."""
     if zone is None:
-        return find_start(first_unix_s, text.offset_s, counts_utc=events.counts_utc), ()
-    return follow_zone(first_unix_s, duration_s, zone)
+        return find_start(first_unix_s, text.offset_s, counts_utc=events.counts_utc)
+    return datetime.fromtimestamp(first_unix_s, zone)
 
 
 def _find_window(
     text: DeviceText, window: ShiftWindow, first_unix_s: int, events: DeviceEvents
 ) -> tuple[int, int] | None:
     """Return the stamps of a window (first, stop); None if the clock was never set."""
-    start, _ = trust_clock(_read_clock(text, events, first_unix_s, 0)[0])
+    zone = find_zone(events.zone_name) if events.counts_utc else None
+    start, _ = trust_clock(_find_clock(text, events, first_unix_s, zone))
     if start is None:
         return None
     first_us, stop_us = window.place(start)

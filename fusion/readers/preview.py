@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from fusion.caveats import Caveat
 from fusion.checks.physics import GyroModel, cut_windows, judge_frame, measure_miss, measure_scale
 from fusion.checks.summary import find_rests
+from fusion.clocks import format_offset
 from fusion.conventions import is_sidecar
 from fusion.errors import EmptyFile, FusionError, NoGyroscope, UnknownFormat
 from fusion.readers import cwa, gt3x, read_recording
@@ -21,7 +22,6 @@ from fusion.readers.archive import PHYPHOX_FOLDER, TABLES, find_recordings
 from fusion.readers.cwa import HEADER_BYTES, parse_header
 from fusion.readers.gt3x import find_start, order_seconds, parse_device_text
 from fusion.readers.source import GZIP_MAGIC, MAX_TEXT_BYTES, ZIP_MAGIC
-from fusion.readers.time.clock import format_offset
 from fusion.recording import MICROSECONDS, Recording, Span, find_missing
 
 # Figures by which the maker of a logger sees whether axes, scales and clock of a recording are right.

@@ -39,6 +39,7 @@ from app.report.words.wording import Language, Words, fill, load_wording
 from app.request import ReportRequest
 from app.services import Services
 from fusion import errors
+from fusion.clocks import format_clock_offset
 from fusion.conventions import METHOD_VERSION
 from fusion.exposure.periods import place_diary
 from fusion.recording import MICROSECONDS
@@ -250,6 +251,8 @@ def build_settings(job: Job, clock: DayClock | None, language: Language) -> tupl
         "windows": format_windows(request.calibration_windows_s, clock, language) or str(unstated),
         "slips": format_times(request.slip_times_s, clock, language) or words["no_slip"],
         "no_slips": format_times(request.no_slip_times_s, clock, language),
+        "time_zone": request.time_zone,
+        "clock_offset": format_clock_offset(request.clock_offset_s),
         "columns": format_columns(request.profile, language) if request.profile else "",
         "periods": _format_periods(job, clock, language) or words["none"],
         "shift": request.shift.replace("T", " ").replace("/", " – "),

@@ -12,6 +12,7 @@ import json
 import re
 from collections.abc import Mapping
 from dataclasses import asdict
+from datetime import datetime
 from functools import cache
 from itertools import starmap
 from math import inf, nan
@@ -41,6 +42,7 @@ from app.report.findings import Findings, FinishedAnalysis, ReportSubject, Softw
 from app.report.words.numbers import Clock
 from app.request import Conclusion
 from fusion.caveats import Caveat
+from fusion.clocks import in_zone
 from fusion.comparison.levels import ComparedLevel, combine_days
 from fusion.conventions import CONVENTIONS
 from fusion.exposure.types import ElevationBin, Exposure, Interval, PartExposure, TimeAbove
@@ -75,6 +77,7 @@ def build_results(findings: Findings, subject: ReportSubject) -> dict[str, objec
             "serial_hash": recording.serial_hash,
             "start": recording.start.isoformat() if recording.start else None,
             "time_zone": recording.time_zone,
+            "clock_offset_s": recording.clock_offset_s,
             "rate_hz": recording.rate_hz,
             "duration_s": recording.duration_us / MICROSECONDS,
             "shift": subject.shift or None,
@@ -151,6 +154,8 @@ def identify_report(settings: AnalysisSettings, findings: Findings, subject: Rep
         said |= {"arm_axis": settings.arm_axis, "slip_times_s": settings.slip_times_s}
     if settings.no_slip_times_s or settings.pose_held:
         said |= {"no_slip_times_s": settings.no_slip_times_s, "pose_held": settings.pose_held}
+    if settings.time_zone or settings.clock_offset_s:
+        said |= {"time_zone": settings.time_zone, "clock_offset_s": settings.clock_offset_s}
     if findings.recording.reader:
         said["reader"] = findings.recording.reader
     if subject.columns:
@@ -362,7 +367,9 @@ def decode_results(content: bytes) -> FinishedAnalysis:
 
 def _read_findings(results: Mapping[str, Any]) -> dict[str, Any]:
     recording, time, reader = results["recording"], results["time"], results["software"]["reader"]
+    start = datetime.fromisoformat(recording["start"]) if recording["start"] else None
     timed = {
+        "start": in_zone(start, recording["time_zone"]),
         "duration_us": _count_us(recording["duration_s"]),
         "reader": (reader["name"], reader["version"]) if reader else None,
     }

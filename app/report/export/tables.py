@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from datetime import datetime
 from typing import Any, Literal
 
 from app.report.figures import (
@@ -21,6 +22,7 @@ from app.report.figures import (
 )
 from app.report.words.messages import Fact, describe_problem
 from app.report.words.wording import LANGUAGES, Language, load_wording
+from fusion.clocks import format_offset
 
 # CSV, safe to open in a spreadsheet.
 
@@ -123,11 +125,25 @@ def build_problem_row(origin: Origin, code: str, facts: Mapping[str, Fact], lang
 def summarise_results(results: Results) -> Row:
     """Return the row of one analysed recording."""
     shown = read_figures(results)
+    shown["start"], shown["utc_offset"] = split_offset(shown["start"])
     for suffix in ("", "_pose"):
         shown |= _name_ends(read_ranges(results, suffix), suffix)
     shown["warnings"] = " ".join(warning["code"] for warning in results["quality"]["warnings"])
     shown |= {place: find_place(results, place) for place in ("path", "folder")}
     return {column.name: shown.get(column.name) for column in SUMMARY}
+
+
+def split_offset(moment: Cell) -> tuple[Cell, str | None]:
+    """Return a time in ISO 8601 as local time without an offset, and "UTC-05:00", None if unknown.
+
+    All rows of a table therefore have one form, whether or not their recordings state an offset.
+    """
+    if not isinstance(moment, str) or moment.startswith("P"):  # a time from the first sample: "PT90S"
+        return moment, None
+    found = datetime.fromisoformat(moment)
+    offset = found.utcoffset()
+    shown = None if offset is None else format_offset(round(offset.total_seconds()))
+    return found.replace(tzinfo=None).isoformat(), shown
 
 
 def summarise_failure(origin: Origin, code: str) -> Row:

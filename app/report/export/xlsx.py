@@ -14,6 +14,7 @@ from app.report.export.tables import (
     describe_dictionary,
     describe_periods,
     find_place,
+    split_offset,
     summarise_results,
 )
 from app.report.figures import SUMMARY, Results
@@ -33,7 +34,11 @@ def encode_workbook(every: Sequence[Results]) -> bytes:
     """
     bins = (_name(one) | part for one in every for part in one["exposure"]["bins"])
     periods = (row for one in every for row in describe_periods(one))
-    warnings = (flag | _name(one) for one in every for flag in one["quality"]["warnings"])
+    warnings = (
+        flag | _name(one) | {place: split_offset(flag[place])[0] for place in ("first", "last")}
+        for one in every
+        for flag in one["quality"]["warnings"]
+    )
     sheets = (
         ("summary", [column.name for column in SUMMARY], map(summarise_results, every)),
         ("bins", _BINS, bins),

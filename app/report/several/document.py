@@ -8,7 +8,7 @@ from math import inf
 from statistics import fmean
 from typing import Any
 
-from app.report.export.tables import encode_table
+from app.report.export.tables import encode_table, split_offset
 from app.report.figures import round_all
 from app.report.pairs import describe_source, name_method
 from app.report.several.levels import compare_arms, compare_group, describe_levels
@@ -226,14 +226,18 @@ _DAY_COLUMNS = (
     *("subject", "side", "stage", "start", "file_name", "sha256", "report_id", "device", "method", "pose"),
     *("verdict", "analysed_s", "left_out"),
     *FIGURES,
+    "utc_offset",
 )
 _OVERLAY_COLUMNS = ("subject", "side", "stage", "clock", "days", *(f"p{p}_deg" for p in PERCENTS))
 
 
 def encode_day_table(studied: StudiedDays) -> bytes:
-    """Encode ``profile.csv``: a row for each day."""
+    """Encode ``profile.csv``: a row for each day; its start is local time, its offset from UTC is apart."""
     rows = (
-        round_all({**shown, **shown["figures"], "subject": arm.subject, "stage": arm.stage})
+        round_all(
+            {**shown, **shown["figures"], "subject": arm.subject, "stage": arm.stage}
+            | dict(zip(("start", "utc_offset"), split_offset(shown["start"]), strict=True))
+        )
         for arm in studied.arms
         for shown in map(_describe_day, arm.days)
     )

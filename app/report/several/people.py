@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime, timedelta
+from datetime import datetime
 from itertools import pairwise
 from statistics import fmean
 from typing import Literal
@@ -14,6 +14,7 @@ from app.errors import CannotProfile
 from app.report.findings import FinishedAnalysis
 from app.report.pairs import OnePerson, has_mixed_methods, identify_hours, judge_person, name_pose, read_code
 from app.report.words.wording import clean_text
+from fusion.clocks import read_clock
 from fusion.comparison.change import WHOLE_DAY_S
 from fusion.comparison.days import ClockBand
 from fusion.conventions import FEWEST_PEOPLE
@@ -54,8 +55,8 @@ class MeasuredDay:
     @property
     def end(self) -> datetime | None:
         """End by its clock."""
-        lasted = timedelta(microseconds=self.kept.findings.recording.duration_us)
-        return self.start + lasted if self.start else None
+        start, duration_us = self.kept.findings.recording.start, self.kept.findings.recording.duration_us
+        return read_clock(start, duration_us).replace(tzinfo=None) if start else None
 
     @property
     def left_out(self) -> LeftOut | None:

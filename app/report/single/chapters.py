@@ -58,6 +58,7 @@ from app.report.words.wording import (
     join_clauses,
 )
 from fusion.caveats import Caveat
+from fusion.clocks import format_clock_offset
 from fusion.comparison.change import STATEMENTS, Reference, compare_with_references
 from fusion.conventions import CONVENTIONS, MAIN_THRESHOLD_DEG, UNHELD
 from fusion.exposure.types import (
@@ -712,7 +713,9 @@ def _build_provenance(context: Context) -> Section:
     rate, start = format_number(recording.rate_hz, 3, context.language), unknown
     if recording.start:
         start = format_moment(recording.start, context.language, with_seconds=True)
-    reading = []  # how the file was read, if not by our reader and its header
+    reading = []  # how the file was read, if not by our reader and its header, and a corrected clock
+    if recording.clock_offset_s:
+        reading.append(Pair(entry["clock_offset"], format_clock_offset(recording.clock_offset_s)))
     if recording.reader:
         reading.append(Pair(entry["reader"], clean_text(" ".join(recording.reader))))
     if subject.columns:

@@ -7,11 +7,12 @@ All languages group thousands with a narrow no-break space and put a no-break sp
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, date, datetime, timedelta
+from datetime import date, datetime
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from app.report.words.wording import Language, fill, is_french, load_wording
+from fusion.clocks import read_clock
 
 if TYPE_CHECKING:
     from fusion.exposure.types import Interval  # the page uses this module without ``fusion``
@@ -198,14 +199,11 @@ class Clock:
     def at(self, elapsed_s: float) -> datetime | None:
         """Return the clock time in the zone of the recording; None without a clock.
 
-        Daylight saving is applied in files with UTC timestamps; a device clock keeps counting.
+        It follows the changes of a known zone; a device clock without a zone keeps counting.
         """
         if self.start is None:
             return None
-        passed = timedelta(microseconds=round(elapsed_s * 1e6))
-        if self.start.tzinfo is None:
-            return self.start + passed
-        return (self.start.astimezone(UTC) + passed).astimezone(self.start.tzinfo)
+        return read_clock(self.start, round(elapsed_s * 1e6))
 
     def format(self, elapsed_s: float, *, with_seconds: bool = False) -> str:
         """Format the time: "10:42", "10:42 on 3 March", or "2:44:00" since the first sample."""

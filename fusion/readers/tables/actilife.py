@@ -9,6 +9,7 @@ last value forward where records were missing; such runs of equal rows are taken
 import re
 from datetime import datetime
 
+from fusion.clocks import parse_offset_s
 from fusion.errors import EpochFile, NoGyroscope, NoSamples, UnknownColumns
 from fusion.readers.source import Source
 from fusion.readers.tables.columns import choose_vector, name_missing
@@ -22,7 +23,7 @@ from fusion.readers.tables.rows import (
     find_clock,
     read_table,
 )
-from fusion.readers.time.clock import flag_drift, hash_serial, parse_offset_s
+from fusion.readers.time.clock import flag_drift, hash_serial
 from fusion.readers.time.grid import cut_counted, cut_stamped
 from fusion.recording import MICROSECONDS, Recording, Stated
 

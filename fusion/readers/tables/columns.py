@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
+from fusion.clocks import is_clock_set
 from fusion.errors import UnknownRate, UnknownUnit, UnusableTime
 from fusion.readers.samples import SampleColumns
-from fusion.readers.time.clock import datetime_at_us, is_change_of_offset, is_clock_set
+from fusion.readers.time.clock import datetime_at_us, is_change_of_offset
 from fusion.readers.time.grid import FASTEST_HZ, SLOWEST_HZ
 from fusion.recording import (
     ACC_UNITS_G,

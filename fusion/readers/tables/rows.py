@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
+from fusion.clocks import format_offset, is_clock_set
 from fusion.errors import (
     CutByExcel,
     NoGravity,
@@ -61,7 +62,7 @@ from fusion.readers.tables.layout import (
     read_text_pieces,
     split_fields,
 )
-from fusion.readers.time.clock import datetime_at_us, format_offset, is_clock_set, trust_clock
+from fusion.readers.time.clock import datetime_at_us, trust_clock
 from fusion.readers.time.grid import Grid, repair_row_times
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, acc_scale_g, flag_counts, gyr_scale_dps
 

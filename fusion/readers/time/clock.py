@@ -1,19 +1,26 @@
 """The device's clock: whether it was set, its offset from UTC, its zone, the drift of its rate."""
 
 import hashlib
-import re
 from dataclasses import replace
-from datetime import UTC, datetime, timedelta, timezone
+from datetime import UTC, datetime, timedelta
 from functools import cache
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError, available_timezones
 
 from fusion.caveats import Caveat
+from fusion.clocks import (
+    correct_start,
+    find_time_zone,
+    format_clock_offset,
+    is_clock_set,
+    list_zone_changes,
+)
 from fusion.recording import MICROSECONDS, QualityFlag, Recording
 
 # Zones: the offset at the first sample, and whether it changes before the last.
 #
-# Only a file that counts UTC and names its zone is converted to that zone; a device's own wall clock never
-# is. For other files the zones of the world decide whether a step of the clock can be daylight saving.
+# Without a stated zone, only a file that counts UTC and names its zone is converted to that zone; a device's
+# own wall clock never is. For other files the zones of the world decide whether a step of the clock can be
+# daylight saving.
 
 WINDOWS_ZONES = {
     "Eastern Time (US": "America/Toronto",
@@ -41,25 +48,36 @@ def find_zone(display_name: str) -> ZoneInfo | None:
         return None
 
 
-def follow_zone(
-    first_unix_s: int, duration_s: int, zone: ZoneInfo
-) -> tuple[datetime, tuple[QualityFlag, ...]]:
-    """Return the start with the zone's offset then; flag a change of the offset before the end (W-DST)."""
+def set_clock(recording: Recording, time_zone: str = "", clock_offset_s: float = 0.0) -> Recording:
+    """Return the recording by the clock that a person states (:func:`fusion.clocks.correct_start`).
 
-    def read_offset(at_s: int) -> timedelta:
-        moment = datetime.fromtimestamp(first_unix_s + at_s, UTC).astimezone(zone)
-        return moment.utcoffset() or timedelta()
+    Samples and durations do not change. A second call with the same statements changes nothing. Adds
+    W-CLOCK-SET for a correction, and W-DST for each change of the zone.
+    """
+    time_zone, shift_s = time_zone or recording.time_zone or "", clock_offset_s - recording.clock_offset_s
+    if time_zone == (recording.time_zone or "") and not shift_s:
+        return recording
+    start = correct_start(recording.start, time_zone, shift_s)
+    if start is None:
+        return recording
+    flags = recording.flags
+    if find_time_zone(time_zone):
+        flags = tuple(flag for flag in flags if flag.code not in {Caveat.TZ, Caveat.UTC})
+    if all(flag.code != Caveat.DST for flag in flags):  # the reader has not found the change in the rows
+        flags += flag_zone_changes(start, recording.duration_us, zone=time_zone)
+    if clock_offset_s:
+        flags += (QualityFlag(Caveat.CLOCK_SET, facts={"offset": format_clock_offset(clock_offset_s)}),)
+    return replace(
+        recording, start=start, time_zone=time_zone or None, flags=flags, clock_offset_s=clock_offset_s
+    )
 
-    before, after = read_offset(0), read_offset(duration_s)
-    start = datetime.fromtimestamp(first_unix_s, UTC).astimezone(timezone(before))
-    if before == after:
-        return start, ()
-    low, high = 0, duration_s
-    while high - low > 1:  # halve the recording until the second of the change is found
-        middle = (low + high) // 2
-        low, high = (middle, high) if read_offset(middle) == before else (low, middle)
-    step_s = round((after - before).total_seconds())
-    return start, (QualityFlag(Caveat.DST, 1, 0.0, float(high), float(high), {"step_s": step_s}),)
+
+def flag_zone_changes(start: datetime, duration_us: int, **facts: str) -> tuple[QualityFlag, ...]:
+    """Flag each change of the zone during the recording (W-DST)."""
+    return tuple(
+        QualityFlag(Caveat.DST, 1, 0.0, at_s, at_s, {"step_s": step_s, **facts})
+        for at_s, step_s in list_zone_changes(start, duration_us)
+    )
 
 
 @cache
@@ -90,16 +108,9 @@ def is_change_of_wall_clock(reading: datetime, step_s: int) -> bool:
     return any(measure_step_s(zone) == step_s for zone in load_zones())
 
 
-FIRST_PLAUSIBLE_YEAR = 2008
-LAST_PLAUSIBLE_YEAR = 2060
 DAY_US = 86_400 * MICROSECONDS
 LARGEST_DRIFT = 0.005
 """A rate further than this from the nominal one, as a share of it, is flagged."""
-
-
-def is_clock_set(start: datetime) -> bool:
-    """Return whether the year is plausible for a recording, so the clock was set."""
-    return FIRST_PLAUSIBLE_YEAR <= start.year <= LAST_PLAUSIBLE_YEAR
 
 
 def trust_clock(start: datetime | None) -> tuple[datetime | None, tuple[QualityFlag, ...]]:
@@ -129,25 +140,6 @@ def flag_drift(nominal_hz: float, true_hz: float) -> tuple[QualityFlag, ...]:
     if nominal_hz and abs(true_hz / nominal_hz - 1.0) <= LARGEST_DRIFT:
         return ()
     return (QualityFlag(Caveat.DRIFT, facts={"nominal_hz": nominal_hz, "rate_hz": round(true_hz, 3)}),)
-
-
-def parse_offset_s(text: str) -> int | None:
-    """Seconds east of UTC from `-05:00:00` or `02:00:00`; None if it is not an offset."""
-    found = re.fullmatch(r"([-+]?)(\d{1,2}):(\d{2})(?::(\d{2}))?", text.strip())
-    if found is None:
-        return None
-    sign, hours, minutes, seconds = found.groups()
-    offset_s = int(hours) * 3600 + int(minutes) * 60 + int(seconds or 0)
-    if offset_s > 14 * 3600:
-        return None
-    return -offset_s if sign == "-" else offset_s
-
-
-def format_offset(offset_s: int) -> str:
-    """Seconds east of UTC as `UTC-05:00`."""
-    sign = "-" if offset_s < 0 else "+"
-    hours, minutes = divmod(abs(offset_s) // 60, 60)
-    return f"UTC{sign}{hours:02d}:{minutes:02d}"
 
 
 def flag_days(recording: Recording) -> Recording:

@@ -7,6 +7,7 @@ from datetime import datetime, timedelta
 
 from fusion.caveats import Caveat
 from fusion.checks.faults import cut_rows
+from fusion.clocks import measure_us
 from fusion.errors import UnusableJoin
 from fusion.readers.time.clock import flag_days, is_change_of_offset
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Span, flag_spans
@@ -31,7 +32,7 @@ def join_recordings(recordings: Sequence[Recording]) -> Recording:
     starts = [_start_of(recording) for recording in ordered]
     joined = ordered[0]
     for recording, start in zip(ordered[1:], starts[1:], strict=True):
-        offset_us = round((start - starts[0]) / timedelta(microseconds=1))
+        offset_us = measure_us(starts[0], start)
         joined = _append(joined, recording, offset_us)
         joined = replace(joined, flags=(*joined.flags, *_flag_change(starts[0], start, offset_us)))
     repeated = len(recordings) - len(ordered)
@@ -55,7 +56,8 @@ def _order(recordings: Sequence[Recording]) -> list[Recording]:
         raise UnusableJoin(why="devices")
     if len({_start_of(recording).tzinfo is None for recording in single}) > 1:
         raise UnusableJoin(why="clock")
-    return sorted(single, key=_start_of)
+    first = _start_of(single[0])
+    return sorted(single, key=lambda recording: measure_us(first, _start_of(recording)))
 
 
 def _start_of(recording: Recording) -> datetime:

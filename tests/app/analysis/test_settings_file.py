@@ -34,6 +34,8 @@ REQUESTS = st.builds(
     no_slip_times_s=st.lists(st.sampled_from([0.0, 3600.5]), max_size=2).map(tuple),
     pose_held=st.sampled_from([None, "start", "no"]),
     rate_hz=st.none() | st.floats(1, 10_000),
+    time_zone=st.sampled_from(["", "Europe/Paris", "UTC-05:00"]),
+    clock_offset_s=st.sampled_from([0.0, -3720.0, 1.5]),
     languages=st.sampled_from([("en",), ("fr",)]),
     kinds=st.sampled_from([("html",), ("pdf",), ("html", "pdf")]),
     paper=st.sampled_from(["a4", "letter"]),

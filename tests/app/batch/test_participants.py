@@ -48,6 +48,10 @@ def make_task(path: str) -> Task:
             {"arm_axis": "-y", "slip_times_s": (3600.0, 7200.5), "no_slip_times_s": (60.0,)},
         ),
         ("file,pose_held\na,start\n", {"pose_held": "start"}),
+        (
+            "file,time_zone,clock_offset\na,Europe/Paris,-1h02m\n",
+            {"time_zone": "Europe/Paris", "clock_offset_s": -3720.0},
+        ),
         ("fichier;pose tenue\na;début\n", {"pose_held": "start"}),
         ("file,subject,side\na.gt3x,,\n", {}),
         *(  # words for a missing value are no codes

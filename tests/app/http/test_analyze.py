@@ -62,6 +62,8 @@ def test_every_wish_reaches_the_job(client: TestClient, store: JobStore) -> None
         "rate_hz": "100",
         "lang": "fr",
         "sensor": "arm",
+        "time_zone": "europe/paris",
+        "clock_offset": "-1h02m",
     }
 
     request = store.get(client.post(URL, content=b"x", params=wishes).json()["id"]).request
@@ -74,6 +76,7 @@ def test_every_wish_reaches_the_job(client: TestClient, store: JobStore) -> None
     assert (request.pose_held, request.slip_times_s) == ("no", (3600.0,))
     assert request.no_slip_times_s == (60.0, 7200.0)
     assert request.shift == "2026-03-02T07:00:00/2026-03-02T15:30:00"
+    assert (request.time_zone, request.clock_offset_s) == ("Europe/Paris", -3720.0)
 
 
 @pytest.mark.parametrize(
@@ -89,6 +92,8 @@ def test_every_wish_reaches_the_job(client: TestClient, store: JobStore) -> None
         ("pose_held", "end"),
         ("shift", "07:00-15:30"),
         ("shift", "2026-03-02T15:30/2026-03-02T07:00"),
+        ("time_zone", "Paris"),
+        ("clock_offset", "an hour"),
         ("lang", "it"),
         ("subject", "x" * 101),
         ("subject", "a\nb"),

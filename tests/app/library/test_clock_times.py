@@ -25,6 +25,10 @@ START = datetime(2026, 3, 2, 22, tzinfo=timezone(timedelta(hours=-5)))
 NIGHT = DayClock(START, 8 * 3600 * 1_000_000)
 TWO_DAYS = DayClock(START, 48 * 3600 * 1_000_000)
 WITHOUT = DayClock(None, 3600 * 1_000_000)
+SPRING, AUTUMN = (  # the clocks of Paris change 4 h and 5 h after the first sample
+    DayClock.of({"start": start, "time_zone": "Europe/Paris", "duration_us": 10 * 3600 * 1_000_000})
+    for start in ("2026-03-28T22:00:00+01:00", "2026-10-24T22:00:00+02:00")
+)
 FORM = {"pose": ["n-pose"], "side": ["left"], "subject": ["S012"]}
 
 
@@ -35,6 +39,71 @@ def test_a_moment_that_was_written_is_read_again(hundredths: int) -> None:
 
     for clock in (NIGHT, TWO_DAYS, WITHOUT):
         assert clock.read(clock.format(second), "window") == pytest.approx(second, abs=0.006)
+
+
+@pytest.mark.parametrize(
+    ("clock", "elapsed_h", "field", "shown"),
+    [
+        (SPRING, 4.0, "03:00:00", "03:00:00"),
+        (SPRING, 8.0, "07:00:00", "07:00:00"),
+        (AUTUMN, 4.5, "2026-10-25 02:30:00+02:00", "02:30:00"),
+        (AUTUMN, 5.5, "2026-10-25 02:30:00+01:00", "02:30:00"),
+        (AUTUMN, 6.0, "03:00:00", "03:00:00"),
+    ],
+)
+def test_moments_after_a_change_of_the_zone_follow_it(
+    clock: DayClock, elapsed_h: float, field: str, shown: str
+) -> None:
+    assert (clock.format(elapsed_h * 3600), clock.show(elapsed_h * 3600, "en")) == (field, shown)
+    assert clock.read(field, "window") == elapsed_h * 3600
+
+
+def test_a_moment_that_the_zone_shows_twice_is_refused_with_both_readings() -> None:
+    with pytest.raises(BadParameter) as refusal:
+        AUTUMN.read("02:30", "window")
+
+    assert refusal.value.facts["allowed"] == "2026-10-25 02:30:00+02:00, 2026-10-25 02:30:00+01:00"
+
+
+def test_the_timeline_is_told_the_changes_of_the_zone() -> None:
+    assert (SPRING.changes, AUTUMN.changes) == ([(14_400.0, 3600)], [(18_000.0, -3600)])
+    assert (NIGHT.changes, WITHOUT.changes) == ([], [])
+
+
+def test_the_form_states_the_zone_and_the_correction_of_the_clock() -> None:
+    stated = FORM | {"time_zone": ["europe/paris"], "clock_offset": ["-1h02m"]}
+
+    request = correct_request(ReportRequest("a.gt3x"), stated, NIGHT)
+
+    assert (request.time_zone, request.clock_offset_s) == ("Europe/Paris", -3720.0)
+    emptied = correct_request(request, FORM | {"time_zone": [""], "clock_offset": [""]}, NIGHT)
+    assert (emptied.time_zone, emptied.clock_offset_s) == ("", 0.0)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "allowed"),
+    [("time_zone", "Paris", "Europe/Paris"), ("clock_offset", "an hour", "-1h02m, -1:02:00, -3720 (s)")],
+)
+def test_a_clock_that_the_form_cannot_state_is_refused_with_what_it_can(
+    field: str, value: str, allowed: str
+) -> None:
+    with pytest.raises(BadParameter) as refusal:
+        correct_request(
+            ReportRequest("a.gt3x"),
+            FORM | {"time_zone": [""], "clock_offset": [""]} | {field: [value]},
+            NIGHT,
+        )
+
+    assert (refusal.value.facts["name"], refusal.value.facts["allowed"]) == (field, allowed)
+
+
+def test_periods_keep_their_clock_time_when_the_clock_is_corrected() -> None:
+    rows = {"start": ["21:30"], "end": ["22:30"], "kind": ["task"], "label": [""]}
+    stated = {"time_zone": [""], "clock_offset": ["-1:02:00"]}
+
+    request = correct_request(ReportRequest("a.gt3x"), FORM | rows | stated, NIGHT)
+
+    assert [(row.start, row.end) for row in request.diary] == [("21:30:00", "22:30:00")]
 
 
 def test_after_midnight_an_hour_is_of_the_next_day() -> None:

@@ -5,6 +5,7 @@ from dataclasses import replace
 from datetime import datetime
 from math import inf
 from typing import Any
+from zoneinfo import ZoneInfo
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from app.report.findings import (
     Software,
     StillFacts,
 )
+from app.report.words.numbers import Clock
 from app.request import Conclusion
 from fusion.diary import read_diary
 from fusion.exposure.periods import place_diary
@@ -61,6 +63,7 @@ def test_the_recording(results: dict[str, Any]) -> None:
         "serial_hash": "3f2a9c01b7de",
         "start": "2026-03-03T07:58:12-05:00",
         "time_zone": "UTC-05:00",
+        "clock_offset_s": 0.0,
         "rate_hz": 100.0,
         "duration_s": 28740.0,
         "shift": None,
@@ -354,3 +357,32 @@ def test_a_proposal_is_a_row_of_a_diary() -> None:
 
     (period,) = place_diary(diary, None, 3_600_000_000).periods
     assert (period.start_us, period.end_us, period.reason) == (600_000_000, 1_500_000_000, "not-worn")
+
+
+def test_stored_results_follow_the_zone_of_their_start() -> None:
+    """Paris: 28 March 22:00 and 8 h of true time are 07:00 on the clock."""
+    start = datetime(2026, 3, 28, 22, tzinfo=ZoneInfo("Europe/Paris"))
+    findings = make_analysis(start=start)
+    recording = replace(findings.recording, time_zone="Europe/Paris", clock_offset_s=-3720.0)
+
+    content = encode_results(replace(findings, recording=recording), make_subject())
+    kept = decode_results(content).findings.recording
+
+    assert json.loads(content)["recording"]["start"] == "2026-03-28T22:00:00+01:00"
+    assert Clock(kept.start).format(8 * 3600.0) == "07:00"
+    assert (kept.time_zone, kept.clock_offset_s) == ("Europe/Paris", -3720.0)
+
+
+def test_a_stated_clock_changes_the_id_of_a_report() -> None:
+    findings, subject = make_analysis(), make_subject()
+
+    ids = {
+        identify_report(settings, findings, subject)
+        for settings in (
+            DEFAULT_SETTINGS,
+            AnalysisSettings(time_zone="Europe/Paris"),
+            AnalysisSettings(clock_offset_s=-3720.0),
+        )
+    }
+
+    assert len(ids) == 3

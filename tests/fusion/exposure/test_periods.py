@@ -213,7 +213,8 @@ def analyse_hours(
     angle = np.where((rows >= 120 * rate_hz) & (rows < 240 * rate_hz), 70, 10)
     kept = np.delete(rows, hole)
     lines = (f"{i / rate_hz:.6f},{angle[i]}\n" for i in kept)
-    return analyse_angles(io.BytesIO(f"time_s,elevation_deg\n{''.join(lines)}".encode()), diary=diary)
+    table = f"time_s,elevation_deg\n{''.join(lines)}".encode()
+    return analyse_angles(io.BytesIO(table), settings=AnalysisSettings(diary=diary))
 
 
 def parts_of(analysis: Analysis) -> dict[tuple[str, str], int]:

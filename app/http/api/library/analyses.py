@@ -220,7 +220,7 @@ def build_request(
     diary = row.diary
     if settings.periods is not None:
         diary = read_periods(settings.periods)
-        check_periods(diary, row.inspection)
+        check_periods(diary, row.inspection, request.time_zone, request.clock_offset_s)
     columns = (settings.profile or {}) | settings.columns
     profile = write_profile(columns) if columns else ""
     conclusion = settings.conclusion

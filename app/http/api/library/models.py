@@ -49,6 +49,7 @@ from app.request import (
 )
 from app.settings import Settings
 from fusion.caveats import Caveat
+from fusion.clocks import OFFSET_HINT, ZONE_HINT, correct_start, parse_clock_offset, parse_time_zone
 from fusion.conventions import AXIS_HINT, ArmAxis, MethodName, Pose, PoseHeld, Side, parse_arm_axis
 from fusion.diary import DiaryEntry, Kind, read_diary, refuse_slips, split_times
 from fusion.errors import UnusableDiary
@@ -129,17 +130,24 @@ def read_periods(rows: list[PeriodView]) -> tuple[DiaryEntry, ...]:
     return read_diary(text.getvalue().encode())
 
 
-def check_periods(diary: Sequence[DiaryEntry], found: Mapping[str, Any] | None) -> None:
+def check_periods(
+    diary: Sequence[DiaryEntry],
+    found: Mapping[str, Any] | None,
+    time_zone: str = "",
+    clock_offset_s: float = 0.0,
+) -> None:
     """Place the periods on the recording as the analysis will; ``found`` is the result of the inspection.
 
     Without an inspection (None), rows in seconds are compared with one another. Raises UnusableDiary if a row
-    ends before it starts, overlaps another or is outside of the recording.
+    ends before it starts, overlaps another or is outside of the recording, and UnusableClock if the stated
+    clock cannot be right.
     """
     if found is None:
         numbered = [e for e in diary if isinstance(e.start, float) and isinstance(e.end, float)]
         place_diary(numbered, None, MAX_DURATION_US)
         return
     start = datetime.fromisoformat(found["start"]) if found["start"] else None
+    start = correct_start(start, time_zone, clock_offset_s)
     duration_us = round(found["recorded_s"] * MICROSECONDS)
     if place_diary(diary, start, duration_us).flags:
         for entry, following in zip(diary, [*diary[1:], None], strict=True):
@@ -167,6 +175,13 @@ def parse_device_clock(text: str) -> str:
     if moment is not None and moment.tzinfo is not None:
         raise PydanticCustomError("value", "value", {"expected": CLOCK_HINT})
     return moment.isoformat() if moment else ""
+
+
+def check_clock_offset(text: str) -> str:
+    """Check a correction of the clock; the error contains a hint."""
+    if text:
+        _parse(parse_clock_offset, text, OFFSET_HINT)
+    return text
 
 
 def _parse(read: Callable[[str], T], text: str, hint: str) -> T:
@@ -231,6 +246,19 @@ class AnalysisOptions(BaseModel):
     rate_hz: Annotated[float | None, Field(ge=1, le=10_000, description="For files without timestamps.")] = (
         None
     )
+    time_zone: Annotated[
+        str,
+        Field(max_length=60, description="Zone of clock times, such as Europe/Paris; default: the file's."),
+        AfterValidator(lambda text: _parse(parse_time_zone, text, ZONE_HINT)),
+    ] = ""
+    clock_offset: Annotated[
+        str,
+        Field(
+            max_length=30,
+            description="Added to the device's clock, if it was wrong: -1h02m, -1:02:00 or -3720 (s).",
+        ),
+        AfterValidator(check_clock_offset),
+    ] = ""
     sensor: Annotated[
         str,
         Field(max_length=200, description="Which sensor of a table or archive of several is on the arm."),
@@ -278,6 +306,8 @@ class AnalysisOptions(BaseModel):
             pose_held=self.pose_held,
             shift=self.shift,
             rate_hz=self.rate_hz,
+            time_zone=self.time_zone,
+            clock_offset_s=parse_clock_offset(self.clock_offset) if self.clock_offset else 0.0,
             profile=write_profile(self.columns) if self.columns else "",
             languages=(first, find_other_language(first)),
             paper=self.paper or settings.paper,
@@ -429,7 +459,8 @@ SAME = (
 
 SETTINGS = (
     *("subject", "side", "method", "pose", "calibration_windows_s", "pose_held", "arm_axis"),
-    *("slip_times_s", "no_slip_times_s", "shift", "rate_hz", "source", "paper", "appendix"),
+    *("slip_times_s", "no_slip_times_s", "shift", "rate_hz", "time_zone", "clock_offset_s"),
+    *("source", "paper", "appendix"),
 )
 
 

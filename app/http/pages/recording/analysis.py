@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from datetime import date, datetime
+from datetime import date
 from typing import Annotated, Any
 from urllib.parse import urlencode
 
@@ -20,7 +20,7 @@ from app.http.middleware.guard import get_host_url
 from app.http.middleware.problems import Refusal
 from app.http.pages.pairs import build_offers
 from app.http.pages.recording.columns import find_offer
-from app.http.pages.recording.day import DayClock, build_day, build_hours, list_axes, load_day
+from app.http.pages.recording.day import DayClock, build_day, build_hours, list_axes, load_day, read_start
 from app.http.pages.recording.figures import FigureTable, build_figures
 from app.http.pages.recording.page_one import read_page_one
 from app.http.pages.rendering import Form, Page, UsedForm, UsedPage, add_navigation, first
@@ -61,6 +61,7 @@ from app.report.words.wording import (
 from app.request import LONGEST_CONCLUSION, LONGEST_SUBJECT, Conclusion, ConclusionDraft, ReportRequest
 from app.services import Services, choose_language, find_services
 from app.store.folder import StoredRecording, seems_intact
+from fusion.clocks import format_clock_offset
 from fusion.errors import SeveralSensors
 from fusion.pose.rules import WINDOW_FAULTS
 from fusion.recording import MICROSECONDS
@@ -134,6 +135,8 @@ def build_versions(
             "calibration_windows_s": format_windows(request.calibration_windows_s, clock, language),
             "slip_times_s": format_times(request.slip_times_s, clock, language),
             "no_slip_times_s": format_times(request.no_slip_times_s, clock, language),
+            "time_zone": request.time_zone,
+            "clock_offset_s": format_clock_offset(request.clock_offset_s),
         }
         changes = ((str(changed.get(name, name)), times.get(name, "")) for name in request.changes)
         rows.append(
@@ -259,9 +262,8 @@ def get_clock(services: Services, history: History) -> DayClock | None:
             results = find_results(services, report)
             if results is None:
                 return None
-            start = results.get("recording", {}).get("start")
             duration_us = round(results["time"]["recorded_s"] * MICROSECONDS)
-            return DayClock(datetime.fromisoformat(start) if start else None, duration_us)
+            return DayClock(read_start(results["recording"]), duration_us)
     return None
 
 

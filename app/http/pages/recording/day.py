@@ -7,7 +7,7 @@ import csv
 import io
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from datetime import datetime, timedelta
+from datetime import datetime
 from itertools import zip_longest
 from typing import Annotated, Any, TypeVar, get_args
 
@@ -35,6 +35,16 @@ from app.report.words.wording import MAX_TEXT, Language, Words, fill, load_wordi
 from app.request import SUBJECT_HINT, ReportRequest, check_subject, find_window_hint
 from app.services import Services
 from app.store.day_file import DAY_NAME, DayFile, open_day
+from fusion.clocks import (
+    OFFSET_HINT,
+    find_instants,
+    format_clock_offset,
+    in_zone,
+    list_zone_changes,
+    parse_clock_offset,
+    parse_time_zone,
+    read_clock,
+)
 from fusion.conventions import (
     ARM_AXES,
     AXIS_HINT,
@@ -55,13 +65,15 @@ from fusion.recording import MICROSECONDS
 
 
 DAY_S = 86400.0
+AROUND_S = 7200
+"""No change of a zone repeats or omits more of the clock."""
 SHOWN_US = 10_000
 """Times are shown in hundredths of a second, so a typed time may be outside the recording by this much."""
 
 
 @dataclass(frozen=True, slots=True)
 class DayClock:
-    """The start and duration of a recording."""
+    """The start and duration of a recording; times follow the changes of a known zone."""
 
     start: datetime | None
     duration_us: int
@@ -69,13 +81,21 @@ class DayClock:
     @classmethod
     def of(cls, facts: Mapping[str, Any]) -> "DayClock":
         """Build the clock from the facts of a day file."""
-        start = datetime.fromisoformat(facts["start"]) if facts["start"] else None
-        return cls(start, int(facts["duration_us"]))
+        return cls(read_start(facts), int(facts["duration_us"]))
 
     @property
     def duration_s(self) -> float:
         """Seconds from the first sample to the end."""
         return self.duration_us / MICROSECONDS
+
+    @property
+    def changes(self) -> list[tuple[float, int]]:
+        """The changes of the zone, also just outside: seconds from the first sample, and the step in s."""
+        if self.start is None:
+            return []
+        early = read_clock(self.start, -AROUND_S * MICROSECONDS)
+        found = list_zone_changes(early, self.duration_us + 2 * AROUND_S * MICROSECONDS)
+        return [(at_s - AROUND_S, step_s) for at_s, step_s in found]
 
     @property
     def needs_date(self) -> bool:
@@ -90,15 +110,22 @@ class DayClock:
         """Format a time for a field, so that :meth:`read` returns it, to a hundredth of a second."""
         if self.start is None:
             return f"{elapsed_s:.2f}".rstrip("0").rstrip(".")
-        moment = self.start + timedelta(seconds=round(elapsed_s, 2))
+        moment = read_clock(self.start, round(round(elapsed_s, 2) * MICROSECONDS))
         hundredths = f".{moment.microsecond // 10_000:02d}".rstrip("0").rstrip(".")
-        return moment.strftime("%Y-%m-%d %H:%M:%S" if self.needs_date else "%H:%M:%S") + hundredths
+        offset = moment.isoformat()[-6:] if self._is_repeated(moment) else ""
+        shown = "%Y-%m-%d %H:%M:%S" if self.needs_date or offset else "%H:%M:%S"
+        return moment.strftime(shown) + hundredths + offset
+
+    def _is_repeated(self, moment: datetime) -> bool:
+        """Return whether the zone shows this time twice, because its clocks are set back."""
+        zone = moment.tzinfo
+        return zone is not None and len(find_instants(moment.replace(tzinfo=None), zone)) > 1
 
     def show(self, elapsed_s: float, language: Language) -> str:
         """Format a time for reading: "07:05:09"; in French "7 h 05 min 09 s"."""
         if self.start is None:
             return self.format(elapsed_s)
-        moment = self.start + timedelta(seconds=round(elapsed_s))
+        moment = read_clock(self.start, round(elapsed_s) * MICROSECONDS)
         write = format_moment if self.report(language).format_day(elapsed_s) else format_clock
         return write(moment, language, with_seconds=True)
 
@@ -110,6 +137,14 @@ class DayClock:
         """Format the allowed range of times."""
         return f"{self.format(0.0)} … {self.format(self.duration_s)}"
 
+    def _format_readings(self, error: Exception) -> str:
+        """Format both readings of a time that the zone shows twice, each with its offset; else ""."""
+        facts = error.facts if isinstance(error, UnusableDiary) else {}
+        if facts.get("why") != "twice" or self.start is None or self.start.tzinfo is None:
+            return ""
+        instants = find_instants(datetime.fromisoformat(str(facts["value"])), self.start.tzinfo)
+        return ", ".join(str(instant) for instant in instants)
+
     def read(self, text: str, name: str) -> float:
         """Parse a typed time, in seconds from the first sample. Raises BadParameter."""
         clock, seconds = ("", text) if self.start is None else (text, "")
@@ -118,8 +153,9 @@ class DayClock:
             placed_us = place_moment(text if moment is None else moment, 0, self.start, self.duration_us)
             if not -SHOWN_US <= placed_us <= self.duration_us + SHOWN_US:
                 raise ValueError
-        except (UnusableDiary, ValueError):
-            raise BadParameter(name=name, value=text[:60], allowed=self.format_bounds()) from None
+        except (UnusableDiary, ValueError) as error:
+            allowed = self._format_readings(error) or self.format_bounds()
+            raise BadParameter(name=name, value=text[:60], allowed=allowed) from None
         return min(max(placed_us, 0), self.duration_us) / MICROSECONDS
 
 
@@ -146,6 +182,12 @@ def place_rows(entries: Sequence[DiaryEntry], clock: DayClock) -> list[PeriodRow
     ]
 
 
+def read_start(facts: Mapping[str, Any]) -> datetime | None:
+    """Return the stored start of a recording, in its zone if that is stored and known."""
+    start = datetime.fromisoformat(facts["start"]) if facts["start"] else None
+    return in_zone(start, facts.get("time_zone"))
+
+
 # Corrections on the page of an analysis: arm, pose, window, periods of the day.
 
 NO_POSE = "axis"
@@ -170,8 +212,9 @@ def correct_request(
     hint = find_window_hint(known.pose, len(known.calibration_windows_s), known.arm_axis)
     if hint:
         raise BadParameter(name="calibration", value=str(len(known.calibration_windows_s)), allowed=hint)
-    diary = read_rows(form, clock)
-    place_rows(diary, clock)  # raises if a row cannot be placed
+    diary, (time_zone, offset_s) = read_rows(form, clock), _read_clock_settings(before, form)
+    if (time_zone, offset_s) == (before.time_zone, before.clock_offset_s):
+        place_rows(diary, clock)  # raises if a row cannot be placed
     held: tuple[PoseHeld, ...] = get_args(PoseHeld)
     return replace(
         read_whose(known, form),
@@ -180,7 +223,24 @@ def correct_request(
         no_slip_times_s=_read_times(first(form, "no_slips"), "no_slip_at", clock),
         diary=diary,
         reason=first(form, "reason").strip()[:MAX_TEXT],
+        time_zone=time_zone,
+        clock_offset_s=offset_s,
     )
+
+
+def _read_clock_settings(before: ReportRequest, form: Form) -> tuple[str, float]:
+    """Return the time zone and the correction of the clock; a form without these fields changes neither."""
+    zone, offset = first(form, "time_zone").strip(), first(form, "clock_offset").strip()
+    if "time_zone" not in form:
+        return before.time_zone, before.clock_offset_s
+    try:
+        name = parse_time_zone(zone)
+    except ValueError as error:
+        raise BadParameter(name="time_zone", value=zone[:60], allowed=str(error)) from None
+    try:
+        return name, parse_clock_offset(offset) if offset else 0.0
+    except ValueError:
+        raise BadParameter(name="clock_offset", value=offset[:60], allowed=OFFSET_HINT) from None
 
 
 def read_whose(before: ReportRequest, form: Form) -> ReportRequest:
@@ -526,6 +586,9 @@ def build_day(day: DayFile, request: ReportRequest, language: Language) -> dict[
     count = 1 if request.pose == "two-point" else max(1, len(request.calibration_windows_s))
     return {
         "start": str(day.facts["start"] or ""),
+        "changes": clock.changes,
+        "time_zone": request.time_zone,
+        "clock_offset": format_clock_offset(request.clock_offset_s),
         "duration_s": clock.duration_s,
         "needs_date": clock.needs_date,
         "rows": place_rows(request.select_diary(), clock),

@@ -50,8 +50,8 @@ class Card {
   open() {
     for (const part of this.section.querySelectorAll("[data-script]")) part.hidden = false;
     if (!this.isOver) this.timer = setTimeout(() => this.look(), LOOK_MS);
-    const { begin, duration, dated } = this.form.dataset;
-    if (duration) this.times = new TimeFields(this.form, new Clock(begin, Number(duration), Boolean(dated)), () => this.show());
+    const { begin, duration, dated, changes } = this.form.dataset;
+    if (duration) this.times = new TimeFields(this.form, new Clock(begin, Number(duration), Boolean(dated), changes), () => this.show());
     this.show();
   }
 

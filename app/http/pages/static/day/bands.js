@@ -84,8 +84,8 @@ export class Bands {
   snapshot() {
     const windows = [...this.form.querySelectorAll(".window")].map((row) => [...row.querySelectorAll("input")].map((field) => field.value));
     const rows = [...$("periods").rows].map((row) => ["kind", "label", "start", "end"].map((name) => row.querySelector(`[name=${name}]`).value));
-    const { side, subject, pose, held, slips, no_slips: noSlips, axis, reason } = this.form.elements;
-    const others = Object.entries({ side, subject, pose, held, slips, no_slips: noSlips, axis, reason }).map(([name, field]) => [name, field?.value]);
+    const { side, subject, pose, held, slips, no_slips: noSlips, axis, time_zone: zone, clock_offset: offset, reason } = this.form.elements;
+    const others = Object.entries({ side, subject, pose, held, slips, no_slips: noSlips, axis, time_zone: zone, clock_offset: offset, reason }).map(([name, field]) => [name, field?.value]);
     return JSON.stringify({ ...Object.fromEntries(others), windows, rows });
   }
 

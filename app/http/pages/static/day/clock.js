@@ -24,9 +24,13 @@ function readClock(text) {
 }
 
 export class Clock {
-  // start: ISO 8601, or "" if the recording has no clock; dated: whether a typed time without a date is ambiguous.
-  constructor(start, durationS, dated) {
+  // start: ISO 8601, or "" if the recording has no clock; dated: whether a typed time without a date is ambiguous;
+  // changes: JSON of the changes of its time zone, [[second, step in s], ...], also those just outside.
+  constructor(start, durationS, dated, changes) {
     this.durationS = durationS;
+    this.changes = JSON.parse(changes || "[]");
+    const offset = /([+-])(\d{2}):(\d{2})$/.exec(start);
+    this.offsetS = offset ? Number(offset[1] + 1) * (Number(offset[2]) * 3600 + Number(offset[3]) * 60) : 0;
     this.dated = dated;
     const parts = /^(\d{4}-\d{2}-\d{2})T(\d{2}):(\d{2}):(\d{2}(?:\.\d+)?)/.exec(start);
     this.hasClock = Boolean(parts);
@@ -42,7 +46,26 @@ export class Clock {
     const seconds = (inDay % 60).toFixed(digits).replace(/(\.\d*?)0+$/, "$1").replace(/\.$/, "");
     const hour = [Math.floor(inDay / 3600), Math.floor((inDay % 3600) / 60)].map(pad).join(":");
     const time = hour + ":" + (seconds.split(".")[0].length < 2 ? "0" + seconds : seconds);
-    return this.dated ? `${date} ${time}` : time;
+    const offset = this.find(date, inDay).length > 1 ? this.offset(second) : "";
+    return this.dated || offset ? `${date} ${time}${offset}` : time;
+  }
+
+  // Return how far the changes of the zone have moved the clock since the first sample, in s.
+  moved(second) {
+    return this.changes.reduce((sum, [at, step]) => sum + step * ((second >= at) - (at <= 0)), 0);
+  }
+
+  // Return the offset from UTC, "+02:00".
+  offset(second) {
+    const minutes = (this.offsetS + this.moved(second)) / 60;
+    return (minutes < 0 ? "-" : "+") + [Math.floor(Math.abs(minutes) / 60), Math.abs(minutes) % 60].map(pad).join(":");
+  }
+
+  // Return all seconds at which the clock shows a time: two while it is set back, none while it is set forward.
+  find(date, inDay) {
+    const shownS = (Date.parse(date + "T00:00:00Z") - this.day) / 1000 + inDay - this.startS;
+    const moves = [this.moved(-Infinity), ...this.changes.map(([at]) => this.moved(at))];
+    return moves.map((movedS) => shownS - movedS).filter((second, place) => this.moved(second) === moves[place]);
   }
 
   // Return a time for reading, "7 h 05 min 09 s" in French.
@@ -54,7 +77,7 @@ export class Clock {
 
   // Return the date and the second of the day.
   place(second, digits) {
-    const whole = round(this.startS + second, digits);
+    const whole = round(this.startS + second + this.moved(second), digits);
     const days = Math.floor(whole / DAY_S);
     return { date: new Date(this.day + days * DAY_S * 1000).toISOString().slice(0, 10), inDay: whole - days * DAY_S };
   }
@@ -68,11 +91,14 @@ export class Clock {
   parse(text) {
     const shown = text.trim();
     if (!this.hasClock) return /^[0-9]+([.,][0-9]+)?$/.test(shown) ? this.pick([Number(shown.replace(",", "."))]) : { fault: "unreadable" };
-    const [, date, hour] = /^(?:(\d{4}-\d{2}-\d{2})[ T])?(.*)$/.exec(shown);
-    const second = readClock(hour.trim()) - this.startS;
-    if (Number.isNaN(second)) return { fault: "unreadable" };
-    const days = date ? [(Date.parse(date + "T00:00:00Z") - this.day) / (DAY_S * 1000)] : [0, 1, 2];
-    return this.pick(days.map((day) => second + day * DAY_S));
+    const [, date, hour, offset] = /^(?:(\d{4}-\d{2}-\d{2})[ T])?(.*?)([+-]\d{2}:\d{2})?$/.exec(shown);
+    const inDay = readClock(hour.trim());
+    if (Number.isNaN(inDay)) return { fault: "unreadable" };
+    const days = date ? [date] : [0, 1, 2].map((day) => new Date(this.day + day * DAY_S * 1000).toISOString().slice(0, 10));
+    const readings = days.map((day) => this.find(day, inDay));
+    if (offset) return this.pick(readings.flat().filter((second) => this.offset(second) === offset));
+    const isTwice = readings.some((found) => found.length > 1 && this.pick(found).fault !== "outside");
+    return isTwice ? { fault: "ambiguous" } : this.pick(readings.flat());
   }
 
   pick(seconds) {

@@ -54,8 +54,8 @@ class Curves {
   }
 
   make(place) {
-    const { curve, beside, start, duration, shift, dated, minutes } = place.dataset;
-    const clock = new Clock(start, Number(duration), Boolean(dated) && this.isOneDay);
+    const { curve, beside, start, duration, shift, dated, changes, minutes } = place.dataset;
+    const clock = new Clock(start, Number(duration), Boolean(dated) && this.isOneDay, changes);
     return new Curve(place, curve, clock, new ShiftedView(this.view, Number(shift)), JSON.parse(minutes), beside);
   }
 

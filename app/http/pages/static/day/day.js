@@ -17,8 +17,8 @@ export class Day {
   constructor(box, form) {
     this.box = box;
     this.words = JSON.parse(form.dataset.words);
-    const { start, duration, dated, curve } = box.dataset;
-    this.clock = new Clock(start, Number(duration), Boolean(dated));
+    const { start, duration, dated, changes, curve } = box.dataset;
+    this.clock = new Clock(start, Number(duration), Boolean(dated), changes);
     this.bands = new Bands(form, this.clock, this.words);
     this.view = new View(Number(duration), () => this.moved());
     const minutes = JSON.parse(box.dataset.minutes);
