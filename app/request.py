@@ -6,12 +6,13 @@ This module does not load ``fusion``, so that a process that only accepts reques
 import json
 import math
 import re
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, Literal
 
 from fusion.conventions import ArmAxis, MethodName, Pose, PoseHeld, Side
 from fusion.diary import DiaryEntry, TaskWindow, plain_word
+from fusion.errors import UnusableDiary
 
 Stage = Literal["preparing", "reading", "checking", "calibrating", "fusing", "counting", "rendering"]
 Language = Literal["en", "fr", "fr-CA"]
@@ -293,6 +294,16 @@ class ReportRequest:
         """Return the diary rows of this file, matched by full name, stem or subject."""
         names = {"", self.file_name, self.file_name.partition(".")[0], self.subject}
         return tuple(entry for entry in self.diary if entry.file in names)
+
+    def choose_rows(self, diary: Sequence[DiaryEntry]) -> tuple[DiaryEntry, ...]:
+        """Return the rows of a diary that are for this file. Raises UnusableDiary: there are none."""
+        chosen = replace(self, diary=tuple(diary)).select_diary()
+        if diary and not chosen:
+            first = diary[0]
+            raise UnusableDiary(
+                line=first.line, why="other recordings", cure="other recordings", value=first.file
+            )
+        return chosen
 
 
 PairKind = Literal["pair", "compare"]

@@ -19,8 +19,9 @@ from app.report.figures import (
     read_figures,
     read_ranges,
 )
-from app.report.words.messages import Fact, describe_problem
+from app.report.words.messages import describe_problem
 from app.report.words.wording import LANGUAGES, Language, load_wording
+from fusion.errors import Fact
 
 # CSV, safe to open in a spreadsheet.
 

@@ -50,7 +50,7 @@ from fusion.caveats import Caveat
 from fusion.conventions import AXIS_HINT, ArmAxis, MethodName, Pose, PoseHeld, Side, parse_arm_axis
 from fusion.diary import DiaryEntry, Kind, read_diary, refuse_slips, split_times
 from fusion.errors import UnusableDiary
-from fusion.exposure.periods import place_diary
+from fusion.exposure.periods import check_diary, pair_with_next, place_diary
 from fusion.recording import MICROSECONDS
 
 T = TypeVar("T")
@@ -60,7 +60,6 @@ T = TypeVar("T")
 
 COLUMNS = ["start", "end", "start_s", "end_s", "kind", "label", "left_out", "file"]
 SECONDS = {"start_s", "end_s"}
-MAX_DURATION_US = 366 * 86_400 * MICROSECONDS
 _YES_NO: Mapping[bool | None, str] = {None: "", True: "yes", False: "no"}
 
 
@@ -130,17 +129,16 @@ def read_periods(rows: list[PeriodView]) -> tuple[DiaryEntry, ...]:
 def check_periods(diary: Sequence[DiaryEntry], found: Mapping[str, Any] | None) -> None:
     """Place the periods on the recording as the analysis will; ``found`` is the result of the inspection.
 
-    Without an inspection (None), rows in seconds are compared with one another. Raises UnusableDiary if a row
+    Without an inspection (None), the rows are only compared with one another. Raises UnusableDiary if a row
     ends before it starts, overlaps another or is outside of the recording.
     """
     if found is None:
-        numbered = [e for e in diary if isinstance(e.start, float) and isinstance(e.end, float)]
-        place_diary(numbered, None, MAX_DURATION_US)
+        check_diary(diary)
         return
     start = datetime.fromisoformat(found["start"]) if found["start"] else None
     duration_us = round(found["recorded_s"] * MICROSECONDS)
     if place_diary(diary, start, duration_us).flags:
-        for entry, following in zip(diary, [*diary[1:], None], strict=True):
+        for entry, following in pair_with_next(diary):
             end = following.start if entry.end is None and following else entry.end
             place_diary((replace(entry, end=end),), start, duration_us)
 

@@ -423,9 +423,11 @@ def add_correction(services: Services, job: Job, corrected: ReportRequest) -> Jo
 def import_diary(
     analysis_id: str, page: UsedPage, body: Annotated[bytes, Depends(read_body)]
 ) -> list[PeriodRow]:
-    """Parse a diary as CSV and return its rows for the form; nothing is stored."""
+    """Parse a diary, CSV or Excel, and return its rows for the form; nothing is stored."""
     job = page.services.store.get(analysis_id)
-    return place_rows(read_diary(body), DayClock.of(load_day(page.services, job).facts))
+    return place_rows(
+        job.request.choose_rows(read_diary(body)), DayClock.of(load_day(page.services, job).facts)
+    )
 
 
 @router.post("/diary.csv")

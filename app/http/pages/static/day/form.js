@@ -121,7 +121,7 @@ function holdBack(day, event) {
 
 async function importDiary(day) {
   const field = $("import");
-  const answer = await fetch(field.dataset.to, { method: "POST", body: field.files[0], headers: { "Content-Type": "text/csv" } }).catch(() => null);
+  const answer = await fetch(field.dataset.to, { method: "POST", body: field.files[0] }).catch(() => null);
   field.value = "";
   $("day-lost").hidden = answer !== null;
   if (!answer) return;
