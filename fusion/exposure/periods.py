@@ -41,8 +41,16 @@ class Period:
 
 
 @dataclass(frozen=True, slots=True)
+class Mark:
+    """A moment of the day, such as the time of a pain; it divides and excludes nothing."""
+
+    time_us: int
+    label: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class Placed:
-    """The periods of one recording in the order of the diary, and the caveats of placing them.
+    """The periods and marks of one recording in the order of the diary, and the caveats of placing them.
 
     ``shift_us``: length of the shift by its stated start and end, also beyond the recording; None if unknown.
     """
@@ -50,6 +58,7 @@ class Placed:
     periods: tuple[Period, ...] = ()
     flags: tuple[QualityFlag, ...] = ()
     shift_us: int | None = None
+    marks: tuple[Mark, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,11 +95,21 @@ def place_diary(entries: Sequence[DiaryEntry], start: datetime | None, duration_
             is_here = bounds_us[0] < duration_us and bounds_us[1] > 0
             if entry.kind == "shift" and entry.end is not None and is_here:
                 shifts_us.append(bounds_us[1] - bounds_us[0])
+    marks: list[tuple[DiaryEntry, Mark]] = []
+    for entry in (entry for entry in entries if entry.kind == "mark"):
+        try:
+            place_us = place_moment(entry.start, entry.line, start, duration_us)
+        except UnusableDiary as error:
+            row_errors.append(error)
+        else:
+            marks.append((entry, Mark(place_us, entry.label)))
     refuse_slips(row_errors)
     inside = [period for _, period in whole if period.start_us < duration_us and period.end_us > 0]
     outside = [entry for entry, period in whole if period.start_us >= duration_us or period.end_us <= 0]
+    outside += (entry for entry, mark in marks if not 0 <= mark.time_us <= duration_us)
+    shown = tuple(mark for _, mark in marks if 0 <= mark.time_us <= duration_us)
     unused = [entry for entry in outside if not _is_of_other_day(entry, start, duration_us)]
-    if unused and not inside:
+    if unused and not inside and not shown:
         raise UnusableDiary(
             line=unused[0].line, why="outside recording", cure="clock", value=_format_times(unused[0])
         )
@@ -99,9 +118,9 @@ def place_diary(entries: Sequence[DiaryEntry], start: datetime | None, duration_
         replace(period, start_us=max(period.start_us, 0), end_us=min(period.end_us, duration_us))
         for period in inside
     )
-    count = len(unused if inside else outside)
+    count = len(unused if inside or shown else outside)
     left_aside = (QualityFlag(Caveat.DIARY, count),) if count else ()
-    return Placed(cut, (*left_aside, *_flag_overlaps(cut)), sum(shifts_us) or None)
+    return Placed(cut, (*left_aside, *_flag_overlaps(cut)), sum(shifts_us) or None, shown)
 
 
 def _is_of_other_day(entry: DiaryEntry, start: datetime | None, duration_us: int) -> bool:
@@ -179,7 +198,8 @@ def _intersect(away: Sequence[Period], named: Sequence[Period]) -> Iterator[tupl
 
 
 def pair_with_next(entries: Sequence[DiaryEntry]) -> Iterator[tuple[DiaryEntry, DiaryEntry | None]]:
-    """Yield each row with the next one, at which it ends if it states no end."""
+    """Yield each row with the next one, at which it ends if it states no end; marks end nothing."""
+    entries = [entry for entry in entries if entry.kind != "mark"]
     return zip(entries, [*entries[1:], None], strict=False)
 
 

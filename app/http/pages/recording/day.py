@@ -121,7 +121,7 @@ class DayClock:
 
 @dataclass(frozen=True, slots=True)
 class PeriodRow:
-    """A period of the diary in the form; its times can be typed again."""
+    """A period or mark of the diary in the form; its times can be typed again."""
 
     kind: str
     label: str
@@ -131,15 +131,20 @@ class PeriodRow:
 
 def place_rows(entries: Sequence[DiaryEntry], clock: DayClock) -> list[PeriodRow]:
     """Return the rows of a diary for the form. Raises UnusableDiary."""
-    return [
+    placed = place_diary(entries, clock.start, clock.duration_us)
+    periods = [
         PeriodRow(
             period.kind,
             period.label,
             clock.format(period.start_us / MICROSECONDS),
             clock.format(period.end_us / MICROSECONDS),
         )
-        for period in place_diary(entries, clock.start, clock.duration_us).periods
+        for period in placed.periods
     ]
+    marks = [
+        PeriodRow("mark", mark.label, clock.format(mark.time_us / MICROSECONDS), "") for mark in placed.marks
+    ]
+    return periods + marks
 
 
 # Corrections on the page of an analysis: arm, pose, window, periods of the day.
