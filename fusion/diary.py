@@ -158,7 +158,7 @@ class DiaryEntry:
 
     ``start``, ``end``: a number is seconds from the first sample; text is a clock time, ``"07:58:00"`` or
     ``"2026-03-02T07:58:00"``. An ``end`` of None lasts until the next row begins.
-    ``kind``: "work", "break" and so on: one of :data:`fusion.diary.Kind`.
+    ``kind``: "work", "break" and so on: one of :data:`fusion.diary.Kind`. A "mark" is one moment, its start.
     ``label``: the person's own name for it.
     ``left_out``: whether its time is excluded from the denominator; None: the default of its kind.
     ``line``: line number in the file, from 1; 0 if the row is not from a file.
@@ -492,41 +492,36 @@ class TaskWindow:
 
 
 def read_tasks(content: bytes) -> tuple[TaskWindow, ...]:
-    """Parse the task list, separated by commas or semicolons; raises UnusableTasks."""
-    lines = io.StringIO(content.decode("utf-8-sig", "replace"), newline=None)
-    delimiter = ";" if ";" in lines.readline() else ","
-    lines.seek(0)
-    csv.field_size_limit(max(csv.field_size_limit(), len(content)))
-    rows = csv.DictReader(lines, delimiter=delimiter)
-    names = [(name or "").strip().lower() for name in rows.fieldnames or ()]
-    rows.fieldnames = names
+    """Parse the task list; raises UnusableTasks."""
+    rows = list(read_rows(decode_text(content)))
+    names = [cell.lower() for cell in rows[0][1]] if rows else []
     if not set(NEEDED_BY_TASKS) <= set(names):
         raise UnusableTasks(line=1, why="task-columns")
-    tasks = tuple(_read_task(row, rows.line_num) for row in rows if any(row.values()))
+    tasks = tuple(_read_task(dict(zip(names, cells, strict=False)), line) for line, cells in rows[1:])
     if not tasks or len(tasks) > MOST_TASKS:
-        raise UnusableTasks(line=rows.line_num, why="task-count")
+        raise UnusableTasks(line=rows[-1][0], why="task-count")
     return tasks
 
 
-def _read_task(row: Mapping[str, str | None], line: int) -> TaskWindow:
-    name = (row["name"] or "").strip()
+def _read_task(row: Mapping[str, str], line: int) -> TaskWindow:
+    name = row.get("name", "")
     if not name:
         raise UnusableTasks(line=line, why="task-name")
-    start_s, end_s = _read_task_seconds(row["start_s"], line), _read_task_seconds(row["end_s"], line)
+    start_s, end_s = (_read_task_seconds(row.get(end, ""), line) for end in ("start_s", "end_s"))
     if not start_s < end_s:
         raise UnusableTasks(line=line, why="task-order")
-    clock = (row.get("clock") or "").strip().lower() or TASK_CLOCKS[0]
+    clock = row.get("clock", "").lower() or TASK_CLOCKS[0]
     if clock not in TASK_CLOCKS:
         raise UnusableTasks(line=line, why="task-clock")
-    paper_task = (row.get("paper_task") or "").strip()
+    paper_task = row.get("paper_task", "")
     if paper_task and paper_task not in map(str, range(1, 11)):
         raise UnusableTasks(line=line, why="paper-task")
     return TaskWindow(name, start_s, end_s, int(paper_task) if paper_task else None, clock)
 
 
-def _read_task_seconds(text: str | None, line: int) -> float:
+def _read_task_seconds(text: str, line: int) -> float:
     try:
-        seconds = float((text or "").strip().replace(",", "."))
+        seconds = float(text.replace(",", "."))
     except ValueError:
         raise UnusableTasks(line=line, why="task-number") from None
     if not isfinite(seconds):

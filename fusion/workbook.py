@@ -120,7 +120,10 @@ def _read_rows(sheet: Any, epoch: datetime) -> Iterator[tuple[int, list[str]]]:
     sheet.reset_dimensions()  # what the file states may be wrong
     rows = sheet.iter_rows(max_col=MOST_COLUMNS, values_only=True)
     for number, values in enumerate(islice(rows, LAST_ROW), 1):
-        cells = [_write_cell(value, epoch) for value in values]
+        if values.count(None) == len(values):  # also the rows that the file leaves out, perhaps a million
+            continue
+        width = max(k for k, value in enumerate(values, 1) if value is not None)
+        cells = [_write_cell(value, epoch) for value in values[:width]]
         is_comment = cells[0].startswith("#") and not ERROR.fullmatch(cells[0])
         if any(cells) and not is_comment:
             yield number, cells

@@ -115,6 +115,12 @@ def test_rows_above_the_header_and_other_sheets_are_ignored_and_rows_still_count
     assert read_diary(content) == (DiaryEntry("08:00:00", "09:00:00", "work", line=4),)
 
 
+def test_a_zero_in_the_last_column_is_a_value() -> None:
+    (entry,) = read_diary(write((*HEAD, "left_out"), ("08:00", "09:00", "seated", 0)))
+
+    assert entry.left_out is False
+
+
 def test_a_hidden_sheet_is_not_read() -> None:
     book = openpyxl.load_workbook(io.BytesIO(write(("start", "kind"), ("08:00", "work"))))
     book.copy_worksheet(book.worksheets[0]).sheet_state = "hidden"
