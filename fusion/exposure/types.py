@@ -307,11 +307,11 @@ class Exposure:
     key.
     ``by_task``: the periods again, with those of one kind and label pooled; they also add up to the
     recording.
-    ``by_mark``: the 15 minutes before each mark of the diary, then all other analysed time (kind "rest").
     ``angle_sigma_deg``: standard deviation of a constant error of the angle that the intervals include; None
     or 0: not known.
     ``quarter_hours``: up to three windows of 15 minutes with the most time above 60 deg, largest first,
     without overlap.
+    ``by_mark``: the 15 minutes before each mark of the diary, then all other analysed time (kind "rest").
     """
 
     analysed_s: float
