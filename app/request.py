@@ -6,8 +6,8 @@ This module does not load ``fusion``, so that a process that only accepts reques
 import json
 import math
 import re
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
 from datetime import datetime
 from typing import Any, Literal
 
@@ -333,6 +333,16 @@ class ReportRequest:
         """Return the diary rows of this file, matched by full name, stem or subject."""
         names = {"", self.file_name, self.file_name.partition(".")[0], self.subject}
         return tuple(entry for entry in self.diary if entry.file in names)
+
+    def choose_rows(self, diary: Sequence[DiaryEntry]) -> tuple[DiaryEntry, ...]:
+        """Return the rows of a diary that are for this file. Raises UnusableDiary: there are none."""
+        chosen = replace(self, diary=tuple(diary)).select_diary()
+        if diary and not chosen:
+            first = diary[0]
+            raise UnusableDiary(
+                line=first.line, why="other recordings", cure="other recordings", value=first.file
+            )
+        return chosen
 
 
 PairKind = Literal["pair", "compare"]

@@ -1,15 +1,24 @@
-"""Read a diary in CSV: Acromion's form (start, end, kind, label) or the sequential form (time, event).
+"""Read a diary, in CSV or Excel: start, end, kind, label, or the sequential form (time, event).
 
-In the sequential form, used by the diaries of Acti4 and ActiPASS, an event lasts until the next one. Both
-forms may be mixed: an empty end lasts until the next row. The file has a header line with English or French
-names, and is separated by commas, semicolons or tabs. ``start``, ``end`` and ``time`` contain clock times in
-any form that :func:`parse_clock` reads; ``start_s``, ``end_s`` and ``time_s`` contain seconds from the first
-sample. Optional columns: ``left_out`` (yes or no; overrides the default of the kind) and ``file`` (the row
-applies to that recording only).
+In the sequential form, used by the diaries of ActiPASS, an event lasts until the next one. Both forms may be
+mixed: an empty end lasts until the next row. The header has English or French names and is in one of the
+first rows; CSV is separated by commas, semicolons or tabs. ``start``, ``end`` and ``time`` contain clock
+times in any form that :func:`parse_clock` reads; ``start_s``, ``end_s`` and ``time_s`` contain seconds from
+the first sample. Optional columns: ``left_out`` (yes or no; overrides the default of the kind), ``file`` or
+``subject`` (the row applies to that recording only), ``date`` and ``end_date`` (of the clock times in the
+row; without an end date, an end before its start is on the next day). A "mark" is one moment, such as the
+time of a pain; its end is ignored.
 
-The activity log of GGIR is also supported. It has one row per recording: its ID, a column with the date (day
-first, or ISO 8601), then columns named after activities with the start time of each. More dates follow in the
-same way. An activity lasts until the next one of its day; the last one lasts until midnight.
+These layouts of other programs are also read:
+
+- GGIR's activity log: one row per recording with its ID, a column with the date (day first, or ISO 8601),
+  then columns named after activities with the start time of each. More dates follow in the same way. An
+  activity lasts until the next one of its day; the last one lasts until midnight. Of its advanced sleep log,
+  the nonwear and nap columns are read, in pairs.
+- ActiPASS's diary: ID, Date, Time, Event, Comment. "Stop" ends an event; "Start" and "Ref" are not read.
+- Acti4's setup: a sheet for each ID, with Type, Weekday, Start, Stop. "E" is time not worn if the code says
+  so of the arm; "F" (reference) and "G" (synchronization) are not read.
+- ActiLife's log diary: Subject Name, On Date, On Time, Off Date, Off Time, Category.
 """
 
 import csv
@@ -17,15 +26,15 @@ import io
 import re
 import unicodedata
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import date, datetime, time, timedelta
-from functools import partial
-from itertools import islice
+from itertools import islice, pairwise
 from math import isfinite
 from typing import Literal, get_args
 
 from fusion.conventions import PoseHeld, check_choice
-from fusion.errors import UnusableDiary, UnusableTasks, join_facts
+from fusion.errors import UnusableDiary, UnusableTasks, join_facts, split_facts
+from fusion.workbook import is_workbook, read_workbook
 
 # Small tables that people type, such as diaries and participant lists: any delimiter, two encodings.
 
@@ -70,23 +79,27 @@ def parse_pose_held(text: str) -> PoseHeld:
     return held
 
 
-Kind = Literal["shift", "work", "pose", "task", "seated", "supported", "break", "outside", "not_worn"]
+Kind = Literal["shift", "work", "pose", "task", "seated", "supported", "break", "outside", "not_worn", "mark"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 """In order of precedence, lowest first: a break within a task interrupts the task.
 
-A "pose" is the time of the calibration pose; it does not divide the day.
+A "pose" is the time of the calibration pose, and a "mark" is one moment; neither divides the day.
 """
 
 COLUMNS = {
     "start": "start", "from": "start", "time": "start", "begin": "start",
-    "debut": "start", "de": "start", "heure": "start",
-    "end": "end", "to": "end", "stop": "end", "fin": "end", "a": "end",
+    "debut": "start", "de": "start", "heure": "start", "on_time": "start",
+    "end": "end", "to": "end", "stop": "end", "fin": "end", "a": "end", "off_time": "end",
+    "date": "date", "day": "date", "jour": "date", "on_date": "date", "start_date": "date",
+    "end_date": "end_date", "off_date": "end_date", "date_fin": "end_date",
     "start_s": "start_s", "time_s": "start_s", "debut_s": "start_s", "end_s": "end_s", "fin_s": "end_s",
     "kind": "kind", "type": "kind", "genre": "kind",
-    "event": "event", "activity": "event", "evenement": "event", "activite": "event",
+    "event": "event", "activity": "event", "evenement": "event", "activite": "event", "category": "event",
     "label": "label", "name": "label", "task": "label", "libelle": "label", "nom": "label", "tache": "label",
     "left_out": "left_out", "exclu": "left_out", "excluded": "left_out",
     "file": "file", "file_name": "file", "fichier": "file",
+    "subject": "subject", "subject_name": "subject", "participant": "subject", "id": "subject",
+    "sujet": "subject", "identifiant": "subject",
 }  # fmt: skip
 WORDS: dict[str, Kind] = {
     "shift": "shift", "quart": "shift", "poste": "shift",
@@ -97,15 +110,30 @@ WORDS: dict[str, Kind] = {
     "supported": "supported", "appuye": "supported", "soutenu": "supported",
     "break": "break", "lunch": "break", "pause": "break", "repas": "break", "diner": "break",
     "outside": "outside", "off": "outside", "hors poste": "outside", "hors": "outside",
+    "leisure": "outside", "loisirs": "outside", "sleep": "outside", "sommeil": "outside",
     "not worn": "not_worn", "nonwear": "not_worn", "non porte": "not_worn", "retire": "not_worn",
+    "mark": "mark", "marque": "mark", "repere": "mark", "symptom": "mark", "symptome": "mark",
+    "pain": "mark", "douleur": "mark",
 }  # fmt: skip
 ENDS = ("end", "stop", "fin")
+UNREAD = ("start", "ref")
+"""Events of ActiPASS that are no period: the start of the data, and its reference posture."""
 YES_NO = {"yes": True, "y": True, "1": True, "true": True, "oui": True, "o": True,
           "no": False, "n": False, "0": False, "false": False, "non": False}  # fmt: skip
 LONGEST_LABEL = 200
 MOST_ROWS = 10_000
-LOG_IDS = ("id", "identifiant", "participant", "subject", "sujet")
+HEADER_ROWS = 20
+"""The header is in one of so many rows: above it may be a title, or Acti4's list of sensors."""
+LONGEST_NIGHT_H = 16
+"""The longest period over midnight without an end date; a longer one is taken for a slip in its times."""
 LOG_DATE = re.compile(r"(\d{1,2})[-/.](\d{1,2})[-/.](\d{4})")
+LOG_PAIR = re.compile(r"d\d+ (nap|nonwear)\d* (?:start|off)")
+"""A column of GGIR's advanced sleep log whose period ends in the next column."""
+LOG_EMPTY = ("", "na", "nan")
+ACTI4_TYPE = re.compile(r"([A-G])\d*\.(\d*)\s*(.*)")
+ACTI4_MOMENT = re.compile(r"(\d{2})/(\d{2})/(\d{4})/(.+)")
+ARM_PLACE = 2
+"""Place of the arm in Acti4's code of the sensors that are worn: thigh, hip, arm, trunk."""
 NUMBER = re.compile(r"[0-9]+(?:[.,][0-9]+)?")
 HOUR, MINUTE = r"(?P<hour>[0-9]{1,2})", r"(?P<minute>[0-9]{2})"
 SECOND = r"(?P<second>[0-9]{2}(?:[.,][0-9]{1,6})?)"
@@ -130,7 +158,7 @@ class DiaryEntry:
 
     ``start``, ``end``: a number is seconds from the first sample; text is a clock time, ``"07:58:00"`` or
     ``"2026-03-02T07:58:00"``. An ``end`` of None lasts until the next row begins.
-    ``kind``: "work", "break" and so on: one of :data:`fusion.diary.Kind`.
+    ``kind``: "work", "break" and so on: one of :data:`fusion.diary.Kind`. A "mark" is one moment, its start.
     ``label``: the person's own name for it.
     ``left_out``: whether its time is excluded from the denominator; None: the default of its kind.
     ``line``: line number in the file, from 1; 0 if the row is not from a file.
@@ -150,33 +178,81 @@ class DiaryEntry:
         check_choice("kind", self.kind, KINDS)
 
 
-Row = DiaryEntry | tuple[int, float | str]
-"""An entry, or the line and time of a row that only ends the previous one."""
+Row = DiaryEntry | tuple[int, float | str, str]
+"""An entry, or the line, time and recording of a row that only ends the previous one."""
 
 
 def read_diary(content: bytes) -> tuple[DiaryEntry, ...]:
-    """Parse a diary.
+    """Parse a diary, from CSV or from an Excel workbook.
 
-    Raises UnusableDiary: with the line, the reason and the remedy.
+    If several sheets of a workbook contain a diary, the name of each is the file or subject of its rows.
+
+    Raises UnusableDiary: with every line that cannot be used, the reasons and the remedies.
     """
-    rows = list(islice(read_rows(decode_text(content)), MOST_ROWS + 1))
-    if len(rows) > MOST_ROWS:  # each row is compared with the whole recording
-        raise UnusableDiary(line=rows[-1][0], why="too many rows", cure="rows", value=str(MOST_ROWS))
-    if len(rows) < 2:
-        line = rows[0][0] if rows else 1
-        raise UnusableDiary(line=line, why="empty", cure="header", value="")
-    header, *body = rows
-    if _is_activity_log(header[1]):
-        told_log = _read_each(body, partial(_read_log_row, header[1], is_alone=len(body) == 1))
-        return _set_ends(told_log)
-    columns = _read_header(*header)
-    return _set_ends(
-        _read_each(body, lambda line, cells: (_read_row(line, dict(zip(columns, cells, strict=False))),))
-    )
+    if not is_workbook(content):
+        return _read_table(list(islice(read_rows(decode_text(content)), HEADER_ROWS + MOST_ROWS)))
+    sheets = read_workbook(content)
+    diaries = {name: rows for name, rows in sheets.items() if _find_header(rows) is not None}
+    if len(diaries) < 2:
+        found = *diaries.values(), *filter(None, sheets.values()), []
+        return _read_table(found[0], is_sheet=True)
+    entries: list[DiaryEntry] = []
+    row_errors: list[UnusableDiary] = []
+    for name, rows in diaries.items():
+        try:
+            entries += (replace(entry, file=entry.file or name) for entry in _read_table(rows, is_sheet=True))
+        except UnusableDiary as error:
+            row_errors += (UnusableDiary(**facts, sheet=name) for facts in split_facts(error.facts))
+    refuse_slips(row_errors)
+    return tuple(entries)
+
+
+def _find_header(rows: Sequence[tuple[int, list[str]]]) -> int | None:
+    """Return the place of the header among the first rows; None if there is none."""
+    for place, (_, cells) in enumerate(rows[:HEADER_ROWS]):
+        if _name_columns(cells) or _is_activity_log(cells):
+            return place
+    return None
+
+
+def _read_table(rows: Sequence[tuple[int, list[str]]], *, is_sheet: bool = False) -> tuple[DiaryEntry, ...]:
+    """Parse the rows of one table; rows above its header are ignored."""
+    place = _find_header(rows)
+    if len(rows) < 2 or place is None or place == len(rows) - 1:
+        line, cells = rows[place or 0] if rows else (1, [])
+        why = "header" if len(rows) > 1 and place is None else "empty"
+        value = ", ".join(filter(None, cells))[:LONGEST_LABEL] if why == "header" else ""
+        raise UnusableDiary(line=line, why=why, cure="header", value=value)
+    header, body = rows[place][1], rows[place + 1 :]
+    if len(body) >= MOST_ROWS:  # each row is compared with the whole recording
+        raise UnusableDiary(
+            line=body[MOST_ROWS - 1][0], why="too many rows", cure="rows", value=str(MOST_ROWS)
+        )
+    columns = _name_columns(header)
+    is_clock = [is_sheet and (not columns or name in {"start", "end"}) for name in columns or header]
+
+    def read(line: int, cells: list[str]) -> Iterable[Row]:
+        written = [
+            _write_time(cell) if is_time else cell for cell, is_time in zip(cells, is_clock, strict=False)
+        ]
+        if not columns:
+            return _read_log_row(header, line, written, is_alone=len(body) == 1)
+        return _read_row(line, dict(zip(columns, written, strict=False)))
+
+    return _set_ends(_read_each(body, read))
+
+
+def _write_time(cell: str) -> str:
+    """Return a spreadsheet's fraction of a day as a clock time, anything else unchanged."""
+    if not DAY_FRACTION.fullmatch(cell) or float(cell) >= 1:
+        return cell
+    milliseconds = round(float(cell) * 86_400_000)
+    midnight = datetime.combine(date.min, time())
+    return (midnight + timedelta(milliseconds=milliseconds)).time().isoformat()
 
 
 def _read_each(
-    rows: list[tuple[int, list[str]]], read: Callable[[int, list[str]], Iterable[Row]]
+    rows: Sequence[tuple[int, list[str]]], read: Callable[[int, list[str]], Iterable[Row]]
 ) -> tuple[Row, ...]:
     """Read every row; raise one error with all rows that cannot be read, each with its text."""
     entries: list[Row] = []
@@ -201,71 +277,125 @@ def refuse_slips(row_errors: Sequence[UnusableDiary]) -> None:
         raise UnusableDiary(**join_facts([error.facts for error in row_errors]))
 
 
-def _read_header(line: int, cells: list[str]) -> list[str]:
+def _name_columns(cells: Sequence[str]) -> list[str]:
+    """Return the meaning of each column, "" if it is not read; an empty list if this is no header."""
     names = [COLUMNS.get(plain_word(cell).replace(" ", "_"), "") for cell in cells]
     known = [name for name in names if name]
     has_needed = {"start", "start_s"} & set(known) and {"kind", "event", "label"} & set(known)
-    if not has_needed or len(known) != len(set(known)):
-        raise UnusableDiary(line=line, why="header", cure="header", value=", ".join(cells)[:LONGEST_LABEL])
-    return names
+    return names if has_needed and len(known) == len(set(known)) else []
 
 
-def _is_activity_log(header: list[str]) -> bool:
+def _is_activity_log(header: Sequence[str]) -> bool:
     """Return whether the header is that of a GGIR activity log: an ID, then a date."""
     names = [plain_word(cell) for cell in header]
-    return len(names) > 2 and names[0] in LOG_IDS and "date" in names[1]
+    return len(names) > 2 and COLUMNS.get(names[0]) == "subject" and "date" in names[1]
 
 
 def _read_log_row(header: list[str], line: int, cells: list[str], *, is_alone: bool) -> Iterable[DiaryEntry]:
     """Return the activities of one recording; the ID tells several recordings apart."""
-    days: list[tuple[date, list[tuple[str, str]]]] = []
+    days: list[tuple[str, list[tuple[str, str]]]] = []
     for name, cell in zip(header[1:], cells[1:], strict=False):
+        told = "" if cell.casefold() in LOG_EMPTY else cell
         if "date" in plain_word(name):
-            if cell:
-                days.append((_read_date(line, cell), []))
-        elif cell and days:
-            days[-1][1].append((name, cell))
-    file = "" if is_alone else cells[0]
+            days.append((_read_date(line, told) if told else "", []))
+        elif days[-1][0]:
+            days[-1][1].append((name, told))
+    divide = _pair_naps if re.match(r"d\d+ date", plain_word(header[1])) else _chain_activities
     for day, activities in days:
-        midnight = datetime.combine(day + timedelta(days=1), time()).isoformat()
-        begins = [parse_clock(f"{day.isoformat()} {cell}", line) for _, cell in activities]
-        for (name, _), start, end in zip(activities, begins, [*begins[1:], midnight], strict=True):
-            yield DiaryEntry(start, end, WORDS.get(plain_word(name), "task"), name, line=line, file=file)
+        for name, start, end in divide(day, activities, line):
+            kind = WORDS.get(plain_word(name), "task")
+            yield DiaryEntry(start, end, kind, name, line=line, file="" if is_alone else cells[0])
 
 
-def _read_date(line: int, cell: str) -> date:
-    """Parse a date with the day first, as GGIR writes it, or in ISO 8601."""
+def _chain_activities(
+    day: str, activities: Sequence[tuple[str, str]], line: int
+) -> Iterator[tuple[str, str, str]]:
+    """Yield the activities of a day: each lasts until the next one, the last until midnight."""
+    begins = [(name, _date_clock(cell, day, line)) for name, cell in activities if cell]
+    if begins:
+        midnight = datetime.combine(date.fromisoformat(day) + timedelta(days=1), time()).isoformat()
+        for (name, start), (_, end) in pairwise([*begins, ("", midnight)]):
+            yield name, start, end
+
+
+def _pair_naps(day: str, activities: Sequence[tuple[str, str]], line: int) -> Iterator[tuple[str, str, str]]:
+    """Yield the naps and the time not worn of a day of GGIR's advanced sleep log."""
+    for (name, start), (_, end) in pairwise(activities):
+        found = LOG_PAIR.fullmatch(plain_word(name))
+        if found and (start or end):
+            begin = _date_clock(start, day, line)
+            stop = _follow(begin, _date_clock(end, day, line), line)
+            yield ("sleep" if found[1] == "nap" else "nonwear"), begin, stop
+
+
+def _read_date(line: int, cell: str) -> str:
+    """Parse a date with the day first, as GGIR writes it, or in ISO 8601; a spreadsheet adds 00:00:00."""
     found = LOG_DATE.fullmatch(cell)
     try:
-        return date(int(found[3]), int(found[2]), int(found[1])) if found else date.fromisoformat(cell)
+        day = (
+            date(int(found[3]), int(found[2]), int(found[1]))
+            if found
+            else datetime.fromisoformat(cell).date()
+        )
     except ValueError:
         raise UnusableDiary(line=line, why="time", cure="log date", value=cell[:LONGEST_LABEL]) from None
+    return day.isoformat()
 
 
-def _read_row(line: int, row: Mapping[str, str]) -> Row:
+def _date_clock(clock: str, day: str, line: int) -> str:
+    """Parse a clock time on a day, if one is stated; a date in the time itself has precedence."""
+    if found := ACTI4_MOMENT.fullmatch(clock):
+        clock = f"{found[3]}-{found[2]}-{found[1]} {found[4]}"
+    return parse_clock(f"{day} {clock}" if day and not DAY.fullmatch(clock) else clock, line)
+
+
+def _follow(start: str, end: str, line: int) -> str:
+    """Return the end of a period, on the next day if it is stated before its start."""
+    begin, stop = (datetime.fromisoformat(moment).replace(tzinfo=None) for moment in (start, end))
+    if stop >= begin:
+        return end
+    if stop + timedelta(days=1) - begin > timedelta(hours=LONGEST_NIGHT_H):
+        raise UnusableDiary(line=line, why="end first", cure="order", value=f"{start} - {end}")
+    return (datetime.fromisoformat(end) + timedelta(days=1)).isoformat()
+
+
+def _read_row(line: int, row: Mapping[str, str]) -> Iterable[Row]:
     """Return the entry of a row, or the line and time of a row that only ends the previous one."""
-    start = read_moment(line, row.get("start", ""), row.get("start_s", ""))
+    event = row.get("event") or ("" if "kind" in row else row.get("label", ""))
+    code = ACTI4_TYPE.fullmatch(row.get("kind", ""))
+    is_worn = code is not None and code[1] == "E" and code[2][ARM_PLACE : ARM_PLACE + 1] != "0"
+    if is_worn or (code and code[1] in "FG") or ("kind" not in row and plain_word(event) in UNREAD):
+        return ()
+    day = _read_date(line, row["date"]) if row.get("date") else ""
+    last_day = _read_date(line, row["end_date"]) if row.get("end_date") else day
+    start = _read_dated(line, row.get("start", ""), row.get("start_s", ""), day)
     if start is None:
         raise UnusableDiary(line=line, why="time", cure="time", value="")
-    event = row.get("event") or ("" if "kind" in row else row.get("label", ""))
+    file = row.get("file") or row.get("subject", "")
     if "kind" not in row and plain_word(event) in ENDS:
-        return line, start
-    end = read_moment(line, row.get("end", ""), row.get("end_s", ""))
-    kind = WORDS.get(plain_word(row.get("kind", event)), None if "kind" in row else "task")
+        return ((line, start, file),)
+    word = plain_word(code[3] if code else row.get("kind", event))
+    kind = WORDS.get(word, None if "kind" in row and not code else "task")
     if kind is None:
         raise UnusableDiary(line=line, why="kind", cure="kind", value=row["kind"][:LONGEST_LABEL])
+    if code and code[1] == "E":
+        kind = "not_worn"
+    end = None
+    if kind != "mark":
+        end = _read_dated(line, row.get("end", ""), row.get("end_s", ""), last_day)
+        if day and last_day == day and isinstance(start, str) and isinstance(end, str):
+            end = _follow(start, end, line)
     left_out = row.get("left_out", "")
     if left_out and plain_word(left_out) not in YES_NO:
         raise UnusableDiary(line=line, why="yes or no", cure="yes or no", value=left_out[:LONGEST_LABEL])
-    return DiaryEntry(
-        start=start,
-        end=end,
-        kind=kind,
-        label=(row.get("label") or event)[:LONGEST_LABEL],
-        left_out=YES_NO[plain_word(left_out)] if left_out else None,
-        line=line,
-        file=row.get("file", ""),
-    )
+    is_left_out = YES_NO[plain_word(left_out)] if left_out else None
+    label = (row.get("label") or (code[3] if code else event))[:LONGEST_LABEL]
+    return (DiaryEntry(start, end, kind, label, is_left_out, line, file),)
+
+
+def _read_dated(line: int, clock: str, seconds: str, day: str) -> float | str | None:
+    """Return a time of a row as :func:`read_moment`, on the day that the row states."""
+    return _date_clock(clock, day, line) if clock and not seconds else read_moment(line, clock, seconds)
 
 
 def read_moment(line: int, clock: str, seconds: str) -> float | str | None:
@@ -319,18 +449,23 @@ def split_times(entry: DiaryEntry) -> dict[str, float | str | None]:
 
 
 def _set_ends(rows: Sequence[Row]) -> tuple[DiaryEntry, ...]:
-    """Set the end of each row from the separate row that states it."""
+    """Set the end of each row from the separate row of the same recording that states it."""
     entries: list[DiaryEntry] = []
+    row_errors: list[UnusableDiary] = []
+    last: dict[str, int] = {}
     for row in rows:
         if isinstance(row, DiaryEntry):
+            if row.kind != "mark":
+                last[row.file] = len(entries)
             entries.append(row)
-        elif not entries or entries[-1].end is not None:
-            raise UnusableDiary(line=row[0], why="end alone", cure="order", value=str(row[1]))
+            continue
+        line, end, file = row
+        place = last.get(file)
+        if place is None or entries[place].end is not None:
+            row_errors.append(UnusableDiary(line=line, why="end alone", cure="order", value=str(end)))
         else:
-            last = entries.pop()
-            entries.append(
-                DiaryEntry(last.start, row[1], last.kind, last.label, last.left_out, last.line, last.file)
-            )
+            entries[place] = replace(entries[place], end=end)
+    refuse_slips(row_errors)
     return tuple(entries)
 
 
@@ -357,41 +492,36 @@ class TaskWindow:
 
 
 def read_tasks(content: bytes) -> tuple[TaskWindow, ...]:
-    """Parse the task list, separated by commas or semicolons; raises UnusableTasks."""
-    lines = io.StringIO(content.decode("utf-8-sig", "replace"), newline=None)
-    delimiter = ";" if ";" in lines.readline() else ","
-    lines.seek(0)
-    csv.field_size_limit(max(csv.field_size_limit(), len(content)))
-    rows = csv.DictReader(lines, delimiter=delimiter)
-    names = [(name or "").strip().lower() for name in rows.fieldnames or ()]
-    rows.fieldnames = names
+    """Parse the task list; raises UnusableTasks."""
+    rows = list(read_rows(decode_text(content)))
+    names = [cell.lower() for cell in rows[0][1]] if rows else []
     if not set(NEEDED_BY_TASKS) <= set(names):
         raise UnusableTasks(line=1, why="task-columns")
-    tasks = tuple(_read_task(row, rows.line_num) for row in rows if any(row.values()))
+    tasks = tuple(_read_task(dict(zip(names, cells, strict=False)), line) for line, cells in rows[1:])
     if not tasks or len(tasks) > MOST_TASKS:
-        raise UnusableTasks(line=rows.line_num, why="task-count")
+        raise UnusableTasks(line=rows[-1][0], why="task-count")
     return tasks
 
 
-def _read_task(row: Mapping[str, str | None], line: int) -> TaskWindow:
-    name = (row["name"] or "").strip()
+def _read_task(row: Mapping[str, str], line: int) -> TaskWindow:
+    name = row.get("name", "")
     if not name:
         raise UnusableTasks(line=line, why="task-name")
-    start_s, end_s = _read_task_seconds(row["start_s"], line), _read_task_seconds(row["end_s"], line)
+    start_s, end_s = (_read_task_seconds(row.get(end, ""), line) for end in ("start_s", "end_s"))
     if not start_s < end_s:
         raise UnusableTasks(line=line, why="task-order")
-    clock = (row.get("clock") or "").strip().lower() or TASK_CLOCKS[0]
+    clock = row.get("clock", "").lower() or TASK_CLOCKS[0]
     if clock not in TASK_CLOCKS:
         raise UnusableTasks(line=line, why="task-clock")
-    paper_task = (row.get("paper_task") or "").strip()
+    paper_task = row.get("paper_task", "")
     if paper_task and paper_task not in map(str, range(1, 11)):
         raise UnusableTasks(line=line, why="paper-task")
     return TaskWindow(name, start_s, end_s, int(paper_task) if paper_task else None, clock)
 
 
-def _read_task_seconds(text: str | None, line: int) -> float:
+def _read_task_seconds(text: str, line: int) -> float:
     try:
-        seconds = float((text or "").strip().replace(",", "."))
+        seconds = float(text.replace(",", "."))
     except ValueError:
         raise UnusableTasks(line=line, why="task-number") from None
     if not isfinite(seconds):

@@ -33,14 +33,27 @@ MOST_ROWS_NAMED = 20
 def join_facts(rows: Sequence[Mapping[str, Fact]]) -> dict[str, Fact]:
     """Merge the facts of several rows for one error: the names of the second row end in ``_2``, and so on.
 
-    Beyond twenty rows, ``more`` counts the rest.
+    Beyond twenty rows, ``more`` counts the rest, and those that earlier merges left out.
     """
+    left_out = sum(int(row.get("more", 0)) for row in rows)
+    rows = [{name: value for name, value in row.items() if name != "more"} for row in rows]
     facts = dict(rows[0])
     for number, row in enumerate(rows[1:MOST_ROWS_NAMED], 2):
         facts |= {f"{name}_{number}": value for name, value in row.items()}
-    if len(rows) > MOST_ROWS_NAMED:
-        facts["more"] = len(rows) - MOST_ROWS_NAMED
-    return facts
+    more = left_out + max(len(rows) - MOST_ROWS_NAMED, 0)
+    return facts | ({"more": more} if more else {})
+
+
+def split_facts(facts: Mapping[str, Fact]) -> list[dict[str, Fact]]:
+    """Return the facts of each row: the reverse of :func:`join_facts`."""
+    rows: dict[int, dict[str, Fact]] = {1: {}}
+    for name, value in facts.items():
+        stem, _, number = name.rpartition("_")
+        if stem and number.isdigit() and "why_2" in facts:
+            rows.setdefault(int(number), {})[stem] = value
+        else:
+            rows[1][name] = value
+    return [rows[number] for number in sorted(rows)]
 
 
 class FusionError(Exception):
@@ -296,6 +309,7 @@ class UnusableDiary(
     text="as written",
     other="line of a second row",
     diary="name of the file",
+    sheet="name of the sheet",
     more="rows not listed",
 ):
     """Rows of the diary cannot be used.

@@ -69,6 +69,7 @@ def tabulate_exposure(exposure: Exposure) -> dict[str, pd.DataFrame]:
         "windows": _tabulate(exposure.peak_windows),
         "by_hour": _tabulate(exposure.by_hour),
         "by_period": _tabulate(exposure.by_period),
+        "by_mark": _tabulate(exposure.by_mark),
         "intervals": _tabulate_named(exposure.intervals, "figure"),
     }
     return {name: table for name, table in tables.items() if len(table)}

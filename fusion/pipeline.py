@@ -255,12 +255,12 @@ class _Day:
 def _divide(recording: Recording, elevation: Elevation, exclusions: tuple[Span, ...], placed: Placed) -> _Day:
     """Exclude the diary's breaks from the counted angle; if two reasons overlap, the diary's is reported."""
     if not placed.periods:
-        return _Day(DayDivision(), exclusions, elevation)
+        return _Day(DayDivision(marks=placed.marks), exclusions, elevation)
     periods = snap_periods(placed.periods, elevation.segments)
     pieces = divide_day(periods, recording.duration_us)
     left_out = find_left_out(pieces)
     every = make_disjoint((*exclusions, *left_out), recording.duration_us)
-    return _Day(DayDivision(periods, pieces), every, leave_out(elevation, left_out))
+    return _Day(DayDivision(periods, pieces, placed.marks), every, leave_out(elevation, left_out))
 
 
 def _divide_time(

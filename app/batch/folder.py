@@ -47,6 +47,7 @@ TABLES = (
     "summary_fr.csv",
     "summary.xlsx",
     "periods.csv",
+    "marks.csv",
     "problems.csv",
     "dictionary.csv",
     "run.json",

@@ -3,9 +3,9 @@
 A CSV with the column ``file`` and any of ``subject``, ``side``, ``pose``, ``calibration`` (seconds, as
 ``5-15``; two windows as ``5-15 20-30``), ``pose_held`` (``start`` or ``no``), ``axis`` (``y``), ``slip_at``
 and ``no_slip_at`` (seconds), ``time_zone`` (``Europe/Paris``), ``clock_offset`` (``-1h02m``, added to the
-clock) and ``diary`` (a CSV next to the list). A value in a row overrides the run's settings; an empty cell
-does not. A row that matches two recordings, or a recording that matches two rows, is refused before anything
-is analysed.
+clock) and ``diary`` (a CSV or .xlsx next to the list). A value in a row overrides the run's settings; an
+empty cell does not. A row that matches two recordings, or a recording that matches two rows, is refused
+before anything is analysed.
 """
 
 import os
@@ -22,7 +22,7 @@ from app.request import SIDES, SLIP_HINT, SUBJECT_HINT, check_subject, find_wind
 from fusion.clocks import OFFSET_HINT, ZONE_HINT, parse_clock_offset, parse_time_zone
 from fusion.conventions import AXIS_HINT, Pose, Side, parse_arm_axis
 from fusion.diary import DiaryEntry, decode_text, parse_pose_held, plain_word, read_diary, read_rows
-from fusion.errors import Fact, UnusableDiary, join_facts
+from fusion.errors import Fact, UnusableDiary, join_facts, split_facts
 
 COLUMNS: Mapping[str, str] = {
     "file": "file", "file name": "file", "recording": "file", "fichier": "file", "enregistrement": "file",
@@ -89,8 +89,8 @@ def assign_participants(
     own = [refusal.facts for refusal in refusals if isinstance(refusal, UnusableParticipants)]
     if own:
         raise UnusableParticipants(**join_facts(sorted(own, key=lambda facts: int(facts["line"]))))
-    if refusals:  # errors of a diary are reported once the list itself is valid
-        raise refusals[0]
+    if refusals:  # errors of diaries are reported once the list itself is valid
+        raise UnusableDiary(**join_facts([facts for one in refusals for facts in split_facts(one.facts)]))
     known = set(places)
     return assigned, [row for place, row in owners.items() if place not in known]
 
@@ -202,7 +202,7 @@ def _readers(folder: Path | None) -> Mapping[str, Reader]:
         "no_slip_at": Reader("no_slip_times_s", _read_slip_times, f"{SLIP_HINT} {SLIP_HINT}"),
         "time_zone": Reader("time_zone", parse_time_zone, ZONE_HINT),
         "clock_offset": Reader("clock_offset_s", parse_clock_offset, OFFSET_HINT),
-        "diary": Reader("diary", lambda name: _read_diary_beside(folder, name), "FILE.csv"),
+        "diary": Reader("diary", lambda name: _read_diary_beside(folder, name), "FILE.csv, FILE.xlsx"),
     }
 
 
@@ -217,9 +217,22 @@ def _read_diary_beside(folder: Path | None, name: str) -> tuple[DiaryEntry, ...]
     if folder is None:  # the list was uploaded without a folder
         raise ValueError
     try:
-        return read_diary((folder / name).read_bytes())
+        return read_checked_diary((folder / name).read_bytes())
     except UnusableDiary as slip:
-        raise UnusableDiary(**slip.facts, diary=name) from None
+        rows = [facts | {"diary": name} for facts in split_facts(slip.facts)]
+        raise UnusableDiary(**join_facts(rows)) from None
+
+
+def read_checked_diary(content: bytes) -> tuple[DiaryEntry, ...]:
+    """Parse a diary, and compare its rows with one another as far as no recording is needed.
+
+    Raises UnusableDiary with every line that cannot be used.
+    """
+    from fusion.exposure.periods import check_diary  # noqa: PLC0415  slow import
+
+    entries = read_diary(content)
+    check_diary(entries)
+    return entries
 
 
 def _read_windows(text: str) -> tuple[tuple[float, float], ...]:

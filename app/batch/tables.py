@@ -16,11 +16,13 @@ from app.report.export.crate import CRATE, Made, encode_crate
 from app.report.export.tables import (
     DATAPACKAGE,
     FRENCH_EXCEL,
+    MARK_COLUMNS,
     PERIOD_COLUMNS,
     PROBLEM_COLUMNS,
     Row,
     add_origin,
     build_problem_row,
+    describe_marks,
     describe_periods,
     encode_datapackage,
     encode_dictionary,
@@ -38,7 +40,7 @@ from app.request import Language, ReportRequest
 from app.store.folder import write_durably
 from app.version import software_revision, software_version
 
-CSV_TABLES = ("summary.csv", "summary_fr.csv", "periods.csv", "problems.csv", "dictionary.csv")
+CSV_TABLES = ("summary.csv", "summary_fr.csv", "periods.csv", "marks.csv", "problems.csv", "dictionary.csv")
 _PACKAGES = ("numpy", "scipy", "numba", "pandas", "pyarrow", "typst")
 
 
@@ -112,6 +114,10 @@ def _encode_tables(
     yield "summary.xlsx", encode_workbook(done)
     yield "problems.csv", encode_table(PROBLEM_COLUMNS, problems)
     yield "periods.csv", encode_table(PERIOD_COLUMNS, periods)
+    yield (
+        "marks.csv",
+        encode_table(MARK_COLUMNS, [row for results in done for row in describe_marks(results)]),
+    )
     yield "dictionary.csv", encode_dictionary()
     yield DATAPACKAGE, encode_datapackage(CSV_TABLES)
     yield "index.html", render_index(index, request.method, language)

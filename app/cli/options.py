@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, TypeVar
 import typer
 
 from app.batch.folder import PROFILES, Task, read_list
-from app.batch.inputs import Participant, assign_participants
+from app.batch.inputs import Participant, assign_participants, read_checked_diary
 from app.batch.run import SHARD_HINT, Shard, parse_shard
 from app.cli.output import Exit, print_problem
 from app.errors import UNREADABLE_PATH, AppError, UnusableList
@@ -32,7 +32,7 @@ from app.request import (
 )
 from fusion.clocks import OFFSET_HINT, parse_clock_offset, parse_time_zone
 from fusion.conventions import AXIS_HINT, ArmAxis, PoseHeld, Side, parse_arm_axis
-from fusion.diary import DiaryEntry, TaskWindow, read_diary, read_tasks
+from fusion.diary import DiaryEntry, TaskWindow, read_tasks
 from fusion.errors import FusionError
 
 T = TypeVar("T")
@@ -43,8 +43,8 @@ SubjectOption = Annotated[str, typer.Option("--subject", help="Subject code; nev
 DiaryOption = Annotated[
     Path | None,
     typer.Option(
-        metavar="FILE.csv",
-        help="CSV of shift, tasks, breaks, not worn, pose: start,end,kind,label (clock), or start_s,end_s.",
+        metavar="FILE",
+        help="CSV or .xlsx of shift, tasks, breaks, marks: start,end,kind,label (clock), or start_s,end_s.",
     ),
 ]
 ProfileOption = Annotated[
@@ -92,7 +92,7 @@ LanguageOption = Annotated[
 
 def read_diary_file(path: Path | None, language: Language) -> tuple[DiaryEntry, ...]:
     """Read the diary; called before any recording is read, so that errors in it are reported at once."""
-    return _read_option_file(path, language, (), lambda file: read_diary(file.read_bytes()))
+    return _read_option_file(path, language, (), lambda file: read_checked_diary(file.read_bytes()))
 
 
 def resolve_profile(path: Path | None, out: Path) -> Path | None:

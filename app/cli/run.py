@@ -199,6 +199,7 @@ def run(
     tasks, unmatched = apply_participants_file(participants, tasks, language)
     for row in unmatched:
         _note("unmatched", language, line=str(row.line), file=row.file)
+    _note_unmatched_diary(tasks, language)
     check_windows(task.request for task in tasks)
     if any(task.request.shift for task in tasks):
         from app.batch.shifts import split_into_shifts  # noqa: PLC0415  loads fusion
@@ -279,6 +280,14 @@ def _plan(
     if join:  # one task, in a folder named after the first file
         logs, request = logs[:1], replace(request, joined=tuple(str(log.resolve()) for log in logs[1:]))
     return plan_tasks(logs, out, request, found.format_place, force=force)
+
+
+def _note_unmatched_diary(tasks: Sequence[Task], language: Language) -> None:
+    """Print the files and subjects of the diary that no recording has."""
+    named = {entry.file: None for task in tasks for entry in task.request.diary}
+    used = {entry.file for task in tasks for entry in task.request.select_diary()}
+    if unused := [name for name in named if name and name not in used]:
+        _note("unmatched_diary", language, names=", ".join(unused))
 
 
 def _note(name: str, language: Language, **facts: str) -> None:

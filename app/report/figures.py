@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from app.report.export.tables import Cell, CellKind
     from fusion.exposure.types import Interval
 
-TableName = Literal["summary", "periods"]
+TableName = Literal["summary", "periods", "marks"]
 Results = Mapping[str, Any]
 """The parsed ``results.json``."""
 
@@ -310,7 +310,7 @@ def _find_records(value: Any, steps: list[str], name: str = "") -> Iterator[dict
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column of ``summary.csv`` or ``periods.csv``; ``pattern`` is its name with placeholders."""
+    """A column of a table; ``pattern`` is its name with placeholders."""
 
     pattern: str
     facts: Mapping[str, str] = field(default_factory=dict)
@@ -390,6 +390,16 @@ PERIODS: tuple[Column, ...] = (
     ),
 )
 """Columns of ``periods.csv``: a row for each clock hour, period and task of the diary. Append new ones."""
+
+
+_BEFORE = ("analysed_s", "time_above_60_percent", "elevation_p50_deg", "entries_above_60_per_h")
+MARKS: tuple[Column, ...] = (
+    *(Column(name, kind="text") for name in ("file_name", "subject", "side", "label", "at")),
+    *map(Column, ("mark_s", *_BEFORE)),
+    *(Column("rest_{figure}", {"figure": name}) for name in _BEFORE),
+    Column("path", kind="text"),
+)
+"""Columns of ``marks.csv``: a row for each mark, with the 15 minutes before it and the rest of the shift."""
 
 
 # Units: the end of a figure's name determines its unit.

@@ -95,9 +95,11 @@ class Stretches:
         return PartHistograms(self.minute_edges_us, sum_time(histograms.cell_us, self.minute_of))
 
 
-def cut_day(minute_edges_us: IntArray, hour_edges_us: IntArray, piece_edges_us: IntArray) -> Stretches:
-    """Split the day at all edges; ``piece_edges_us`` may be empty."""
-    edges_us = np.unique(np.concatenate([minute_edges_us, hour_edges_us, piece_edges_us]))
+def cut_day(
+    minute_edges_us: IntArray, hour_edges_us: IntArray, piece_edges_us: IntArray, mark_edges_us: IntArray
+) -> Stretches:
+    """Split the day at all edges; those of pieces and of marks may be empty."""
+    edges_us = np.unique(np.concatenate([minute_edges_us, hour_edges_us, piece_edges_us, mark_edges_us]))
     begins_us = edges_us[:-1]
     return Stretches(
         edges_us,

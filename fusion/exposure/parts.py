@@ -16,7 +16,7 @@ from fusion.exposure.bins import (
     summarise_time_above,
 )
 from fusion.exposure.metric_filter import MetricAngle
-from fusion.exposure.periods import Period, Piece
+from fusion.exposure.periods import Mark, Period, Piece
 from fusion.exposure.resampling import Figures, Resampling
 from fusion.exposure.types import MinuteProfile, PartExposure, PeakWindow
 from fusion.numba_kernels import kernel
@@ -102,6 +102,8 @@ def summarise_part(label: str, edges_us: IntArray, cell_us: IntArray, entries: i
 
 
 REST_KIND = "work"
+BEFORE_MARK_US = 15 * MINUTE_US
+"""The time before a mark that is shown beside the rest of the shift."""
 
 Group = tuple[int, ...]
 """Indices of pieces that are summed into one part."""
@@ -109,15 +111,21 @@ Group = tuple[int, ...]
 
 @dataclass(frozen=True, slots=True)
 class DayDivision:
-    """The diary's periods, and the pieces of the whole recording that belong to each."""
+    """The diary's periods, the pieces of the whole recording that belong to each, and its marks."""
 
     periods: tuple[Period, ...] = ()
     pieces: tuple[Piece, ...] = ()
+    marks: tuple[Mark, ...] = ()
 
     def list_edges(self) -> IntArray:
         """Return the edges of the pieces, shape (p + 1,); empty without a diary."""
         edges_us = [piece.start_us for piece in self.pieces[:1]] + [piece.end_us for piece in self.pieces]
         return np.array(edges_us, np.int64)
+
+    def list_windows(self) -> IntArray:
+        """Return the 15 minutes before each mark, within the recording: microseconds, shape (m, 2)."""
+        ends_us = np.array([mark.time_us for mark in self.marks], np.int64)
+        return np.stack([np.maximum(ends_us - BEFORE_MARK_US, 0), ends_us], axis=1)
 
     def group_by_row(self) -> tuple[Group, ...]:
         """Return the pieces of each row, in the order of the diary, then the pieces without a row.

@@ -6,6 +6,7 @@ the row says otherwise (Palm et al. 2018: a sensor cannot distinguish a supporte
 one).
 """
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, time, timedelta
@@ -14,7 +15,7 @@ from itertools import pairwise
 from fusion.caveats import Caveat
 from fusion.clocks import find_instants, measure_us
 from fusion.diary import KINDS, DiaryEntry, Kind, parse_clock, refuse_slips
-from fusion.errors import UnusableDiary
+from fusion.errors import UnusableDiary, split_facts
 from fusion.recording import MICROSECONDS, QualityFlag, Span, flag_stretches
 
 REASONS: dict[str, str] = {"break": "break", "outside": "outside", "not_worn": "not-worn"}
@@ -41,8 +42,16 @@ class Period:
 
 
 @dataclass(frozen=True, slots=True)
+class Mark:
+    """A moment of the day, such as the time of a pain; it divides and excludes nothing."""
+
+    time_us: int
+    label: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class Placed:
-    """The periods of one recording in the order of the diary, and the caveats of placing them.
+    """The periods and marks of one recording in the order of the diary, and the caveats of placing them.
 
     ``shift_us``: length of the shift by its stated start and end, also beyond the recording; None if unknown.
     """
@@ -50,6 +59,7 @@ class Placed:
     periods: tuple[Period, ...] = ()
     flags: tuple[QualityFlag, ...] = ()
     shift_us: int | None = None
+    marks: tuple[Mark, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,10 +81,10 @@ def place_diary(entries: Sequence[DiaryEntry], start: datetime | None, duration_
 
     Raises UnusableDiary: with the line and the reason, if a row cannot be placed.
     """
-    whole: list[Period] = []
+    whole: list[tuple[DiaryEntry, Period]] = []
     shifts_us: list[int] = []
     row_errors: list[UnusableDiary] = []
-    for entry, following in _pair_with_next(entries):
+    for entry, following in pair_with_next(entries):
         reason = REASONS.get(entry.kind, "")
         if entry.left_out is not None:
             reason = (reason or entry.kind) if entry.left_out else ""
@@ -83,24 +93,69 @@ def place_diary(entries: Sequence[DiaryEntry], start: datetime | None, duration_
         except UnusableDiary as error:
             row_errors.append(error)
         else:
-            whole.append(Period(*bounds_us, entry.kind, entry.label, reason, entry.line))
+            whole.append((entry, Period(*bounds_us, entry.kind, entry.label, reason, entry.line)))
             is_here = bounds_us[0] < duration_us and bounds_us[1] > 0
             if entry.kind == "shift" and entry.end is not None and is_here:
                 shifts_us.append(bounds_us[1] - bounds_us[0])
+    marks: list[tuple[DiaryEntry, Mark]] = []
+    for entry in (entry for entry in entries if entry.kind == "mark"):
+        try:
+            place_us = place_moment(entry.start, entry.line, start, duration_us)
+        except UnusableDiary as error:
+            row_errors.append(error)
+        else:
+            marks.append((entry, Mark(place_us, entry.label)))
     refuse_slips(row_errors)
-    inside = [period for period in whole if period.start_us < duration_us and period.end_us > 0]
-    if whole and not inside:
+    inside = [period for _, period in whole if period.start_us < duration_us and period.end_us > 0]
+    outside = [entry for entry, period in whole if period.start_us >= duration_us or period.end_us <= 0]
+    outside += (entry for entry, mark in marks if not 0 <= mark.time_us <= duration_us)
+    shown = tuple(mark for _, mark in marks if 0 <= mark.time_us <= duration_us)
+    unused = [entry for entry in outside if not _is_of_other_day(entry, start, duration_us)]
+    if unused and not inside and not shown:
         raise UnusableDiary(
-            line=whole[0].line, why="outside recording", cure="clock", value=_format_times(entries[0])
+            line=unused[0].line, why="outside recording", cure="clock", value=_format_times(unused[0])
         )
     _refuse_overlap(inside)
     cut = tuple(
         replace(period, start_us=max(period.start_us, 0), end_us=min(period.end_us, duration_us))
         for period in inside
     )
-    outside = len(whole) - len(inside)
-    left_aside = (QualityFlag(Caveat.DIARY, outside),) if outside else ()
-    return Placed(cut, (*left_aside, *_flag_overlaps(cut)), sum(shifts_us) or None)
+    count = len(unused if inside or shown else outside)
+    left_aside = (QualityFlag(Caveat.DIARY, count),) if count else ()
+    return Placed(cut, (*left_aside, *_flag_overlaps(cut)), sum(shifts_us) or None, shown)
+
+
+def _is_of_other_day(entry: DiaryEntry, start: datetime | None, duration_us: int) -> bool:
+    """Return whether a row of a diary of many recordings is for another day of the same person."""
+    if start is None or not entry.file or not isinstance(entry.start, str) or "T" not in entry.start:
+        return False
+    last = start + timedelta(microseconds=duration_us)
+    return not start.date() <= datetime.fromisoformat(entry.start).date() <= last.date()
+
+
+LOCAL_MOMENT = re.compile(r"\d{4}-\d{2}-\d{2}T[0-9:.]+")
+"""A date and a clock time, without an offset from UTC."""
+LONGEST_US = 366 * 86_400 * MICROSECONDS
+
+
+def check_diary(entries: Sequence[DiaryEntry]) -> None:
+    """Compare the rows with one another before a recording is read, if their times need no recording.
+
+    These are rows in seconds, and rows with dates. Raises UnusableDiary with every row that ends before it
+    starts or overlaps another of its kind.
+    """
+    row_errors: list[UnusableDiary] = []
+    for file in dict.fromkeys(entry.file for entry in entries):
+        own = [entry for entry in entries if entry.file == file and entry.end is not None]
+        numbered = [e for e in own if not isinstance(e.start, str) and not isinstance(e.end, str)]
+        dated = [e for e in own if all(LOCAL_MOMENT.fullmatch(str(moment)) for moment in (e.start, e.end))]
+        first = min((datetime.fromisoformat(str(e.start)) for e in dated), default=None)
+        for rows, start in ((numbered, None), (dated, first)):
+            try:
+                place_diary(rows, start, LONGEST_US)
+            except UnusableDiary as error:
+                row_errors += (UnusableDiary(**facts) for facts in split_facts(error.facts))
+    refuse_slips(row_errors)
 
 
 def find_diary_poses(
@@ -112,7 +167,7 @@ def find_diary_poses(
     """
     poses = (
         replace(entry, end=after.start if entry.end is None and after else entry.end)
-        for entry, after in _pair_with_next(diary)
+        for entry, after in pair_with_next(diary)
         if entry.kind == "pose"
     )
     placed = (place_diary([pose], start, duration_us).periods[0] for pose in poses)
@@ -149,7 +204,9 @@ def _intersect(away: Sequence[Period], named: Sequence[Period]) -> Iterator[tupl
                 yield start_us, end_us
 
 
-def _pair_with_next(entries: Sequence[DiaryEntry]) -> Iterator[tuple[DiaryEntry, DiaryEntry | None]]:
+def pair_with_next(entries: Sequence[DiaryEntry]) -> Iterator[tuple[DiaryEntry, DiaryEntry | None]]:
+    """Yield each row with the next one, at which it ends if it states no end; marks end nothing."""
+    entries = [entry for entry in entries if entry.kind != "mark"]
     return zip(entries, [*entries[1:], None], strict=False)
 
 

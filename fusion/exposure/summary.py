@@ -41,6 +41,7 @@ from fusion.exposure.parts import (
     split_hours,
     split_minutes,
     summarise_group,
+    summarise_part,
     summarise_parts,
 )
 from fusion.exposure.resampling import (
@@ -158,7 +159,12 @@ class DayTally:
         """Start with nothing counted."""
         self.duration_us, self.division = duration_us, division
         self.hours = split_hours(start, duration_us)
-        self.stretches = cut_day(split_minutes(duration_us), self.hours.edges_us, division.list_edges())
+        self.stretches = cut_day(
+            split_minutes(duration_us),
+            self.hours.edges_us,
+            division.list_edges(),
+            division.list_windows().ravel(),
+        )
         hours, stretches = len(self.hours.labels), len(self.stretches.minute_of)
         self.by_hour = PartHistograms(self.hours.edges_us, np.zeros((hours, CELLS), np.int64))
         self.by_stretch = PartHistograms(self.stretches.edges_us, np.zeros((stretches, CELLS), np.int32))
@@ -636,7 +642,30 @@ def _summarise_day(day: DayTally, metric_filter_hz: float | None) -> Exposure:
         eva_summary=summarise_eva_matrix(eva),
         conventions={item.key: divide_by_convention(bins, item) for item in CONVENTIONS},
     )
+    if day.division.marks:
+        exposure = replace(exposure, by_mark=_look_before_marks(day, cell_us))
     return _divide_day(exposure, day) if day.division.pieces else exposure
+
+
+def _look_before_marks(day: DayTally, cell_us: IntArray) -> tuple[PartExposure, ...]:
+    """Return the figures of the 15 minutes before each mark, then of all other analysed time."""
+    begins_us, entry_us = day.stretches.edges_us[:-1], day.list_entries(MAIN_THRESHOLD_DEG)
+    is_before = np.zeros(len(begins_us), np.bool_)
+    is_early = np.zeros(len(entry_us), np.bool_)
+    parts: list[PartExposure] = []
+    for mark, edges_us in zip(day.division.marks, day.division.list_windows(), strict=True):
+        chosen = (edges_us[0] <= begins_us) & (begins_us < edges_us[1])
+        entered = (edges_us[0] <= entry_us) & (entry_us < edges_us[1])
+        inside_us: IntArray = day.by_stretch.cell_us[chosen].sum(axis=0, dtype=np.int64)
+        parts.append(
+            replace(summarise_part(mark.label, edges_us, inside_us, int(entered.sum())), kind="mark")
+        )
+        is_before |= chosen
+        is_early |= entered
+    rest_us = cell_us - day.by_stretch.cell_us[is_before].sum(axis=0, dtype=np.int64)
+    whole_us = np.array([0, day.duration_us], np.int64)
+    rest = summarise_part("", whole_us, rest_us, int((~is_early).sum()))
+    return (*parts, replace(rest, kind="rest"))
 
 
 def _divide_day(exposure: Exposure, day: DayTally) -> Exposure:
@@ -700,6 +729,7 @@ def remove_short_ranges(exposure: Exposure) -> Exposure:
         by_hour=_replace_each(exposure.by_hour, **no_rates),
         by_period=_replace_each(exposure.by_period, **no_rates),
         by_task=_replace_each(exposure.by_task, **no_rates),
+        by_mark=_replace_each(exposure.by_mark, **no_rates),
         intervals={},
         recovery=recovery and replace(recovery, neutral_slow_per_hour=None, slow_per_hour=None),
         frequency=frequency and replace(frequency, crossings_per_hour=None),

@@ -311,6 +311,7 @@ class Exposure:
     or 0: not known.
     ``quarter_hours``: up to three windows of 15 minutes with the most time above 60 deg, largest first,
     without overlap.
+    ``by_mark``: the 15 minutes before each mark of the diary, then all other analysed time (kind "rest").
     """
 
     analysed_s: float
@@ -338,6 +339,7 @@ class Exposure:
     by_task: tuple[PartExposure, ...] = ()
     angle_sigma_deg: float | None = None
     quarter_hours: tuple[PeakWindow, ...] = ()
+    by_mark: tuple[PartExposure, ...] = ()
 
     def __repr__(self) -> str:
         above = ", ".join(

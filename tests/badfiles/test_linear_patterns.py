@@ -22,7 +22,17 @@ kinds, parser = (importlib.import_module(f"re._{name}") for name in ("constants"
 SIZE = 1 << 20
 LIMIT_CPU_S = 30.0
 """A linear pattern takes milliseconds; a quadratic one takes half an hour."""
-FOREIGN = ("readers", "live", "angle_files", "diary", "documents", "devices", "conventions", "plugins")
+FOREIGN = (
+    "readers",
+    "live",
+    "angle_files",
+    "diary",
+    "workbook",
+    "documents",
+    "devices",
+    "conventions",
+    "plugins",
+)
 FORMED = [form % ".," for form in (*columns.DATED_FORMS, columns.COMPACT, columns.BARE, columns.UNDATED)]
 CAPPED = {"FIRST_LINE": 400, "PAIR": MAX_LINE_BYTES}
 """Patterns of which the text is shorter: linear, but slow; or cut before."""

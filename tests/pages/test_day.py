@@ -10,9 +10,10 @@ from playwright.sync_api import Page, expect
 
 from fusion.simulation import write_recordings
 from tests.clock_spellings import FRACTIONS, READ, REFUSED
-from tests.pages.conftest import finish
+from tests.pages.conftest import finish, keep_picture
 from tests.pages.steps import END_MS, open_analysis, read_bands, read_view, wait_for_curve
 from tests.ways_in.servers import RunningServer
+from tests.workbooks import write
 
 pytestmark = pytest.mark.browser
 
@@ -298,6 +299,30 @@ def test_every_change_is_undone(day: Page) -> None:
 
     assert read_bands(day) == before
     expect(day.locator("#status")).to_have_text("Undone.")
+
+
+def test_a_diary_in_excel_is_imported_and_a_row_that_becomes_a_mark_has_no_end(
+    day: Page, tmp_path: Path
+) -> None:
+    diary = tmp_path / "diary.xlsx"
+    diary.write_bytes(
+        write(
+            ("start", "end", "kind", "label"),
+            (time(7, 0, 30), time(7, 1), "break", "café"),
+            (time(7, 1, 30), None, "mark", "pain"),
+        )
+    )
+
+    day.set_input_files("#import", diary)
+    rows = day.locator("#periods tr")
+    expect(rows).to_have_count(2)
+    rows.first.locator("[name=kind]").select_option("mark")
+    keep_picture(day, "marks")
+
+    expect(rows.last.locator("[name=label]")).to_have_value("pain")
+    expect(rows.first.locator("[name=end]")).to_have_value("")
+    expect(rows.first.locator("[name=end]")).not_to_be_visible()
+    expect(day.get_by_role("button", name="Update")).to_be_enabled()
 
 
 def test_a_diary_is_imported_and_exported(day: Page, tmp_path: Path) -> None:

@@ -41,7 +41,7 @@ from app.services import Services
 from fusion import errors
 from fusion.clocks import format_clock_offset
 from fusion.conventions import METHOD_VERSION
-from fusion.exposure.periods import place_diary
+from fusion.exposure.periods import Placed, place_diary
 from fusion.recording import MICROSECONDS
 
 _CURED_BY_COLUMNS = (
@@ -302,18 +302,23 @@ def format_times(times_s: Sequence[float], clock: DayClock | None, language: Lan
 
 
 def _format_periods(job: Job, clock: DayClock | None, language: Language) -> str:
-    """List the periods with their times, or only their number if the clock is not known."""
+    """List the periods and marks with their times, or only their number if the clock is not known."""
     diary, kinds = job.request.select_diary(), load_wording(language, "day")["kind_name"]
     try:
-        periods = place_diary(diary, clock.start, clock.duration_us).periods if clock else ()
+        placed = place_diary(diary, clock.start, clock.duration_us) if clock else Placed()
     except errors.UnusableDiary:
-        periods = ()
+        placed = Placed()
     shown = [
         f"{period.label or kinds[period.kind]} "
         f"{clock.show_span(period.start_us / MICROSECONDS, period.end_us / MICROSECONDS, language)}"
-        for period in periods[:MAX_PERIODS]
+        for period in placed.periods[:MAX_PERIODS]
         if clock
     ]
+    shown += (
+        f"{mark.label or kinds['mark']} {clock.show(mark.time_us / MICROSECONDS, language)}"
+        for mark in placed.marks[: MAX_PERIODS - len(shown)]
+        if clock
+    )
     if len(diary) > len(shown):
         shown.append(f"+ {len(diary) - len(shown)}" if shown else str(len(diary)))
     return "; ".join(shown)

@@ -232,6 +232,10 @@ def _describe_exposure(exposure: Exposure, clock: Clock) -> dict[str, object]:
             {"periods": part.periods, LESS_REST: part.less_rest_percent, **_describe_period(part)}
             for part in exposure.by_task
         ],
+        "by_mark": [
+            {"kind": part.kind, "at": _format_iso(part.end_s, clock), **_describe_part(part)}
+            for part in exposure.by_mark
+        ],
         **_describe_intervals(exposure.intervals),
         **{group.key: _describe(group, getattr(exposure, group.key)) for group in SINGLE_GROUPS},
         "variation": {
@@ -458,6 +462,7 @@ def _read_exposure(stored: Mapping[str, Any]) -> dict[str, Any]:
             "intervals": [list(starmap(Interval, zip(*row, strict=True))) for row in ranges],
         },
         **{key: list(map(_read_part, stored[key])) for key in ("by_hour", "by_period", "by_task")},
+        "by_mark": list(map(_read_part, stored.get("by_mark", ()))),  # missing in older files
         "intervals": _read_intervals(stored),
         **{
             group.key: group.read(stored[group.key]) if stored[group.key] else None for group in SINGLE_GROUPS

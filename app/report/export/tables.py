@@ -10,6 +10,7 @@ from datetime import datetime
 from typing import Any, Literal
 
 from app.report.figures import (
+    MARKS,
     PERIODS,
     SUMMARY,
     SUMMARY_OF_ONE,
@@ -20,9 +21,10 @@ from app.report.figures import (
     read_figures,
     read_ranges,
 )
-from app.report.words.messages import Fact, describe_problem
+from app.report.words.messages import describe_problem
 from app.report.words.wording import LANGUAGES, Language, load_wording
 from fusion.clocks import format_offset
+from fusion.errors import Fact
 
 # CSV, safe to open in a spreadsheet.
 
@@ -167,6 +169,18 @@ def describe_periods(results: Results) -> list[Row]:
     ]
 
 
+MARK_COLUMNS = [column.name for column in MARKS]
+
+
+def describe_marks(results: Results) -> list[Row]:
+    """Return the rows of ``marks.csv`` for one recording."""
+    who = {name: results["recording"][name] for name in ("file_name", "subject", "side")}
+    who["path"] = find_place(results, "path")
+    parts = results["exposure"].get("by_mark") or [{}]
+    rest = {f"rest_{name}": value for name, value in parts[-1].items()}
+    return [{**part, **rest, **who, "mark_s": part["end_s"]} for part in parts[:-1]]
+
+
 def _name_ends(ranges: Mapping[str, tuple[Cell, Cell]], suffix: str = "") -> Row:
     """Return both ends of each range as cells: ``<figure>_low``, ``<figure>_high``."""
     ends = (("low", 0), ("high", 1))
@@ -208,6 +222,7 @@ def describe_dictionary() -> list[Row]:
     tables: tuple[tuple[TableName, Sequence[Column]], ...] = (
         ("summary", SUMMARY),
         ("periods", PERIODS),
+        ("marks", MARKS),
     )
     for table, columns in tables:
         for column in columns:
@@ -262,6 +277,7 @@ _TABLES: Mapping[str, tuple[Dialect, Sequence[Column | str]]] = {
     "summary.csv": (INTERNATIONAL, SUMMARY),
     "summary_fr.csv": (FRENCH_EXCEL, SUMMARY),
     "periods.csv": (INTERNATIONAL, PERIODS),
+    "marks.csv": (INTERNATIONAL, MARKS),
     "problems.csv": (INTERNATIONAL, PROBLEM_COLUMNS),
     "dictionary.csv": (INTERNATIONAL, DICTIONARY_COLUMNS),
     "redcap_import.csv": (INTERNATIONAL, ("record_id", *SUMMARY_OF_ONE, _COMPLETE)),
@@ -274,7 +290,7 @@ def encode_datapackage(tables: Collection[str]) -> bytes:
     resources = []
     for name in sorted(_TABLES.keys() & tables):
         dialect, columns = _TABLES[name]
-        table: TableName = "periods" if columns is PERIODS else "summary"
+        table: TableName = "periods" if columns is PERIODS else "marks" if columns is MARKS else "summary"
         resource = {
             "profile": "tabular-data-resource",
             "name": name.removesuffix(".csv").replace("_", "-"),

@@ -9,9 +9,11 @@ import xlsxwriter
 
 from app.report.export.tables import (
     DICTIONARY_COLUMNS,
+    MARK_COLUMNS,
     PERIOD_COLUMNS,
     Row,
     describe_dictionary,
+    describe_marks,
     describe_periods,
     find_place,
     split_offset,
@@ -28,7 +30,7 @@ _OPTIONS = {"in_memory": True, "strings_to_formulas": False, "strings_to_urls": 
 
 
 def encode_workbook(every: Sequence[Results]) -> bytes:
-    """Encode summary, bins, periods, warnings and dictionary, one sheet each.
+    """Encode summary, bins, periods, marks, warnings and dictionary, one sheet each.
 
     Text is always written as text: none of our cells is a formula.
     """
@@ -43,6 +45,7 @@ def encode_workbook(every: Sequence[Results]) -> bytes:
         ("summary", [column.name for column in SUMMARY], map(summarise_results, every)),
         ("bins", _BINS, bins),
         ("periods", PERIOD_COLUMNS, periods),
+        ("marks", MARK_COLUMNS, (row for one in every for row in describe_marks(one))),
         ("warnings", _WARNINGS, warnings),
         ("dictionary", DICTIONARY_COLUMNS, describe_dictionary()),
     )

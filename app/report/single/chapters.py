@@ -89,8 +89,10 @@ TASK_KINDS = frozenset({"task", "seated", "supported"})
 """Kinds of period that name a task; work counts only with a name in the diary."""
 MOST_PARTS = 14
 """Maximum hours, periods or tasks in a table of the report; the CSV has all."""
+MOST_MARKS = 6
+"""Maximum marks on page 2."""
 MOST_LINES = 22
-"""Maximum lines of hours and tasks on page 2 (a task takes two); else the appendix has the table of hours."""
+"""Maximum lines of hours, marks and tasks (two each) on page 2; else the appendix has the hours."""
 MOST_BARS = 24
 """Maximum bars of hours on page 2; else the appendix has their chart."""
 MAIN_FIGURE = f"time_above_{MAIN_THRESHOLD_DEG}_percent"
@@ -413,9 +415,11 @@ def _build_day(
     charts = (build_parts("hours", hours, words, context.language),) if is_drawn else ()
     by_hour = (_tabulate_parts(hours, words["part"]["by_hour"], context),)
     lines = min(len(hours), MOST_PARTS) + 2 * min(len(exposure.by_task), MOST_PARTS)
+    lines += min(len(exposure.by_mark), MOST_MARKS + 1)
     later_charts = charts if len(hours) > MOST_BARS else ()
     later_tables = by_hour if lines > MOST_LINES else ()
-    tables = (*(() if later_tables else by_hour), _tabulate_tasks(context), _tabulate_windows(context))
+    marks = _tabulate_marks(context)
+    tables = (*(() if later_tables else by_hour), _tabulate_tasks(context), marks, _tabulate_windows(context))
     title = words["section"]["periods" if exposure.by_task else "hours"]
     page = Section("hours", title, brackets, () if later_charts else charts, tables=tables)
     return page, later_charts, later_tables
@@ -462,6 +466,28 @@ def _tabulate_tasks(context: Context) -> Table:
         )
     cut = {"shown": str(MOST_PARTS), "all": str(len(rows))} if len(rows) > MOST_PARTS else {}
     return Table.build(entry, rows[:MOST_PARTS], note=fill(entry["note"], cut))
+
+
+def _tabulate_marks(context: Context) -> Table:
+    """Tabulate the 15 minutes before each mark, and the rest of the shift."""
+    words, language, clock = context.words, context.language, context.clock
+    entry, rows, every = words["part"]["marks"], [], context.exposure.by_mark
+    tenths, whole = _show_number(language, 1), _show_number(language, 0)
+    rate = partial(format_rate, language=language)
+    for part in (*every[:-1][:MOST_MARKS], *every[-1:]):
+        name = (
+            entry["rest"] if part.kind == "rest" else f"{clock.format(part.end_s)} {_name_part(part, words)}"
+        )
+        figures: list[tuple[float | None, Show]] = [
+            (part.percent_above.get(MAIN_THRESHOLD_DEG), tenths),
+            (part.percentiles_deg.get(50), whole),
+            (part.entries_above_60_per_h if part.analysed_s >= SHORTEST_RATED_S else None, rate),
+        ]
+        cells = (NONE if value is None else show(value) for value, show in figures)
+        rows.append((name, format_duration(part.analysed_s, language), *cells))
+    count = len(every) - 1
+    cut = {"shown": str(MOST_MARKS), "all": str(count)} if count > MOST_MARKS else {}
+    return Table.build(entry, rows, note=fill(entry["note"], cut))
 
 
 def is_task(part: PartExposure) -> bool:

@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Any
 from app.errors import InternalError
 from app.report.words.numbers import format_duration, format_exact, format_number
 from app.report.words.wording import Language, Words, clean_text, fill, load_wording
+from fusion.errors import Fact, split_facts
 
 if TYPE_CHECKING:
     from fusion.recording import QualityFlag
 
-
-Fact = str | int | float
 UNKNOWN_PROBLEM = InternalError.code
 
 
@@ -42,7 +41,7 @@ def describe_problem(code: str, facts: Mapping[str, Fact], language: Language) -
     """
     words = load_wording(language)
     entry = words["problem"].get(code) or words["problem"][UNKNOWN_PROBLEM]
-    first, *others = _split_rows(facts)
+    first, *others = split_facts(facts)
     shown = format_facts(first, language)
     rows = (fill(entry["another"], format_facts(row, language)) for row in others)
     more = fill(entry.get("more", ""), shown)
@@ -87,18 +86,6 @@ def format_facts(facts: Mapping[str, Fact], language: Language) -> dict[str, str
 def find_flag_codes() -> tuple[str, ...]:
     """Return the code of every caveat that has words."""
     return tuple(sorted(load_wording("en")["flag"]))
-
-
-def _split_rows(facts: Mapping[str, Fact]) -> list[dict[str, Fact]]:
-    """Return the facts of the first row, and of each further rejected row."""
-    rows: dict[int, dict[str, Fact]] = {1: {}}
-    for name, value in facts.items():
-        stem, _, number = name.rpartition("_")
-        if stem and number.isdigit() and "line_2" in facts:
-            rows.setdefault(int(number), {})[stem] = value
-        else:
-            rows[1][name] = value
-    return [rows[number] for number in sorted(rows)]
 
 
 # Columns named by a person.

@@ -10,7 +10,8 @@ from app.errors import UnusableParticipants
 from app.report.words.messages import describe_problem
 from app.request import Proposal, ReportRequest, propose_description
 from fusion.conventions import Side
-from fusion.errors import UnusableDiary
+from fusion.errors import UnusableDiary, split_facts
+from tests.workbooks import write
 
 
 def read_one(text: str, folder: Path = Path()) -> dict[str, object]:
@@ -243,3 +244,18 @@ def test_a_file_name_and_its_folders_suggest_a_subject_and_an_arm(
 )
 def test_an_unclear_file_name_suggests_nobody_and_no_arm(path: str) -> None:
     assert propose_description(path) == Proposal()
+
+
+def test_the_wrong_lines_of_all_diaries_are_named_at_once_with_their_diary(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("start,end,kind\nnoon,9:00,work\n8:00,9:00,wrok\n")
+    (tmp_path / "b.xlsx").write_bytes(write(("start_s", "end_s", "kind"), (60, 50, "break")))
+
+    with pytest.raises(UnusableDiary) as caught:
+        assign_participants([], b"file,diary\na.gt3x,a.csv\nb.gt3x,b.xlsx\n", tmp_path)
+
+    rows = split_facts(caught.value.facts)
+    assert [(row["diary"], row["line"], row["why"]) for row in rows] == [
+        ("a.csv", 2, "time"),
+        ("a.csv", 3, "kind"),
+        ("b.xlsx", 2, "end first"),
+    ]

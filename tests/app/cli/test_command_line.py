@@ -28,8 +28,8 @@ def test_one_file_and_no_other_option_gives_every_product_and_the_tables_beside_
 
     assert made >= {"results.json", "elevation.parquet", "report.html", "report.pdf"}
     assert tables == {
-        *("summary.csv", "summary_fr.csv", "summary.xlsx", "periods.csv", "problems.csv", "dictionary.csv"),
-        *("run.json", "settings.yaml", "methods.md", "index.html"),
+        *("summary.csv", "summary_fr.csv", "summary.xlsx", "periods.csv", "marks.csv"),
+        *("problems.csv", "dictionary.csv", "run.json", "settings.yaml", "methods.md", "index.html"),
         *("datapackage.json", "ro-crate-metadata.json"),
     }
     made_at = json.loads((done / "run.json").read_text("utf-8"))["made_at"]

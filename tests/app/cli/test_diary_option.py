@@ -1,6 +1,7 @@
 """A diary beside the recording: what it does to the report, and what a slip in it brings."""
 
 import csv
+from datetime import date, time
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ from typer.testing import CliRunner, Result
 from app.cli import app
 from app.request import ReportRequest
 from fusion.diary import DiaryEntry
+from tests.workbooks import write
 
 DIARY = "start_s,end_s,kind,label\n0,60,task,Boxes\n60,90,break,Coffee\n"
 
@@ -56,3 +58,25 @@ def test_a_row_may_name_its_recording_by_file_stem_or_subject_and_is_for_no_othe
     rows = tuple(DiaryEntry(0.0, None, "task", file=name) for name in names)
 
     assert ReportRequest("shift 3.gt3x", "S012", diary=rows).select_diary() == rows[:3]
+
+
+def test_the_dry_run_names_every_wrong_row_of_a_workbook_and_the_names_without_a_recording(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "S01.csv").write_text("acc_x\n")
+    head = ("subject", "date", "start", "end", "kind")
+    right = ("S01", date(2026, 3, 2), time(8), time(16), "work")
+    wrong = ("S01", date(2026, 3, 2), time(12), time(11), "break"), ("S02", "soon", time(8), time(16), "wrok")
+
+    def plan(*rows: tuple[object, ...]) -> Result:
+        (tmp_path / "week.xlsx").write_bytes(write(head, *rows))
+        options = ["-o", tmp_path / "out", "--diary", tmp_path / "week.xlsx", "--dry-run"]
+        return CliRunner().invoke(app, [str(one) for one in ("run", tmp_path / "S01.csv", *options)])
+
+    refused, planned = plan(right, *wrong), plan(right, ("S02", *right[1:]))
+
+    assert refused.exit_code == 2
+    assert "Line 3" in refused.output
+    assert "Line 4" in refused.output
+    assert planned.exit_code == 0
+    assert "no recording for S02" in planned.output

@@ -2,6 +2,7 @@
 
 import base64
 import hashlib
+from datetime import time
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from sqlalchemy import update
 
+from app.http.api.library.recordings import XLSX
 from app.library.database.tables import purged_uploads, recordings
 from app.library.jobs import JobStore
 from app.library.recordings import RecordingStore
@@ -20,6 +22,7 @@ from app.settings import Settings
 from app.store.folder import Storage
 from tests.app import stand_ins
 from tests.app.conftest import OpenWorker, serving
+from tests.workbooks import write
 
 URL = "/api/v1/recordings"
 
@@ -308,6 +311,19 @@ def test_a_diary_file_is_taken_and_given_as_csv(client: TestClient) -> None:
     assert text.splitlines()[1] == "07:00:00,08:00:00,task,tri,,"
     again = client.put(address, content=text.encode(), headers={"content-type": "text/csv"})
     assert again.json() == client.get(address).json()
+
+
+def test_of_a_workbook_for_many_recordings_the_rows_of_this_one_are_taken(client: TestClient) -> None:
+    kept = keep(client)
+    head, kind = ("file", "start", "end", "kind"), {"content-type": XLSX}
+    rows = [(kept["file_name"], time(7), time(8), "task"), ("another.gt3x", time(9), time(10), "task")]
+    address = f"{URL}/{kept['id']}/periods"
+
+    taken = client.put(address, content=write(head, *rows), headers=kind)
+    refused = client.put(address, content=write(head, rows[1]), headers=kind)
+
+    assert [row["start"] for row in taken.json()] == ["07:00:00"]
+    assert (refused.status_code, refused.json()["code"]) == (422, "E-DIARY")
 
 
 def test_clock_times_and_seconds_are_given_as_csv_that_is_read_again(client: TestClient) -> None:

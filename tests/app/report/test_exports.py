@@ -23,10 +23,11 @@ from app.analysis.run import make_report
 from app.report.export.all import DICTIONARY_COLUMNS, export_results
 from app.report.export.fhir import encode_fhir
 from app.report.export.naming import Origin, format_file_name, format_report_name, pack_files
-from app.report.export.results import encode_results
+from app.report.export.results import decode_results, encode_results
 from app.report.export.tables import (
     FRENCH_EXCEL,
     PERIOD_COLUMNS,
+    describe_marks,
     describe_periods,
     encode_dictionary,
     encode_summary,
@@ -35,7 +36,7 @@ from app.report.export.tables import (
     summarise_failure,
 )
 from app.report.export.tables import Origin as FailedOrigin
-from app.report.figures import SUMMARY, find_unit
+from app.report.figures import SUMMARY, find_unit, load_results
 from app.report.model import format_brief
 from app.report.single.report import build_report
 from app.report.words.wording import Language, load_wording
@@ -127,6 +128,21 @@ def test_every_column_of_every_table_is_explained_in_both_languages() -> None:
         "elevation.parquet": ["time_us", "elevation_cdeg", "valid", "analysed"],
     }
     assert all(row["english"] and row["french"] for row in rows)
+
+
+def test_a_mark_survives_the_way_through_results_json_and_has_a_row_with_the_rest_of_the_shift() -> None:
+    exposure = make_exposure()
+    mark = replace(exposure.by_hour[0], kind="mark", label="Pain", intervals={}, start_s=0.0, end_s=900.0)
+    rest = replace(exposure.by_hour[1], kind="rest", label="", intervals={})
+    content = encode_results(make_analysis(exposure=replace(exposure, by_mark=(mark, rest))), make_subject())
+
+    (row,) = describe_marks(load_results(content))
+
+    assert (row["label"], row["mark_s"], row["at"]) == ("Pain", 900.0, "2026-03-03T08:13:12-05:00")
+    assert (row["time_above_60_percent"], row["rest_time_above_60_percent"]) == pytest.approx(
+        (mark.percent_above[60], rest.percent_above[60])
+    )
+    assert decode_results(content).findings.exposure.by_mark == (mark, rest)
 
 
 def test_periods_csv_has_the_rest_and_the_difference_of_a_task_with_the_range() -> None:

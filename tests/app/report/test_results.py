@@ -92,8 +92,8 @@ def test_the_figures_stand_in_the_order_of_the_contract(results: dict[str, Any])
     assert list(results["exposure"]) == [
         "analysed_s", "metric_filter_hz", "angle_sigma_deg", "bins", "time_above", "percentiles_deg",
         "entries", "cycles", "episodes", "velocity_dps", "peak", "eva", "by_hour", "by_period", "by_task",
-        "intervals", "intervals_pose", "recovery", "frequency", "variation", "conventions", "minutes",
-        "histogram_s",
+        "by_mark", "intervals", "intervals_pose", "recovery", "frequency", "variation", "conventions",
+        "minutes", "histogram_s",
     ]  # fmt: skip
 
 

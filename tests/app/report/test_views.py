@@ -366,6 +366,24 @@ def test_a_task_is_told_by_share_minutes_rises_longest_rest_and_difference_with_
     ]
 
 
+def test_the_time_before_each_mark_stands_beside_the_rest_of_the_shift_and_shows_no_cause() -> None:
+    mark = replace(make_task("Pain", 20.0, 15.0, 25.0, kind="mark"), start_s=7200.0, end_s=8100.0, periods=1)
+    mark = replace(mark, analysed_s=840.0, percentiles_deg={50: 21.0})
+    few = replace(mark, label="", analysed_s=599.0)
+    rest = replace(mark, label="", kind="rest", analysed_s=18000.0)
+
+    table = table_of(
+        report_of(exposure=replace(make_exposure(), by_mark=(mark, few, rest))), "hours", "The 15 minutes"
+    )
+
+    assert [[plain(cell) for cell in row] for row in table.rows] == [
+        ["10:13 Pain", "14 min", "20.0", "21", "30"],
+        ["10:13 Mark", "9 min 59 s", "20.0", "21", "–"],
+        ["Rest of the shift", "5 h", "20.0", "21", "30"],
+    ]
+    assert "It does not show a cause." in plain(table.note)
+
+
 def test_only_a_task_whose_range_overlaps_with_no_other_has_a_rank() -> None:
     tasks = (make_task("Till", 2.0, 1.0, 4.0), make_task("Shelves", 3.0, 2.0, 5.0))
     ceilings = make_task("Ceilings", 20.0, 15.0, 25.0)

@@ -122,7 +122,7 @@ def test_the_triggers_at_all_errors_count_what_one_trigger_counts_at_each(
     valid[[gap for gap in gaps if gap < len(series)]] = False
     angle = MetricAngle(0, rate_hz, series, valid)
     errors_deg, nothing = np.linspace(-7.3, 7.3, 11), np.zeros(0, np.int64)
-    day = cut_day(np.array([0, 10_000_000, 120_000_000]), nothing, nothing)
+    day = cut_day(np.array([0, 10_000_000, 120_000_000]), nothing, nothing, nothing)
     shifted = ShiftedStays(errors_deg, day)
     shifted.add(angle)
 

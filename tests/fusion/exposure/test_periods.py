@@ -1,6 +1,7 @@
 """The rows of a diary find their place on the recording, and the parts of the day make the whole."""
 
 import io
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from typing import Any
 from zoneinfo import ZoneInfo
@@ -11,9 +12,9 @@ from hypothesis import given, reject, settings
 from hypothesis import strategies as st
 
 from fusion.diary import KINDS, DiaryEntry, Kind
-from fusion.errors import TooShort, UnusableDiary
+from fusion.errors import TooShort, UnusableDiary, split_facts
 from fusion.exposure.parts import DayDivision
-from fusion.exposure.periods import Period, Placed, divide_day, place_diary
+from fusion.exposure.periods import Period, Placed, check_diary, divide_day, place_diary
 from fusion.exposure.resampling import find_intervals
 from fusion.exposure.summary import describe_hours, draw_variation, summarise_exposure
 from fusion.exposure.types import PartExposure
@@ -115,6 +116,37 @@ def test_rows_out_of_order_and_two_tasks_at_once_are_refused_at_the_later_line(
 
     assert (facts["why"], facts["line"]) == (why, 3)
     assert why != "overlap" or facts["other"] == 2
+
+
+def test_rows_of_one_person_for_another_day_are_left_aside_without_a_caveat() -> None:
+    rows = [
+        DiaryEntry(f"2026-03-{day:02}T08:00:00", f"2026-03-{day:02}T09:00:00", "work", line=day, file="S01")
+        for day in (1, 2, 3)
+    ]
+    late = replace(rows[1], start="2026-03-02T20:00:00", end="2026-03-02T21:00:00")
+
+    assert [period.line for period in place(*rows).periods] == [2]
+    assert place(*rows).flags == ()
+    assert [flag.count for flag in place(*rows, late).flags] == [1]
+    assert [flag.count for flag in place(rows[0], rows[2]).flags] == [2]
+
+
+def test_rows_with_dates_or_seconds_are_compared_before_a_recording_is_read() -> None:
+    rows = (
+        DiaryEntry("2026-03-02T08:00:00", "2026-03-02T10:00:00", "task", line=2, file="S01"),
+        DiaryEntry("2026-03-02T09:00:00", "2026-03-02T11:00:00", "task", line=3, file="S02"),
+        DiaryEntry("2026-03-02T09:00:00", "2026-03-02T11:00:00", "task", line=4, file="S01"),
+        DiaryEntry(60.0, 50.0, "break", line=5),
+        DiaryEntry("08:00:00", "07:00:00", "break", line=6),
+    )
+
+    with pytest.raises(UnusableDiary) as refusal:
+        check_diary(rows)
+
+    assert [(row["line"], row["why"]) for row in split_facts(refusal.value.facts)] == [
+        (4, "overlap"),
+        (5, "end first"),
+    ]
 
 
 def test_tasks_may_overlap_by_a_rounded_second() -> None:

@@ -53,7 +53,7 @@ from fusion.clocks import OFFSET_HINT, ZONE_HINT, correct_start, parse_clock_off
 from fusion.conventions import AXIS_HINT, ArmAxis, MethodName, Pose, PoseHeld, Side, parse_arm_axis
 from fusion.diary import DiaryEntry, Kind, read_diary, refuse_slips, split_times
 from fusion.errors import UnusableDiary
-from fusion.exposure.periods import place_diary
+from fusion.exposure.periods import check_diary, pair_with_next, place_diary
 from fusion.recording import MICROSECONDS
 
 T = TypeVar("T")
@@ -63,7 +63,6 @@ T = TypeVar("T")
 
 COLUMNS = ["start", "end", "start_s", "end_s", "kind", "label", "left_out", "file"]
 SECONDS = {"start_s", "end_s"}
-MAX_DURATION_US = 366 * 86_400 * MICROSECONDS
 _YES_NO: Mapping[bool | None, str] = {None: "", True: "yes", False: "no"}
 
 
@@ -138,19 +137,18 @@ def check_periods(
 ) -> None:
     """Place the periods on the recording as the analysis will; ``found`` is the result of the inspection.
 
-    Without an inspection (None), rows in seconds are compared with one another. Raises UnusableDiary if a row
+    Without an inspection (None), the rows are only compared with one another. Raises UnusableDiary if a row
     ends before it starts, overlaps another or is outside of the recording, and UnusableClock if the stated
     clock cannot be right.
     """
     if found is None:
-        numbered = [e for e in diary if isinstance(e.start, float) and isinstance(e.end, float)]
-        place_diary(numbered, None, MAX_DURATION_US)
+        check_diary(diary)
         return
     start = datetime.fromisoformat(found["start"]) if found["start"] else None
     start = correct_start(start, time_zone, clock_offset_s)
     duration_us = round(found["recorded_s"] * MICROSECONDS)
     if place_diary(diary, start, duration_us).flags:
-        for entry, following in zip(diary, [*diary[1:], None], strict=True):
+        for entry, following in pair_with_next(diary):
             end = following.start if entry.end is None and following else entry.end
             place_diary((replace(entry, end=end),), start, duration_us)
 

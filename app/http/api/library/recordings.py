@@ -76,6 +76,9 @@ DIARY_KINDS: dict[str, Any] = {
     "application/json": {"schema": {"type": "array", "items": {"$ref": "#/components/schemas/PeriodView"}}},
     "text/csv": {"schema": {"type": "string"}},
 }
+XLSX = "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet"
+SENT_KINDS = DIARY_KINDS | {XLSX: {"schema": {"type": "string", "format": "binary"}}}
+DIARY_FILES = ("text/csv", XLSX)
 
 ORIGINAL: dict[int | str, dict[str, Any]] = {
     200: {"content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}}
@@ -254,14 +257,16 @@ def get_periods(recording_id: str, request: Request, services: UsedServices) -> 
     return JSONResponse(periods, headers=headers)  # type: ignore[return-value]
 
 
-@router.put("/{recording_id}/periods", openapi_extra={"requestBody": {"content": DIARY_KINDS}})
+@router.put("/{recording_id}/periods", openapi_extra={"requestBody": {"content": SENT_KINDS}})
 async def put_periods(
     recording_id: str, request: Request, services: UsedServices, if_match: IfMatch = ""
 ) -> list[PeriodView]:
-    """Set the periods of the day, as JSON rows or a diary file, for the following analyses."""
+    """Set the periods of the day, as JSON rows or a diary file (CSV, Excel), for the following analyses."""
     body = await read_small_body(request, MAX_DIARY_BYTES)
-    is_csv = request.headers.get("content-type", "").startswith("text/csv")
-    diary = read_diary(body) if is_csv else read_periods(validate_model(PeriodList, parse_json(body)).root)
+    if request.headers.get("content-type", "").startswith(DIARY_FILES):
+        diary = await run_in_threadpool(read_diary, body)
+    else:
+        diary = read_periods(validate_model(PeriodList, parse_json(body)).root)
     row = await run_in_threadpool(_store_periods, services, recording_id, if_match, diary)
     periods = [period.model_dump() for period in view_periods(row.diary)]
     return JSONResponse(periods, headers={"ETag": _tag(row)})  # type: ignore[return-value]
@@ -272,6 +277,7 @@ def _store_periods(
 ) -> StoredRow:
     row = _match(services.recordings.get(recording_id), if_match)
     if diary:
+        diary = ReportRequest(row.about.file_name, row.about.subject).choose_rows(diary)
         found = None
         with suppress(RecordedProblem, Crashed):  # the file cannot be read without a rate or a profile
             found = _inspect(services, row)

@@ -46,7 +46,6 @@ from app.library.results import can_regenerate
 from app.library.results import retry as retry_job
 from app.library.rows import Job, JobState
 from app.report.figures import load_results
-from app.report.words.messages import Fact as ProblemFact
 from app.report.words.messages import Problem, describe_problem
 from app.report.words.numbers import format_date
 from app.report.words.wording import (
@@ -62,7 +61,7 @@ from app.request import LONGEST_CONCLUSION, LONGEST_SUBJECT, Conclusion, Conclus
 from app.services import Services, choose_language, find_services
 from app.store.folder import StoredRecording, seems_intact
 from fusion.clocks import format_clock_offset
-from fusion.errors import SeveralSensors
+from fusion.errors import Fact, SeveralSensors
 from fusion.pose.rules import WINDOW_FAULTS
 from fusion.recording import MICROSECONDS
 
@@ -171,7 +170,7 @@ class Damage:
     source: Problem | None
 
 
-def build_damage(page: Page, facts: Mapping[str, ProblemFact]) -> Damage | None:
+def build_damage(page: Page, facts: Mapping[str, Fact]) -> Damage | None:
     """Build the view of a ResultDamaged; None if the analysis no longer exists."""
     store, code = page.services.store, ResultDamaged.code
     try:

@@ -161,7 +161,7 @@ class DayClock:
 
 @dataclass(frozen=True, slots=True)
 class PeriodRow:
-    """A period of the diary in the form; its times can be typed again."""
+    """A period or mark of the diary in the form; its times can be typed again."""
 
     kind: str
     label: str
@@ -171,15 +171,20 @@ class PeriodRow:
 
 def place_rows(entries: Sequence[DiaryEntry], clock: DayClock) -> list[PeriodRow]:
     """Return the rows of a diary for the form. Raises UnusableDiary."""
-    return [
+    placed = place_diary(entries, clock.start, clock.duration_us)
+    periods = [
         PeriodRow(
             period.kind,
             period.label,
             clock.format(period.start_us / MICROSECONDS),
             clock.format(period.end_us / MICROSECONDS),
         )
-        for period in place_diary(entries, clock.start, clock.duration_us).periods
+        for period in placed.periods
     ]
+    marks = [
+        PeriodRow("mark", mark.label, clock.format(mark.time_us / MICROSECONDS), "") for mark in placed.marks
+    ]
+    return periods + marks
 
 
 def read_start(facts: Mapping[str, Any]) -> datetime | None:
@@ -487,9 +492,11 @@ def add_correction(services: Services, job: Job, corrected: ReportRequest) -> Jo
 def import_diary(
     analysis_id: str, page: UsedPage, body: Annotated[bytes, Depends(read_body)]
 ) -> list[PeriodRow]:
-    """Parse a diary as CSV and return its rows for the form; nothing is stored."""
+    """Parse a diary, CSV or Excel, and return its rows for the form; nothing is stored."""
     job = page.services.store.get(analysis_id)
-    return place_rows(read_diary(body), DayClock.of(load_day(page.services, job).facts))
+    return place_rows(
+        job.request.choose_rows(read_diary(body)), DayClock.of(load_day(page.services, job).facts)
+    )
 
 
 @router.post("/diary.csv")

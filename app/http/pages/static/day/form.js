@@ -15,7 +15,10 @@ export function listenToForm(day) {
   for (const row of form.querySelectorAll("#repeats .window")) if (!row.querySelector("input").value) row.remove();
   bands.last = bands.snapshot();
   day.times = new TimeFields(form, day.clock, () => day.block());
-  form.addEventListener("change", () => day.changed(true));
+  form.addEventListener("change", ({ target }) => {
+    if (target.name === "kind" && target.value === "mark") endNone(day, target.closest(".period"));
+    day.changed(true);
+  });
   form.addEventListener("click", (event) => act(day, event.target.closest("button")));
   form.addEventListener("focusin", (event) => chooseOf(day, event.target));
   form.addEventListener("submit", (event) => sendForm(day, event));
@@ -40,6 +43,13 @@ function complete(form) {
     const ends = [...row.querySelectorAll("input")];
     if (ends.some((end) => end.value.trim())) for (const end of ends) end.value ||= end.placeholder;
   }
+}
+
+// A mark is one moment: its row has no end.
+function endNone(day, row) {
+  const end = row.querySelector("[name=end]");
+  end.value = "";
+  day.times.check(end);
 }
 
 function chooseOf(day, target) {
@@ -121,7 +131,7 @@ function holdBack(day, event) {
 
 async function importDiary(day) {
   const field = $("import");
-  const answer = await fetch(field.dataset.to, { method: "POST", body: field.files[0], headers: { "Content-Type": "text/csv" } }).catch(() => null);
+  const answer = await fetch(field.dataset.to, { method: "POST", body: field.files[0] }).catch(() => null);
   field.value = "";
   $("day-lost").hidden = answer !== null;
   if (!answer) return;
