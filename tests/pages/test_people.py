@@ -67,6 +67,11 @@ def test_the_page_of_a_person_shows_both_arms_one_above_the_other(
     day = page.locator(".month .is-measured", has_text="2")
     expect(day.locator(f'a[href$="{left}"]')).to_be_visible()
     expect(day.locator(f'a[href$="{right}"]')).to_be_visible()
+    assert day.first.evaluate("(cell) => cell.scrollWidth <= cell.clientWidth")
+    text_px = page.locator(".drawn text:visible").first.evaluate(
+        "(one) => one.getBoundingClientRect().height"
+    )
+    assert text_px >= 12  # as large as the small words of the page
     expect_to_fit(page, language, f"person-{language}-{width}")
 
 
