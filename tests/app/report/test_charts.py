@@ -26,6 +26,7 @@ from app.report.charts.day import (
 )
 from app.report.charts.distribution import build_two_curves
 from app.report.charts.svg import RAMP
+from app.report.several.charts import Visit, VisitPanel, draw_visits
 from app.report.words.numbers import Clock
 from app.report.words.wording import load_wording
 from fusion.caveats import Caveat
@@ -194,3 +195,24 @@ def test_below_the_time_axis_the_first_time_of_each_date_has_its_date() -> None:
     assert words.index("2 March") == words.index("22:30") + 1
     assert words.index("3 March") == words.index("00:00") + 1
     assert words.count("3 March") == 1
+
+
+@pytest.mark.parametrize(
+    ("days", "dates"),
+    [
+        ((2,), ["2026-03-02"]),
+        ((2, 30), ["2026-03-02", "2026-03-30"]),
+        ((2, 3, 4), ["2026-03-02 – 2026-03-04"]),  # of the other arm, until the 30th
+    ],
+)
+def test_the_dates_of_an_arm_name_its_first_and_last_day(days: tuple[int, ...], dates: list[str]) -> None:
+    left, right = (
+        [Visit(datetime(2026, 3, day, 7), 5.0, None, False) for day in chosen]  # noqa: DTZ001  a device's clock
+        for chosen in (days, (2, 30))
+    )
+    panels = [VisitPanel("Left arm", left, None), VisitPanel("Right arm", right, None)]
+
+    words = words_in(draw_visits(panels, load_wording("en", "days"), "en").narrow)
+
+    upper = words[: words.index("Right arm")]
+    assert [word for word in upper if word.startswith("2026")] == dates
