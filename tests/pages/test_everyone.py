@@ -31,6 +31,7 @@ PAGES = {
     "analysis": "analyses/{right}",
     "corrected": "analyses/{corrected}",
     "report": "analyses/{corrected}/report.html",
+    "report of an old version": "analyses/{earlier}/report.html",
     "report of two": "beside/compare/report.html?first={left}&second={right}",
     "help": "help",
     "poses": "help/poses",
@@ -63,7 +64,7 @@ PAGES = {
     "attempt": "analyses/{right}?attempt={repeated}",
     "absent": "analyses/an_none",
 }
-SANDBOXED = ("report", "report of two")
+SANDBOXED = ("report", "report of an old version", "report of two")
 """Pages in which no script runs, nor that of axe: it looks at them without their policy."""
 SHOWN = ("right", "left", "corrected", "unknown", "offered", "repeated", "batch", "trunk")
 
@@ -92,6 +93,8 @@ def addresses(server: RunningServer, request: pytest.FixtureRequest) -> dict[str
     """Every page by its name."""
     found = {name: request.getfixturevalue(name) for name in SHOWN}
     found["recording"] = server.see(found["right"])["recording_id"]
+    own = {"recording_id": server.see(found["corrected"])["recording_id"]}
+    found["earlier"] = server.client.get("/api/v1/analyses", params=own).json()["items"][-1]["id"]
     return {name: server.address + path.format_map(found) for name, path in PAGES.items()}
 
 

@@ -156,6 +156,9 @@ def test_what_was_skipped_stays_assumed_and_is_marked_in_the_list(
     row = wait_for_end(page, "skipped.gt3x")
     marks = row.locator(".open-question")
     expect(marks).to_have_text(["who?", "arm?", "pose?"])
+    assert (
+        marks.evaluate_all("all => Math.min(...all.map((one) => one.clientHeight))") >= 24
+    )  # a finger's size
     marks.last.click()
     card = wait_for_questions(page)
     keep_picture(page, "finish-page-en")

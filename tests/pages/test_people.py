@@ -67,6 +67,11 @@ def test_the_page_of_a_person_shows_both_arms_one_above_the_other(
     day = page.locator(".month .is-measured", has_text="2")
     expect(day.locator(f'a[href$="{left}"]')).to_be_visible()
     expect(day.locator(f'a[href$="{right}"]')).to_be_visible()
+    assert day.first.evaluate("(cell) => cell.scrollWidth <= cell.clientWidth")
+    text_px = page.locator(".drawn text:visible").first.evaluate(
+        "(one) => one.getBoundingClientRect().height"
+    )
+    assert text_px >= 12  # as large as the small words of the page
     expect_to_fit(page, language, f"person-{language}-{width}")
 
 
@@ -224,6 +229,15 @@ def test_the_lists_of_people_and_of_recordings_fit(
         show(page, server.address + name, language, width)
         if name:
             expect(page.get_by_role("link", name="S012", exact=True)).to_be_visible()
+        # A code of 100 characters is cut in its second line.
+        longest = page.locator(".person a, .subject a").evaluate_all(
+            "all => Math.max(...all.map((one) => ((one.textContent = 'W'.repeat(100)), one.clientHeight)))"
+        )
+        assert longest <= 60
+        if not name:  # a box without words on a wide screen only
+            words = page.locator("label:has(#pick-all) span").bounding_box()
+            assert words is not None
+            assert (words["width"] > 60) == (width == 390)
         expect_to_fit(page, language, f"{name or 'home'}-{language}-{width}")
 
 

@@ -138,11 +138,28 @@ def test_an_old_version_asks_nothing(page: Page, server: RunningServer, unnamed:
     expect(questions(page)).to_have_count(0)
 
 
+FIND_COVERED = """() => {
+  const labels = [...document.querySelectorAll("#curve .annotation-text-g")];
+  const boxes = labels.map((one) => one.getBoundingClientRect());
+  const meet = (one, other) => one.left < other.right - 1 && other.left < one.right - 1
+    && one.top < other.bottom - 1 && other.top < one.bottom - 1;
+  return labels.filter((_, place) => boxes.some((box, other) => other < place && meet(box, boxes[place])))
+    .map((one) => one.textContent);
+}"""
+"""Return the texts of labels on the curve that cover an earlier one."""
+
+
 def test_candidates_are_drawn_on_the_curve(page: Page, server: RunningServer, unnamed: str) -> None:
     open_analysis(page, server, unnamed)
     wait_for_curve(page)
 
-    expect(page.locator("#curve .annotation-text", has_text="07:01:42?")).to_be_visible()
+    labels = page.locator("#curve .annotation-text")
+    expect(labels.filter(has_text="07:01:42?")).to_be_visible()
+    for width in (1440, 390):
+        page.set_viewport_size({"width": width, "height": 900})
+        page.wait_for_function("acromionDay.curve.widthPx() < innerWidth - 60")
+        assert labels.count() > 1
+        assert page.evaluate(FIND_COVERED) == []
 
 
 def test_a_sensor_put_back_is_asked_about_and_then_the_pose_after_it(

@@ -29,6 +29,8 @@ def test_a_folder_leads_to_its_study_with_a_list_of_participants(dropped: Page, 
     row = dropped.get_by_role("row", name="in_study_1.csv")
     expect(dropped.locator(".whose tbody tr")).to_have_count(2)
     expect(row.get_by_role("link", name="No report")).to_be_visible(timeout=END_MS)
+    mark = row.locator("td.told").evaluate("(cell) => getComputedStyle(cell, '::before').content")
+    assert mark == '"! "'  # not the dot of good data
     listed = tmp_path / "participants.csv"
     listed.write_text("file,subject,side\nin_study_1.csv,S91,left\nelsewhere.csv,S92,left\n")
 

@@ -54,6 +54,12 @@ def test_sentence_quality_and_pose_come_first_then_one_curve(shown: Page) -> Non
     assert shown.locator(".curve, iframe").count() == 1
 
 
+def test_without_accounts_a_release_promises_no_name(shown: Page) -> None:
+    release = shown.get_by_role("region", name="Release")
+
+    expect(release).to_contain_text("the date, but no name")
+
+
 def test_files_and_settings_are_folded_away(shown: Page) -> None:
     everything = shown.get_by_role("link", name="Everything (ZIP)")
     expect(everything).to_be_hidden()

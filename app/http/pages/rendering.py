@@ -265,6 +265,8 @@ NAVIGATION_STYLE = (
     ".way{display:flex;flex-wrap:wrap;gap:.4rem 1.4rem;max-width:60rem;margin:0 auto;padding:.6rem 1rem}"
     ".way a{display:inline-block;min-height:24px}"
     ".old{max-width:60rem;margin:0 auto;padding:.7rem 1rem;background:#fdf0d5;color:#6b4500}"
+    ".old a{color:inherit}"
+    "@media screen and (prefers-color-scheme:dark){.old{background:#38290f;color:#f1bd73}}"
     "@media print{.way,.old a{display:none}}"
 )
 NAVIGATION_HASH = b64encode(hashlib.sha256(NAVIGATION_STYLE.encode()).digest()).decode()
@@ -304,7 +306,7 @@ def add_navigation(
     bar = f'<nav class="way" aria-label="{escape(labels["label"])}">{items}</nav>'
     if old is not None:
         link = f'<a href="{escape(old.address)}">{escape(old.link)}</a>'
-        bar += f'<p class="old">{escape(old.text)} {link}</p>'
+        bar += f'<aside class="old">{escape(old.text)} {link}</aside>'
     head, end, body = report.partition("</head>")
     head = (
         head.replace("style-src ", f"style-src 'sha256-{NAVIGATION_HASH}' ", 1)

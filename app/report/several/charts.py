@@ -96,7 +96,7 @@ def _lay_out(name: str, placed: list[Placed], clock: Clock, end_s: float, entry:
 
 _PANEL_PX = 130.0
 _NAME_PX = 34.0
-_DATES_PX = 22.0
+_DATES_PX = 26.0
 _LEFT_PX = 44.0
 _RIGHT_PX = 14.0
 _MOST_TICKS = 5
@@ -231,13 +231,27 @@ def _draw_panel(visits: Sequence[Visit], plot: Plot, width_px: float) -> list[st
         kind, fill_colour = ("edge", svg.PAPER) if visit.is_left_out else ("mark", svg.RAMP[3])
         place = f'cx="{svg.number(x)}" cy="{svg.number(y)}" r="4"'
         body.append(f'<circle class="{kind}" {place} fill="{fill_colour}" stroke="{svg.RAMP[3]}"/>')
-    taken: list[Span] = []
-    for visit in (visits[-1], *visits[:-1]):  # dates that fit: the last one first, then from the left
-        half = svg.estimate_width(visit.date) / 2
-        x = min(max(plot.x(visit.at_days), half), width_px - half)
-        if not any(x - half - 6 < end and start < x + half + 6 for start, end in taken):
-            taken.append((x - half, x + half))
-            body.append(svg.text(x, plot.bottom_px + 15, visit.date, "soft", "middle"))
+    return [*body, *_draw_dates(visits, plot, width_px)]
+
+
+def _draw_dates(visits: Sequence[Visit], plot: Plot, width_px: float) -> list[str]:
+    """Draw the dates that fit: first, last, then from the left; the period if first and last do not fit."""
+
+    def place(label: str, at_px: float) -> tuple[float, Span]:
+        half = svg.estimate_width(label) / 2
+        x = min(max(at_px, half), width_px - half)
+        return x, (x - half - 6, x + half)
+
+    first, last = visits[0], visits[-1]
+    labels = [(visit.date, plot.x(visit.at_days)) for visit in (first, last, *visits[1:-1])]
+    if first.date != last.date and place(*labels[0])[1][1] > place(*labels[1])[1][0]:
+        labels = [(f"{first.date} – {last.date}", (labels[0][1] + labels[1][1]) / 2)]
+    body, taken = [], list[Span]()
+    for label, at_px in labels:
+        x, (start, stop) = place(label, at_px)
+        if not any(start < other_stop and other_start < stop for other_start, other_stop in taken):
+            taken.append((start, stop))
+            body.append(svg.text(x, plot.bottom_px + 19, label, "soft", "middle"))
     return body
 
 

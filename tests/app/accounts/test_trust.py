@@ -475,6 +475,7 @@ def test_the_employer_sees_group_figures_and_nothing_else(house: House, caller: 
 
     assert shown.json()["blocks"][0]["time_above_60_percent"] == 14.0
     assert "14 %" in page.text
+    assert page.text.count('aria-label="spring"') == 1  # two landmarks of one name are not told apart
     assert "W-1" not in page.text + shown.text
     for address in (
         "/",

@@ -3,6 +3,7 @@
 import re
 import xml.etree.ElementTree as ET
 from dataclasses import replace
+from datetime import datetime
 from html import escape
 from itertools import pairwise
 
@@ -25,6 +26,7 @@ from app.report.charts.day import (
 )
 from app.report.charts.distribution import build_two_curves
 from app.report.charts.svg import RAMP
+from app.report.several.charts import Visit, VisitPanel, draw_visits
 from app.report.words.numbers import Clock
 from app.report.words.wording import load_wording
 from fusion.caveats import Caveat
@@ -181,3 +183,24 @@ def test_labels_are_only_text(label: str) -> None:
 
     assert [e.tag for e in ET.fromstring(svg).iter()] == [e.tag for e in ET.fromstring(plain).iter()]
     assert escape(printable) in svg
+
+
+@pytest.mark.parametrize(
+    ("days", "dates"),
+    [
+        ((2,), ["2026-03-02"]),
+        ((2, 30), ["2026-03-02", "2026-03-30"]),
+        ((2, 3, 4), ["2026-03-02 – 2026-03-04"]),  # of the other arm, until the 30th
+    ],
+)
+def test_the_dates_of_an_arm_name_its_first_and_last_day(days: tuple[int, ...], dates: list[str]) -> None:
+    left, right = (
+        [Visit(datetime(2026, 3, day, 7), 5.0, None, False) for day in chosen]  # noqa: DTZ001  a device's clock
+        for chosen in (days, (2, 30))
+    )
+    panels = [VisitPanel("Left arm", left, None), VisitPanel("Right arm", right, None)]
+
+    words = words_in(draw_visits(panels, load_wording("en", "days"), "en").narrow)
+
+    upper = words[: words.index("Right arm")]
+    assert [word for word in upper if word.startswith("2026")] == dates

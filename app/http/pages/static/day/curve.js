@@ -9,7 +9,11 @@ const DEGREES = [0, 30, 60, 90, 120, 150, 180];
 const GUIDES_DEG = [30, 60, 90];
 const POINTS = 1000;
 const TOP_DEG = 180;
-const MARKS_DEG = 42; // room above for the episode numbers, so that they cover no name
+const LABEL_PX = 12; // font size of names and flags
+const [LABEL_ROW_PX, FLAG_ROW_PX] = [17, 19];
+const ROWS = 3;
+const FONT = '"Open Sans", verdana, arial, sans-serif';
+const pen = document.createElement("canvas").getContext("2d");
 const MINUTES_FROM_S = 1800;
 
 export class Curve {
@@ -39,13 +43,19 @@ export class Curve {
     const axis = { zeroline: false, color: ink("--soft"), gridcolor: ink("--line"), fixedrange: true };
     const layout = {
       width: this.place.clientWidth, height: this.place.clientHeight, margin: { ...MARGIN, b: marks.some(([, text]) => text) ? MARGIN.b : 8 }, showlegend: false, dragmode: false, hovermode: false,
-      paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { size: 13, color: ink("--soft") },
+      paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { family: FONT, size: 13, color: ink("--soft") },
       xaxis: { ...axis, range: [this.view.fromS, this.view.toS], tickvals: marks.map((m) => m[0]), ticktext: marks.map((m) => m[1]), showgrid: false, tickangle: 0, ticks: "outside", ticklen: 6, tickcolor: "rgba(0,0,0,0)" },
-      yaxis: { ...axis, range: [0, points.length ? TOP_DEG + MARKS_DEG : TOP_DEG], tickvals: DEGREES, ticktext: DEGREES.map((degrees) => `${degrees}°`) },
+      yaxis: { ...axis, range: [0, points.length ? this.topDeg() : TOP_DEG], tickvals: DEGREES, ticktext: DEGREES.map((degrees) => `${degrees}°`) },
       shapes: [...GUIDES_DEG.map(guide), ...bands.map((band) => area(band, band.row === chosen))],
-      annotations: [...this.label(bands), ...this.point(points)],
+      annotations: [...this.label(bands, chosen), ...this.point(points)],
     };
     return Plotly.react(this.place, this.lines(), layout, { displayModeBar: false, doubleClick: false });
+  }
+
+  // The upper end of the scale that leaves room for the flags, so that they cover no name.
+  topDeg() {
+    const heightPx = this.place.clientHeight - MARGIN.t - MARGIN.b;
+    return (TOP_DEG * heightPx) / Math.max(heightPx - ROWS * FLAG_ROW_PX, 1);
   }
 
   marks() {
@@ -68,28 +78,32 @@ export class Curve {
     ];
   }
 
-  label(bands) {
-    const { fromS, toS } = this.view;
-    return bands.filter((band) => band.startS < toS && band.endS > fromS).map((band, place) => ({
-      x: Math.max(band.startS, fromS), y: 178 - 13 * (place % 3), yanchor: "top",
-      xanchor: band.startS > fromS + 0.85 * this.view.spanS ? "right" : "left",
-      text: safe(band.name), showarrow: false, font: { size: 12, color: ink("--ink") }, bgcolor: ink("--card"), opacity: 0.9,
-    }));
+  // The names of the bands in view. The chosen band and those of the form come before candidates.
+  label(bands, chosen) {
+    const { fromS, toS } = this.view, rank = (band) => (band.row === chosen ? 0 : band.kind === "candidate" ? 2 : 1);
+    const inView = bands.filter((band) => band.startS < toS && band.endS > fromS).sort((one, other) => rank(one) - rank(other));
+    const labels = inView.map(({ name, startS }) => ({ text: safe(name), atPx: (this.pixelOf(Math.max(startS, fromS)) ?? MARGIN.l) - MARGIN.l }));
+    return this.stagger(labels, LABEL_ROW_PX, { y: TOP_DEG - 2, font: { size: LABEL_PX, color: ink("--ink") }, bgcolor: ink("--card"), opacity: 0.9 });
   }
 
-  // Keep a flag within the view.
-  anchor(atS) {
-    const part = (atS - this.view.fromS) / this.view.spanS;
-    return part < 0.1 ? "left" : part > 0.9 ? "right" : "center";
-  }
-
-  // Place the flags of moments at their times.
+  // The flags of moments in view, above the names, each centred at its time. Earlier points come first.
   point(points) {
-    const { fromS, toS } = this.view;
-    const inView = points.filter(({ atS }) => atS >= fromS && atS <= toS).sort((one, other) => one.atS - other.atS);
-    return inView.map(({ text, atS }, place) => ({
-      x: atS, y: TOP_DEG + MARKS_DEG - 14 * (place % 3), yanchor: "top", text, xanchor: this.anchor(atS), showarrow: false, font: { size: 12, color: ink("--card") }, bgcolor: ink("--accent"), borderpad: 2,
-    }));
+    const inView = points.filter(({ atS }) => atS >= this.view.fromS && atS <= this.view.toS);
+    const flags = inView.map(({ text, atS }) => ({ text, atPx: this.pixelOf(atS) - MARGIN.l - measure(text) / 2 }));
+    return this.stagger(flags, FLAG_ROW_PX, { yref: "paper", y: 1, font: { size: LABEL_PX, color: ink("--card") }, bgcolor: ink("--accent") });
+  }
+
+  // Place labels in three rows, so that none covers another or leaves the view. A label without room is left out.
+  stagger(labels, rowPx, style) {
+    const rows = Array.from({ length: ROWS }, () => []);
+    return labels.flatMap(({ text, atPx }) => {
+      const width = measure(text), left = Math.max(0, Math.min(atPx, this.widthPx() - width));
+      const row = rows.findIndex((taken) => taken.every(([start, end]) => left >= end || left + width <= start));
+      if (row < 0) return [];
+      rows[row].push([left, left + width]);
+      const x = this.view.fromS + (left / this.widthPx()) * this.view.spanS;
+      return [{ ...style, x, text, xanchor: "left", yanchor: "top", yshift: -rowPx * row, showarrow: false, borderpad: 1 }];
+    });
   }
 
   widthPx() {
@@ -153,6 +167,12 @@ function area(band, isChosen) {
 function guide(degrees) {
   const line = { width: 1, dash: "dot", color: ink("--field") };
   return { type: "line", xref: "paper", x0: 0, x1: 1, y0: degrees, y1: degrees, line, layer: "below" };
+}
+
+// Return the width of a label in px, its edge included.
+function measure(text) {
+  pen.font = `${LABEL_PX}px ${FONT}`;
+  return pen.measureText(text).width + 8;
 }
 
 export function ink(name) {
