@@ -211,7 +211,7 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
 
 
 def limit_arenas() -> None:
-    """Let the C library keep two memory arenas, not one with its own peak for each thread (glibc only).
+    """Limit glibc to two memory arenas; by default many threads have one each, which keeps its peak.
 
     Without it the server grows by some 60 MB within an hour of requests (``python -m benchmarks.soak``).
     """

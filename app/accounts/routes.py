@@ -80,7 +80,6 @@ _ROUTES: Mapping[Needed, str] = {
         GET    /api/v1/uploads/{upload_id}                                none
         PATCH  /api/v1/uploads/{upload_id}                                rows
         DELETE /api/v1/uploads/{upload_id}                                rows
-        PUT    /api/v1/uploads/{upload_id}/words                          rows
         GET    /api/v1/uploads/{upload_id}/inspection                     none
         POST   /api/v1/recordings                                         rows
         POST   /api/v1/analyze                                            rows

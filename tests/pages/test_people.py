@@ -230,7 +230,7 @@ def test_the_lists_of_people_and_of_recordings_fit(
         if name:
             expect(page.get_by_role("link", name="S012", exact=True)).to_be_visible()
         # A code of 100 characters is cut in its second line.
-        longest = page.locator(".person a, .subject a").evaluate_all(
+        longest = page.locator(".person a, .subject .name a").evaluate_all(
             "all => Math.max(...all.map((one) => ((one.textContent = 'W'.repeat(100)), one.clientHeight)))"
         )
         assert longest <= 60

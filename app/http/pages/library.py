@@ -32,6 +32,7 @@ from app.http.pages.recording.day import update_description
 from app.http.pages.rendering import Form, Page, UsedForm, UsedPage, first, read_body
 from app.http.pages.validations import list_compared
 from app.http.pages.views import (
+    find_path,
     format_size,
     format_stored_time,
     parse_filter,
@@ -527,7 +528,8 @@ def import_participants(
     Return how many change (``changed``), and the listed files that the study does not contain (``unknown``).
     """
     jobs = _find_newest(services, services.batches.get(batch_id).id)
-    tasks = [Task(_find_path(services, job), job.request, Path()) for job in jobs]
+    places = (Path(job.recording_id, find_path(services, job)) for job in jobs)  # the id makes each unique
+    tasks = [Task(place, job.request, Path()) for place, job in zip(places, jobs, strict=True)]
     assigned, unknown = assign_participants(tasks, content, None)
     changed = _describe_all(services, jobs, [task.request for task in assigned])
     return {"changed": changed, "unknown": [row.file for row in unknown]}
@@ -549,11 +551,6 @@ def change_whose(batch_id: str, page: UsedPage, form: UsedForm) -> Response:
         asked.append(replace(job.request, subject=_read_code("subject", subject), side=_read_side(side)))
     _describe_all(services, jobs, asked)
     return page.go(f"/studies/{batch_id}")
-
-
-def _find_path(services: Services, job: Job) -> Path:
-    """Return a path whose end is the path of the dropped file; the first part is unique."""
-    return Path(job.recording_id, services.recordings.get(job.recording_id).about.folder, job.file_name)
 
 
 def _find_newest(services: Services, batch_id: str) -> list[Job]:

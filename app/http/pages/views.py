@@ -63,6 +63,11 @@ PREPARING_S = 10.0
 MAX_PERIODS = 12
 
 
+def find_path(services: Services, job: Job) -> Path:
+    """Return the path of a recording's file below the folder that was dropped."""
+    return Path(services.recordings.get(job.recording_id).about.folder, job.file_name)
+
+
 def describe_old(job: Job, reports: Sequence[Job], page: Page) -> OldVersion | None:
     """Return the notice above an old version; None for any other analysis.
 

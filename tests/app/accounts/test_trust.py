@@ -81,13 +81,21 @@ def test_a_later_version_is_not_released_by_it(
     assert shown["released_by"] is None
 
 
-def test_the_reports_of_a_released_analysis_have_the_stamp_until_it_is_withdrawn(
+@pytest.fixture
+def own_report(
     house: House, caller: TestClient, open_worker: Callable[..., WorkerContext], small_gt3x: bytes
-) -> None:
+) -> tuple[str, str]:
+    """The address of a clinician's finished analysis, and its recording."""
     clinician = dict(house.log_in("clinician"))
     asked = caller.post("/api/v1/analyze", content=small_gt3x, headers=clinician).json()
     do_next(open_worker(None))
-    place = f"/api/v1/analyses/{asked['id']}"
+    return f"/api/v1/analyses/{asked['id']}", asked["recording_id"]
+
+
+def test_the_reports_of_a_released_analysis_have_the_stamp_until_it_is_withdrawn(
+    house: House, caller: TestClient, own_report: tuple[str, str]
+) -> None:
+    clinician, (place, _) = dict(house.log_in("clinician")), own_report
     before = read_reports(caller, place, clinician)
 
     caller.post(f"{place}/release", headers=clinician)
@@ -106,17 +114,14 @@ def test_the_reports_of_a_released_analysis_have_the_stamp_until_it_is_withdrawn
 
 
 def test_a_purge_removes_the_stamped_reports_from_memory(
-    house: House, caller: TestClient, open_worker: Callable[..., WorkerContext], small_gt3x: bytes
+    house: House, caller: TestClient, own_report: tuple[str, str]
 ) -> None:
-    clinician = dict(house.log_in("clinician"))
-    asked = caller.post("/api/v1/analyze", content=small_gt3x, headers=clinician).json()
-    do_next(open_worker(None))
-    place = f"/api/v1/analyses/{asked['id']}"
+    clinician, (place, recording_id) = dict(house.log_in("clinician")), own_report
     caller.post(f"{place}/release", headers=clinician)
     assert caller.get(f"{place}/report.html", headers=clinician).status_code == 200
     kept = len(released._kept)
 
-    purged = caller.delete(f"/api/v1/recordings/{asked['recording_id']}?purge=now", headers=clinician)
+    purged = caller.delete(f"/api/v1/recordings/{recording_id}?purge=now", headers=clinician)
 
     assert purged.status_code == 200
     assert kept > 0

@@ -177,7 +177,7 @@ def test_all_faults_of_a_list_are_told_at_once() -> None:
         'Line 3: an impossible value ("up"). Allowed: left|right. '
         'Line 5: two rows match the same recording ("c.csv"); the other row is line 4.'
     )
-    assert english.fix == "Correct the list and send it again. Nothing was analysed."
+    assert english.fix == "Correct the list and send it again. Nothing was changed or analysed."
 
 
 def test_beyond_twenty_faults_the_others_are_counted() -> None:

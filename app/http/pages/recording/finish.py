@@ -31,7 +31,7 @@ from app.http.pages.recording.day import (
 )
 from app.http.pages.recording.page_one import read_page_one
 from app.http.pages.rendering import Form, Page, UsedForm, UsedPage, first, read_body
-from app.http.pages.views import OPEN_POSES, build_row, find_durations
+from app.http.pages.views import OPEN_POSES, build_row, find_durations, find_path
 from app.library.jobs import JobFilter
 from app.library.listing import Entry
 from app.library.rows import Job, JobState
@@ -57,7 +57,7 @@ def show_finish(recording_id: str, page: UsedPage) -> Response:
     job = _find_job(page, recording_id)
     entry = Entry(job, None)
     row = build_row(job, page.language, find_durations(page.services, [entry]))
-    proposal = propose_description(str(_find_path(page, job)))
+    proposal = propose_description(str(find_path(page.services, job)))
     asked: dict[str, Any] = dict.fromkeys(("day", "question", "choices", "pose_state", "curves", "is_open"))
     if job.state is JobState.SUCCEEDED:
         with suppress(ResultDamaged, NoSuchFile):
@@ -89,7 +89,7 @@ def propose(recording_id: str, page: UsedPage, body: Annotated[bytes, Depends(re
     Raises UnusableParticipants.
     """
     job = _find_job(page, recording_id)
-    task = Task(_find_path(page, job), ReportRequest(job.file_name), Path())
+    task = Task(find_path(page.services, job), ReportRequest(job.file_name), Path())
     (assigned,), _ = assign_participants([task], body, None)
     return {"subject": assigned.request.subject, "side": assigned.request.side or ""}
 
@@ -145,11 +145,6 @@ def _find_job(page: Page, recording_id: str) -> Job:
         raise NotHere
     reports = [job for job in jobs if job.state is JobState.SUCCEEDED]
     return reports[0] if jobs[0].is_over and reports else jobs[0]
-
-
-def _find_path(page: Page, job: Job) -> Path:
-    """Return the path of a recording's file below the folder that was dropped."""
-    return Path(page.services.recordings.get(job.recording_id).about.folder, job.file_name)
 
 
 def _build_asked(page: Page, job: Job) -> dict[str, Any]:
