@@ -87,3 +87,51 @@ def test_without_a_clock_the_field_says_seconds_and_takes_no_clock_time(
 
     expect(start).to_have_value("10.20")
     expect(start).to_have_attribute("aria-invalid", "false")
+
+
+@pytest.fixture(scope="module")
+def over_a_change(server: RunningServer, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """An analysis of three minutes in Paris, in which the clocks go from 02:00 to 03:00 after 90 s."""
+    table = write_recordings(tmp_path_factory.mktemp("change"), "lsm9ds1", 0.05, 6, 100.0)[0]
+    start = "# start: 2026-03-29T01:58:30"
+    table.write_text(re.sub("(?m)^# start.*$", start, table.read_text()))
+    return finish(server, table, time_zone="Europe/Paris")
+
+
+def test_the_curve_follows_the_clocks_of_the_stated_zone(
+    page: Page, server: RunningServer, over_a_change: str
+) -> None:
+    open_analysis(page, server, over_a_change)
+    wait_for_curve(page)
+
+    shown = page.evaluate("[0, 89, 90, 170].map((second) => acromionDay.clock.format(second))")
+    assert shown == ["01:58:30", "01:59:59", "03:00:00", "03:01:20"]
+    assert page.evaluate("acromionDay.clock.read('03:00:10')") == 100
+    assert page.evaluate("acromionDay.clock.parse('02:30').fault") == "outside"
+
+
+def test_a_wrong_clock_is_corrected_in_the_form(
+    page: Page, server: RunningServer, over_a_change: str
+) -> None:
+    open_analysis(page, server, over_a_change)
+    wait_for_curve(page)
+    page.get_by_label("Add to the device’s clock").fill("-1h02m")
+    page.get_by_role("button", name="Update").click()
+
+    expect(page.get_by_label("Add to the device’s clock")).to_have_value("-1:02:00", timeout=120_000)
+    wait_for_curve(page)
+    assert page.evaluate("acromionDay.clock.format(0)") == "00:56:30"
+    keep_picture(page, "corrected clock")
+    page.goto(page.url.split("?")[0] + "/report.html")
+    expect(page.get_by_text("Clock corrected").first).to_be_attached()
+
+
+def test_an_unknown_zone_is_refused_in_the_form_with_the_nearest(
+    page: Page, server: RunningServer, over_a_change: str
+) -> None:
+    open_analysis(page, server, over_a_change)
+    wait_for_curve(page)
+    page.get_by_label("Time zone", exact=True).fill("Toronto")
+    page.get_by_role("button", name="Update").click()
+
+    expect(page.locator("#refused")).to_contain_text("America/Toronto")
