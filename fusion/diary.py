@@ -117,7 +117,7 @@ WORDS: dict[str, Kind] = {
 }  # fmt: skip
 ENDS = ("end", "stop", "fin")
 UNREAD = ("start", "ref")
-"""Events of ActiPASS that are no period: the start of the data, and its reference posture."""
+"""Events of ActiPASS without a duration: the start of the data and its reference posture."""
 YES_NO = {"yes": True, "y": True, "1": True, "true": True, "oui": True, "o": True,
           "no": False, "n": False, "0": False, "false": False, "non": False}  # fmt: skip
 LONGEST_LABEL = 200
@@ -278,7 +278,7 @@ def refuse_slips(row_errors: Sequence[UnusableDiary]) -> None:
 
 
 def _name_columns(cells: Sequence[str]) -> list[str]:
-    """Return the meaning of each column, "" if it is not read; an empty list if this is no header."""
+    """Return the meaning of each column, "" if it is not read; an empty list for a line of data."""
     names = [COLUMNS.get(plain_word(cell).replace(" ", "_"), "") for cell in cells]
     known = [name for name in names if name]
     has_needed = {"start", "start_s"} & set(known) and {"kind", "event", "label"} & set(known)

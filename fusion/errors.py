@@ -33,7 +33,7 @@ MOST_ROWS_NAMED = 20
 def join_facts(rows: Sequence[Mapping[str, Fact]]) -> dict[str, Fact]:
     """Merge the facts of several rows for one error: the names of the second row end in ``_2``, and so on.
 
-    Beyond twenty rows, ``more`` counts the rest, and those that earlier merges left out.
+    Beyond twenty rows, ``more`` counts the rest, earlier merges included.
     """
     left_out = sum(int(row.get("more", 0)) for row in rows)
     rows = [{name: value for name, value in row.items() if name != "more"} for row in rows]

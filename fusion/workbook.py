@@ -30,12 +30,12 @@ FIRST_SERIAL = 30_000
 ERAS = 1910
 """A time of day in a cell of date and time has the year 1900 or 1904."""
 ERROR = re.compile(r"#(?:N/A|[A-Z0-9/]+[!?])")
-"""What a cell shows if its formula failed; not a comment."""
+"""The text of a cell whose formula failed."""
 BROKEN = (
     *(zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, NotImplementedError, SyntaxError),
     *(ValueError, KeyError, TypeError, IndexError, AttributeError, OverflowError, OSError),
 )
-"""What zipfile, the XML parser and openpyxl raise for bytes that contradict themselves."""
+"""The errors of zipfile, the XML parser and openpyxl for damaged files."""
 
 Rows = list[tuple[int, list[str]]]
 
