@@ -329,6 +329,15 @@ class ReportRequest:
         figures = {name: value for name, value in asdict(self).items() if name not in label}
         return figures | {"diary": [asdict(entry) for entry in self.select_diary()]}
 
+    def list_deferred(self) -> tuple[str, ...]:
+        """Return the files that are made on request, and not when only the label changes.
+
+        They are the PDFs in languages other than the first, and FHIR, which contains every PDF: typesetting
+        takes three quarters of the time of such a change.
+        """
+        others = [f"report.{language}.pdf" for language in self.languages[1:]]
+        return ("fhir.json", *others) if others and "pdf" in self.kinds and self.reference is None else ()
+
     def select_diary(self) -> tuple[DiaryEntry, ...]:
         """Return the diary rows of this file, matched by full name, stem or subject."""
         names = {"", self.file_name, self.file_name.partition(".")[0], self.subject}

@@ -102,8 +102,10 @@ class Inspector:
         request = ReportRequest("", languages=(language,))
         return _read(self._run(elevation, request, partial(load_and_compare_live, shown), "difference.json"))
 
-    def set_released(self, results: Path, request: ReportRequest, stamp: ReleaseStamp) -> dict[str, bytes]:
-        """Return the files of a report that carry the stamp of its release, by name."""
+    def set_again(
+        self, results: Path, request: ReportRequest, stamp: ReleaseStamp | None
+    ) -> dict[str, bytes]:
+        """Return the files of a report by name, with the stamp of its release if it has one."""
         with self._turns, tempfile.TemporaryDirectory(prefix=PREFIX, dir=self.folder) as folder:
             self._make(results, request, partial(load_and_set_again, release=stamp), Path(folder))
             return {path.name: path.read_bytes() for path in Path(folder).iterdir()}

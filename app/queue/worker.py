@@ -318,7 +318,14 @@ def _set_again(worker: WorkerContext, job: Job, out: Path, lease: Lease) -> Fini
     try:
         own_results = borrow_result(worker.storage, source.id, str(source.token), files[RESULTS])
         with own_results as results, translate_disk_full():
-            lease.keep_during(partial(products.set_report_again, results, job.request, out), limit_s)
+            make = partial(
+                products.set_report_again,
+                results,
+                job.request,
+                out,
+                left_out=job.request.list_deferred(),
+            )
+            lease.keep_during(make, limit_s)
         made = describe_files(out)
         shared = [files[name] for name in products.MEASURED if name in files]
         for file in shared:

@@ -3,6 +3,7 @@
 This module does not load the analysis itself: a report with another label is set again from its results.
 """
 
+from collections.abc import Collection
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -24,11 +25,15 @@ MEASURED = (ELEVATION, DAY_NAME)
 
 
 def set_report_again(
-    results: Path, request: ReportRequest, out: Path, release: ReleaseStamp | None = None
+    results: Path,
+    request: ReportRequest,
+    out: Path,
+    release: ReleaseStamp | None = None,
+    left_out: Collection[str] = (),
 ) -> None:
     """Write a report with another label from the ``results.json`` of a finished analysis.
 
-    ``release`` is stamped on page 1.
+    ``release`` is stamped on page 1. Files named in ``left_out`` are not written.
 
     The request has the figures of that analysis (:meth:`ReportRequest.describe_figures`). The files have the
     bytes that a full analysis would write. The files in :data:`MEASURED` do not change and are not written.
@@ -37,7 +42,8 @@ def set_report_again(
     content = results.read_bytes()
     kept = decode_results(content)
     subject = describe_subject(request, kept.findings, kept.subject.software)
-    write_products(relabel_results(content, subject), kept.findings, subject, request, out, release)
+    content = relabel_results(content, subject)
+    write_products(content, kept.findings, subject, request, out, release, left_out)
 
 
 def write_products(
@@ -47,8 +53,9 @@ def write_products(
     request: ReportRequest,
     out: Path,
     release: ReleaseStamp | None = None,
+    left_out: Collection[str] = (),
 ) -> None:
-    """Write ``results.json``, which is ``content``, and every file derived from it."""
+    """Write ``results.json``, which is ``content``, and every file derived from it but those ``left_out``."""
     (out / RESULTS).write_bytes(content)
     results = load_results(content)
 
@@ -58,9 +65,9 @@ def write_products(
 
     with ThreadPoolExecutor(1) as writer:  # rendering releases the interpreter lock
         written = writer.submit(write_tables)
-        write_reports(findings, subject, request, out, release)
+        write_reports(findings, subject, request, out, release, left_out)
         written.result()
-    if "pdf" in request.kinds:  # with the PDFs as written, and a conclusion in the first language
+    if "pdf" in request.kinds and FHIR not in left_out:  # with the PDFs and the first conclusion
         pdfs = {language: (out / f"report.{language}.pdf").read_bytes() for language in request.languages}
         conclusion = (out / f"answer.{request.languages[0]}.txt").read_text("utf-8")
         (out / FHIR).write_bytes(encode_fhir(results, pdfs, conclusion, request.version))

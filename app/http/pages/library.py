@@ -25,6 +25,7 @@ from app.http.api.library.files import (
     respond_with_file,
 )
 from app.http.api.library.recordings import check_may_erase, has_trash, purge_recording
+from app.http.api.library.released import read_report
 from app.http.api.trust import get_names
 from app.http.pages.ranking import build_ranking, build_study_row
 from app.http.pages.recording.analysis import find_results
@@ -148,7 +149,7 @@ def download_selected_reports(page: UsedPage, form: UsedForm) -> Response:
 
 
 def _send_reports(page: Page, entries: Sequence[Entry], batch: str) -> Response:
-    packed = pack_reports(page.services, [entry.job for entry in entries], page.language)
+    packed = pack_reports(page, [entry.job for entry in entries])
     return PackedResponse(packed, _name_zip(page.services, batch, "reports.zip"))
 
 
@@ -202,19 +203,19 @@ class PackedResponse(StreamingResponse):
             self._packed.close()
 
 
-def pack_reports(services: Services, jobs: list[Job], language: Language) -> Generator[bytes, None, None]:
+def pack_reports(page: Page, jobs: list[Job]) -> Generator[bytes, None, None]:
     """Yield a ZIP of reports in parts; PDFs are stored uncompressed because they are already compressed."""
     outlet, without, names = _ZipBuffer(), [], set[str]()
     with ZipFile(outlet, "w", ZIP_STORED) as packed:
         for job in jobs:
-            made = f"report.{find_nearest(language, job.request.languages)}.pdf"
+            made = f"report.{find_nearest(page.language, job.request.languages)}.pdf"
             try:
-                body = services.results.read(job, made)
+                body = read_report(page.request, page.services, job, made)
             except (NotFinished, NoSuchFile, ResultDamaged) as refusal:
-                why = describe_problem(refusal.code, refusal.facts, language).title
+                why = describe_problem(refusal.code, refusal.facts, page.language).title
                 without.append(f"{job.file_name}: {why}")
                 continue
-            name = build_download_name(services, job, made)
+            name = build_download_name(page.services, job, made)
             packed.writestr(_make_unique_name(name, job.id, names), body)
             yield outlet.take()
         if without:

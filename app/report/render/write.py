@@ -3,6 +3,7 @@
 It does not need ``fusion``: a finished analysis can be rendered again, in another language, from its folder.
 """
 
+from collections.abc import Collection
 from pathlib import Path
 
 from app.report.export.results import decode_results
@@ -22,16 +23,19 @@ def write_reports(
     request: ReportRequest,
     out: Path,
     release: ReleaseStamp | None = None,
+    left_out: Collection[str] = (),
 ) -> None:
     """Write ``report.<language>.<kind>`` and ``answer.<language>.txt`` beside the results in ``out``.
 
-    ``release`` is stamped on page 1; it changes neither results nor answer.
+    ``release`` is stamped on page 1; it changes neither results nor answer. The reports in ``left_out`` are
+    not written.
     """
     results = (out / RESULTS).read_bytes()
     for language in request.languages:
         report = build_report(findings, subject, language, release)
         attached = {RESULTS: results}
-        write_report(report, request.kinds, request.paper, attached, out, has_appendix=request.appendix)
+        kinds = tuple(kind for kind in request.kinds if f"report.{language}.{kind}" not in left_out)
+        write_report(report, kinds, request.paper, attached, out, has_appendix=request.appendix)
 
 
 def write_report(

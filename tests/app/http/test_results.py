@@ -5,6 +5,7 @@ import gzip
 import hashlib
 import io
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -18,7 +19,7 @@ from app.queue.worker import open_worker_context, run_next
 from app.report.export.crate import CRATE
 from app.settings import Settings
 from tests.app import stand_ins
-from tests.app.conftest import OpenWorker
+from tests.app.conftest import OpenWorker, services_of
 
 NAMES = (
     "results.json", "report.html", "report.pdf", "answer.txt", "elevation.parquet", "bundle.zip",
@@ -138,6 +139,33 @@ def test_the_bundle_is_a_crate_whose_tables_keep_their_schema(
     files = {file.id: int(file["contentSize"]) for file in crate.data_entities}
     assert files == {one.filename: one.file_size for one in bundle.infolist() if one.filename != CRATE}
     assert validate(tmp_path / "crate" / "datapackage.json").valid
+
+
+def test_a_report_set_again_makes_the_other_language_and_fhir_on_request(
+    client: TestClient, open_worker: OpenWorker, small_gt3x: bytes
+) -> None:
+    worker, store = open_worker(None), services_of(client).store
+    sent = client.post("/api/v1/analyze", content=small_gt3x).json()
+    run_next(worker)
+    first = store.get(sent["id"])
+    said = store.add_correction(first, replace(first.request, subject="S013"))
+    run_next(worker)
+    full = store.add_correction(store.get(said.id), said.request, is_fresh=True)
+    run_next(worker)
+
+    made, whole = (read_bundle(client, job.id) for job in (said, full))
+
+    assert made == whole
+    assert {"report.en.pdf", "report.fr.pdf", "fhir.json"} < made.keys()
+    assert {file.name for file in store.find_files(said.id)}.isdisjoint({"report.fr.pdf", "fhir.json"})
+    pdf = client.get(f"/api/v1/analyses/{said.id}/report.pdf?lang=fr").content
+    assert pdf == whole["report.fr.pdf"]
+
+
+def read_bundle(client: TestClient, analysis_id: str) -> dict[str, bytes]:
+    body = client.get(f"/api/v1/analyses/{analysis_id}/bundle.zip").content
+    bundle = zipfile.ZipFile(io.BytesIO(body))
+    return {name: bundle.read(name) for name in bundle.namelist()}
 
 
 @pytest.mark.parametrize(

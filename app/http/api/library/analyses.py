@@ -33,7 +33,7 @@ from app.http.api.library.models import (
     read_periods,
     view_analysis,
 )
-from app.http.api.library.released import read_report, serve_report
+from app.http.api.library.released import list_reports, read_report, serve_report
 from app.http.api.library.uploads import receive_recording
 from app.http.middleware.problems import PROBLEM_RESPONSES
 from app.library.jobs import JobFilter
@@ -371,7 +371,7 @@ def get_bundle(analysis_id: str, request: Request, services: UsedServices) -> Re
     """Return every file of the analysis in one ZIP; the same analysis gives the same bytes."""
     job = services.store.get(analysis_id)
     check_succeeded(job, "bundle.zip")
-    names = [file.name for file in services.store.find_files(job.id) if file.name != DAY_NAME]
+    names = [name for name in list_reports(services, job) if name != DAY_NAME]
     files = {name: read_report(request, services, job, name) for name in names}
     sizes = {name: len(content) for name, content in files.items()}
     made = Made(sizes, load_results(files.get("results.json", b"null")))

@@ -1,6 +1,6 @@
-"""The files of a released report: made again with the stamp on page 1; the stored files do not change.
+"""The files of a report that are made on request: those with the stamp of a release, and deferred ones.
 
-They are made in a child process at the first request, and then kept in memory.
+A child process makes them at the first request; the server then keeps them in memory.
 """
 
 import threading
@@ -12,8 +12,12 @@ from datetime import datetime
 from fastapi import Request, Response
 from starlette.requests import HTTPConnection
 
+from app.errors import NoSuchFile
 from app.http.api.library.files import build_download_name, serve_bytes, serve_file
 from app.http.api.trust import get_names
+from app.library.audit_log import touch
+from app.library.governance import Release
+from app.library.results import check_succeeded
 from app.library.rows import Job
 from app.report.findings import ReleaseStamp
 from app.request import Language
@@ -32,7 +36,7 @@ def read_report(connection: HTTPConnection, services: Services, job: Job, name: 
 
     Raises NotFinished, NoSuchFile, ResultDamaged.
     """
-    return find_released(connection, services, job, name) or services.results.read(job, name)
+    return _find_made(connection, services, job, name) or services.results.read(job, name)
 
 
 def serve_report(request: Request, services: Services, job: Job, name: str) -> Response:
@@ -40,36 +44,54 @@ def serve_report(request: Request, services: Services, job: Job, name: str) -> R
 
     Raises NotFinished, NoSuchFile, NoSuchRange or ResultDamaged.
     """
-    stamped = find_released(request, services, job, name)
-    if stamped is None:
+    made = _find_made(request, services, job, name)
+    if made is None:
         return serve_file(request, services, job, name)
-    return serve_bytes(request, stamped, build_download_name(services, job, name))
+    return serve_bytes(request, made, build_download_name(services, job, name))
 
 
-def find_released(connection: HTTPConnection, services: Services, job: Job, name: str) -> bytes | None:
-    """Return a file with the stamp of its release; None if the report is not released, or has no such file.
+def list_reports(services: Services, job: Job) -> list[str]:
+    """Return the names of the files of a finished analysis, those made on request included."""
+    stored = {file.name for file in services.store.find_files(job.id)}
+    return sorted(stored.union(_list_deferred(job)))
+
+
+def _find_made(connection: HTTPConnection, services: Services, job: Job, name: str) -> bytes | None:
+    """Return a file that is made on request; None if the stored file is the report.
 
     Raises NotFinished, NoSuchFile, ResultDamaged.
     """
     if not name.startswith(STAMPED) or job.request.reference is not None:
         return None
+    check_succeeded(job, name)
     release = services.releases.find(job.id)
-    if release is None:
+    stored = services.store.find_file(job.id, name)
+    if stored is None and name not in _list_deferred(job):
+        raise NoSuchFile(name=name)
+    if release is None and stored is not None:
         return None
-    services.results.find(job, name)
+    touch(job.recording_id, job.id)
     language = _find_language(job, name)
     is_fhir = name.startswith("fhir.")  # it holds the PDF of every language
-    key = (str(job.token), release.at, "" if is_fhir else language)
+    key = (str(job.token), release.at if release else "", "" if is_fhir else language)
     with _turn:
         if key not in _kept:
-            who = get_names(connection, [release.who], language)[release.who]
-            day = datetime.fromisoformat(release.at).astimezone().date().isoformat()
             request = job.request if is_fhir else replace(job.request, languages=(language,))
+            stamp = _describe_release(connection, release, language) if release else None
             with services.results.borrow(job, "results.json") as results:
-                _kept[key] = services.inspector.set_released(results, request, ReleaseStamp(who, day))
+                _kept[key] = services.inspector.set_again(results, request, stamp)
             while len(_kept) > MOST_KEPT:
                 _kept.popitem(last=False)
         return _kept[key].get(name)
+
+
+def _list_deferred(job: Job) -> tuple[str, ...]:
+    return job.request.list_deferred() if job.is_label else ()
+
+
+def _describe_release(connection: HTTPConnection, release: Release, language: Language) -> ReleaseStamp:
+    who = get_names(connection, [release.who], language)[release.who]
+    return ReleaseStamp(who, datetime.fromisoformat(release.at).astimezone().date().isoformat())
 
 
 def forget_released() -> None:
