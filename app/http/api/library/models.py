@@ -253,7 +253,7 @@ class AnalysisOptions(BaseModel):
         str,
         Field(
             max_length=30,
-            description="Added to the device's clock, if it was wrong: -1h02m, -1:02:00 or -3720 (s).",
+            description="Added to the device's clock, if it was wrong: -1:02:00 or -3720 (s).",
         ),
         AfterValidator(check_clock_offset),
     ] = ""

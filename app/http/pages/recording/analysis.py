@@ -262,7 +262,7 @@ def get_clock(services: Services, history: History) -> DayClock | None:
             if results is None:
                 return None
             duration_us = round(results["time"]["recorded_s"] * MICROSECONDS)
-            return DayClock(read_start(results["recording"]), duration_us)
+            return DayClock(read_start(results.get("recording", {})), duration_us)
     return None
 
 

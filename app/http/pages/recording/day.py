@@ -189,7 +189,7 @@ def place_rows(entries: Sequence[DiaryEntry], clock: DayClock) -> list[PeriodRow
 
 def read_start(facts: Mapping[str, Any]) -> datetime | None:
     """Return the stored start of a recording, in its zone if that is stored and known."""
-    start = datetime.fromisoformat(facts["start"]) if facts["start"] else None
+    start = datetime.fromisoformat(facts["start"]) if facts.get("start") else None
     return in_zone(start, facts.get("time_zone"))
 
 
