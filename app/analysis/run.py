@@ -20,7 +20,7 @@ from app.store.folder import NOTHING_KNOWN, KnownFiles, sync_file
 from fusion.angle_files import AngleFile, AngleFileOptions, holds_samples, read_angle_file, recognise_layout
 from fusion.caveats import Caveat
 from fusion.conventions import CONFIRMED, SAID_S, PoseHeld, awaits_pose
-from fusion.errors import FusionError, UnusableShift
+from fusion.errors import FusionError
 from fusion.exposure.periods import drop_poses
 from fusion.pipeline import Analysis, analyse, analyse_angle_file, analyse_angles, apply_file_settings
 from fusion.pose.calibrate import calibrate, find_early_stills, propose_poses, reduce_recording, survey
@@ -169,8 +169,6 @@ def _analyse_file(
     if request.source == "angles":
         with recording_path.open("rb") as file:
             return analyse_angles(file, begin, replace(settings, diary=drop_poses(settings.diary)))
-    if request.shift and (request.time_zone or request.clock_offset_s):
-        raise UnusableShift(why="stated clock", window=request.shift)
     captured = None if request.shift else _read_capture(recording_path, request)
     if captured is not None:
         return analyse_angle_file(captured, begin, settings)

@@ -5,6 +5,7 @@ from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
@@ -83,6 +84,50 @@ def test_the_pose_of_the_first_shift_applies_to_the_later_ones_only_if_the_senso
     assert (first["state"], last["state"]) == ("held_at_start", "carried")
     assert last["sigma_deg"] == first["sigma_deg"]
     assert results_of(out, "2026-03-04")["calibration"]["state"] != "carried"
+
+
+@pytest.mark.parametrize(
+    ("stated", "hours"),
+    [(("--clock-offset", "-1:02:00"), "05:58-06:18"), (("--time-zone", "Europe/Paris"), "13:00-13:20")],
+    ids=["offset", "zone"],
+)
+def test_a_shift_is_cut_by_the_clock_that_a_person_states(
+    week: Week, out: Path, tmp_path: Path, stated: tuple[str, str], hours: str
+) -> None:
+    ended = run("run", week.path, "-o", tmp_path, "--shift", hours, *HOURS[2:], *stated)
+
+    assert ended.exit_code == 0, ended.output
+    for date in ("2026-03-02", "2026-03-03"):
+        cut, given = results_of(tmp_path, date), results_of(out, date)
+        assert cut["exposure"]["time_above"] == given["exposure"]["time_above"]
+        assert cut["exposure"]["percentiles_deg"] == pytest.approx(given["exposure"]["percentiles_deg"])
+        assert cut["recording"]["start"][11:16] == hours[:5]
+
+
+def test_the_hours_after_a_change_of_the_zone_are_those_of_the_stated_zone(tmp_path: Path) -> None:
+    """The device ran on winter time: its 07:00 on 29 March is 08:00 in Paris."""
+    week = write_week(tmp_path, days=2, first=datetime(2026, 3, 28, 7))  # noqa: DTZ001
+    path = leave_out_zone(week.path, tmp_path / "naive.gt3x")
+
+    hours = ("--shift", "07:00-08:20", *HOURS[2:], "--time-zone", "Europe/Paris")
+    ended = run("run", path, "-o", tmp_path / "out", *hours)
+
+    assert ended.exit_code == 0, ended.output
+    before, after = (
+        json.loads((tmp_path / f"out/naive_2026-03-{day}/results.json").read_bytes())["recording"]["start"]
+        for day in (28, 29)
+    )
+    assert before == "2026-03-28T07:00:00+01:00"
+    assert after == "2026-03-29T07:58:00+02:00"
+
+
+def leave_out_zone(path: Path, out: Path) -> Path:
+    with ZipFile(path) as source, ZipFile(out, "w") as archive:
+        text = source.read("info.txt").decode("utf-8-sig")
+        lines = [line for line in text.splitlines() if not line.startswith("TimeZone")]
+        archive.writestr("info.txt", "\n".join(lines))
+        archive.writestr("log.bin", source.read("log.bin"))
+    return out
 
 
 def test_the_days_of_a_diary_cut_a_recording(week: Week, tmp_path: Path) -> None:
