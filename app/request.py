@@ -29,6 +29,7 @@ _LONGEST_NAME = 200
 LONGEST_SUBJECT = 100
 _NOBODY = frozenset({"n/a", "nan", "null", "none", "unknown", "inconnu", "inconnue"})
 SUBJECT_HINT = f"<= {LONGEST_SUBJECT} printable characters"
+ISCO_HINT = "ISCO-08: 1-4 digits, 7115"
 WINDOW_HINT = "START_S,END_S"
 INTERVAL_HINT = "2026-03-02T07:00/2026-03-02T15:30"
 BY_DIARY = "diary"
@@ -56,6 +57,23 @@ def check_subject(text: str) -> str:
     if len(text) > LONGEST_SUBJECT or _UNPRINTABLE.search(text):
         raise ValueError(SUBJECT_HINT)
     return find_code(text)
+
+
+def check_job_title(text: str) -> str:
+    """Return a job title of one printable line, without outer spaces. Raises ValueError."""
+    if len(text) > LONGEST_SUBJECT or _UNPRINTABLE.search(text):
+        raise ValueError(SUBJECT_HINT)
+    return text.strip()
+
+
+def check_isco(text: str) -> str:
+    """Return a code of ISCO-08, one to four digits (7 is a major group, 7115 a carpenter), or "".
+
+    The digits are not looked up. Raises ValueError.
+    """
+    if not re.fullmatch(r"[0-9]{0,4}", text.strip()):
+        raise ValueError(ISCO_HINT)
+    return text.strip()
 
 
 def find_code(subject: str) -> str:
@@ -203,7 +221,7 @@ class Reference:
 LONGEST_CONCLUSION = 1000
 LABEL = frozenset(
     {
-        *("subject", "side", "conclusion", "draft", "version", "changes", "reason"),
+        *("subject", "side", "job_title", "isco_code", "conclusion", "draft", "version", "changes", "reason"),
         *("languages", "kinds", "paper", "appendix"),
     }
 )
@@ -250,7 +268,7 @@ class ReportRequest:
     removed, and ``pose_from_windows_s``: when it was held there; empty if at its start. ``conclusion``
     applies to these figures only; after a correction it becomes a ``draft``. ``appendix``: the PDF has
     its appendix. ``time_zone``: the zone of clock times, "" for that of the file; ``clock_offset_s``: seconds
-    to add to the device's clock.
+    to add to the device's clock. ``job_title``, ``isco_code``: the person's job, and its code of ISCO-08.
 
     With a ``reference``, the request is for a comparison instead of a report.
     """
@@ -285,6 +303,8 @@ class ReportRequest:
     pose_from_windows_s: tuple[tuple[float, float], ...] = ()
     time_zone: str = ""
     clock_offset_s: float = 0.0
+    job_title: str = ""
+    isco_code: str = ""
 
     def to_json(self) -> str:
         """Return the request as text for a job row or a settings hash."""

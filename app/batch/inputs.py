@@ -3,9 +3,9 @@
 A CSV with the column ``file`` and any of ``subject``, ``side``, ``pose``, ``calibration`` (seconds, as
 ``5-15``; two windows as ``5-15 20-30``), ``pose_held`` (``start`` or ``no``), ``axis`` (``y``), ``slip_at``
 and ``no_slip_at`` (seconds), ``time_zone`` (``Europe/Paris``), ``clock_offset`` (``-1h02m``, added to the
-clock) and ``diary`` (a CSV or .xlsx next to the list). A value in a row overrides the run's settings; an
-empty cell does not. A row that matches two recordings, or a recording that matches two rows, is refused
-before anything is analysed.
+clock), ``job`` (its title), ``isco`` (its code of ISCO-08) and ``diary`` (a CSV or .xlsx next to the list). A
+value in a row overrides the run's settings; an empty cell does not. A row that matches two recordings, or a
+recording that matches two rows, is refused before anything is analysed.
 """
 
 import os
@@ -18,7 +18,17 @@ from typing import Any, get_args
 
 from app.batch.folder import Task
 from app.errors import UnusableParticipants
-from app.request import SIDES, SLIP_HINT, SUBJECT_HINT, check_subject, find_window_hint, parse_slip_time
+from app.request import (
+    ISCO_HINT,
+    SIDES,
+    SLIP_HINT,
+    SUBJECT_HINT,
+    check_isco,
+    check_job_title,
+    check_subject,
+    find_window_hint,
+    parse_slip_time,
+)
 from fusion.clocks import OFFSET_HINT, ZONE_HINT, parse_clock_offset, parse_time_zone
 from fusion.conventions import AXIS_HINT, Pose, Side, parse_arm_axis
 from fusion.diary import DiaryEntry, decode_text, parse_pose_held, plain_word, read_diary, read_rows
@@ -35,6 +45,8 @@ COLUMNS: Mapping[str, str] = {
     "slip at": "slip_at", "slip at s": "slip_at", "slip": "slip_at", "glissement": "slip_at",
     "no slip at": "no_slip_at", "no slip at s": "no_slip_at", "no slip": "no_slip_at",
     "sans glissement": "no_slip_at",
+    "job": "job", "job title": "job", "occupation": "job", "metier": "job", "profession": "job",
+    "isco": "isco", "isco code": "isco", "isco 08": "isco", "code isco": "isco", "citp": "isco",
     "diary": "diary", "journal": "diary",
     "time zone": "time_zone", "fuseau": "time_zone", "fuseau horaire": "time_zone",
     "clock offset": "clock_offset", "correction horloge": "clock_offset",
@@ -202,6 +214,8 @@ def _readers(folder: Path | None) -> Mapping[str, Reader]:
         "no_slip_at": Reader("no_slip_times_s", _read_slip_times, f"{SLIP_HINT} {SLIP_HINT}"),
         "time_zone": Reader("time_zone", parse_time_zone, ZONE_HINT),
         "clock_offset": Reader("clock_offset_s", parse_clock_offset, OFFSET_HINT),
+        "job": Reader("job_title", check_job_title, SUBJECT_HINT),
+        "isco": Reader("isco_code", check_isco, ISCO_HINT),
         "diary": Reader("diary", lambda name: _read_diary_beside(folder, name), "FILE.csv, FILE.xlsx"),
     }
 

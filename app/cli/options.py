@@ -15,6 +15,7 @@ from app.batch.run import SHARD_HINT, Shard, parse_shard
 from app.cli.output import Exit, print_problem
 from app.errors import UNREADABLE_PATH, AppError, UnusableList
 from app.request import (
+    ISCO_HINT,
     SHIFT_HINT,
     SLIP_HINT,
     SUBJECT_HINT,
@@ -24,6 +25,8 @@ from app.request import (
     ReportKind,
     ReportRequest,
     check_hours,
+    check_isco,
+    check_job_title,
     check_subject,
     find_window_hint,
     parse_slip_time,
@@ -39,6 +42,10 @@ T = TypeVar("T")
 
 Out = Annotated[Path, typer.Option("-o", "--out", help="Folder for the results.")]
 SideOption = Annotated[Side | None, typer.Option(help="Which arm.")]
+JobOption = Annotated[str, typer.Option("--job", help="Title of the person's job.")]
+IscoOption = Annotated[
+    str, typer.Option("--isco", metavar="CODE", help="Code of the job in ISCO-08, one to four digits.")
+]
 SubjectOption = Annotated[str, typer.Option("--subject", help="Subject code; never a name.")]
 DiaryOption = Annotated[
     Path | None,
@@ -188,6 +195,16 @@ def _parse(option: str, hint: str, read: Callable[[], T]) -> T:
         return read()
     except ValueError:
         raise typer.BadParameter(f"write {hint}", param_hint=option) from None
+
+
+def parse_job(text: str) -> str:
+    """Check the job title."""
+    return _parse("--job", SUBJECT_HINT, lambda: check_job_title(text))
+
+
+def parse_isco(text: str) -> str:
+    """Check the code of the job."""
+    return _parse("--isco", ISCO_HINT, lambda: check_isco(text))
 
 
 def parse_subject(text: str) -> str:

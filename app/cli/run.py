@@ -13,6 +13,8 @@ from app.cli.options import (
     ClockOffsetOption,
     DateOrderOption,
     DiaryOption,
+    IscoOption,
+    JobOption,
     LanguageOption,
     Out,
     PoseHeldOption,
@@ -25,6 +27,8 @@ from app.cli.options import (
     check_windows,
     complete_profile,
     parse_axis,
+    parse_isco,
+    parse_job,
     parse_kinds,
     parse_offset,
     parse_shard_option,
@@ -69,7 +73,7 @@ def run(
         Path | None,
         typer.Option(
             metavar="FILE.csv",
-            help="file,subject,side,pose,calibration,pose_held,axis,slip_at,no_slip_at,diary,time_zone,clock_offset.",
+            help="file,subject,side,pose,calibration,pose_held,axis,slip_at,no_slip_at,diary,time_zone,clock_offset,job,isco.",
         ),
     ] = None,
     config: Annotated[
@@ -78,6 +82,8 @@ def run(
     ] = None,
     side: SideOption = None,
     subject: SubjectOption = "",
+    job: JobOption = "",
+    isco: IscoOption = "",
     method: Annotated[
         MethodName | None, typer.Option(help="How elevation is estimated  \\[default: smoothed]")
     ] = None,
@@ -189,6 +195,8 @@ def run(
     request = replace(
         request,
         subject=parse_subject(subject),
+        job_title=parse_job(job),
+        isco_code=parse_isco(isco),
         diary=read_diary_file(diary, language) or request.diary,
         profile=complete_profile(read_profile_file(profile, language) or request.profile, sensor, date_order),
     )

@@ -206,7 +206,10 @@ _FACTS = (
         "recording",
         tuple(
             Figure(key, key)
-            for key in ("file_name", "subject", "side", "device", "start", "rate_hz", "sha256")
+            for key in (
+                *("file_name", "subject", "side", "device", "start", "rate_hz", "sha256"),
+                *("job_title", "isco_code"),
+            )
         ),
     ),
     Group("time", tuple(Figure(key, key) for key in ("recorded_s", "analysed_s", "missing_s", "excluded_s"))),
@@ -363,7 +366,7 @@ SUMMARY: tuple[Column, ...] = (
         for end in ("low_pose", "high_pose")
     ),
     Column("{name}_velocity_p50_dps", {"name": "generalised_accelerometer"}),
-    Column("utc_offset", kind="text"),
+    *(Column(name, kind="text") for name in ("utc_offset", "job_title", "isco_code")),
 )
 """Columns of ``summary.csv``, one row per recording. Append new columns at the end."""
 

@@ -54,6 +54,8 @@ class ReportSubject:
     conclusion: Conclusion | None = None
     report_id: str = ""
     shift: str = ""
+    job_title: str = ""
+    isco_code: str = ""
 
 
 @dataclass(frozen=True, slots=True)

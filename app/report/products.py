@@ -88,6 +88,8 @@ def describe_subject(
         columns=request.profile,
         conclusion=request.conclusion,
         shift=request.shift,
+        job_title=request.job_title,
+        isco_code=request.isco_code,
     )
     return replace(subject, report_id=identify_report(build_settings(request), findings, subject))
 

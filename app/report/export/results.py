@@ -83,6 +83,8 @@ def build_results(findings: Findings, subject: ReportSubject) -> dict[str, objec
             "shift": subject.shift or None,
             "side": subject.side,
             "subject": subject.subject,
+            "job_title": subject.job_title,
+            "isco_code": subject.isco_code,
             "columns": json.loads(subject.columns) if subject.columns else None,
         },
         "time": {
@@ -127,7 +129,8 @@ def relabel_results(content: bytes, subject: ReportSubject) -> bytes:
     """
     results = json.loads(content)
     results["report"] = {"id": subject.report_id, "version": subject.version, "changes": subject.changes}
-    results["recording"] |= {"side": subject.side, "subject": subject.subject}
+    named = ("side", "subject", "job_title", "isco_code")
+    results["recording"] |= {name: getattr(subject, name) for name in named}
     results["conclusion"] = asdict(subject.conclusion) if subject.conclusion else None
     return _encode(results)
 
@@ -162,6 +165,8 @@ def identify_report(settings: AnalysisSettings, findings: Findings, subject: Rep
         said["columns"] = json.loads(subject.columns)
     if subject.shift:
         said["shift"] = subject.shift
+    if subject.job_title or subject.isco_code:
+        said |= {"job_title": subject.job_title, "isco_code": subject.isco_code}
     if subject.conclusion:
         said["conclusion"] = asdict(subject.conclusion)
     text = json.dumps(round_all(said), sort_keys=True)
@@ -409,6 +414,8 @@ def _read_subject(results: Mapping[str, Any]) -> ReportSubject:
         conclusion=Conclusion(**results["conclusion"]) if results["conclusion"] else None,
         report_id=report["id"],
         shift=recording.get("shift") or "",
+        job_title=recording.get("job_title", ""),
+        isco_code=recording.get("isco_code", ""),
     )
 
 

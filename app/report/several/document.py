@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import asdict
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from math import inf
 from statistics import fmean
 from typing import Any
@@ -13,6 +14,7 @@ from app.report.figures import round_all
 from app.report.pairs import describe_source, name_method
 from app.report.several.levels import compare_arms, compare_group, describe_levels
 from app.report.several.people import ArmDays, MeasuredDay, PoseEnds, Side, Stage, StudiedDays
+from app.report.words.wording import clean_text
 from fusion.comparison.change import BETWEEN_DAY_SD, SOURCE, WHOLE_DAY_S
 from fusion.comparison.days import (
     LEAST_DAYS,
@@ -66,6 +68,16 @@ def describe_profile(studied: StudiedDays) -> dict[str, Any]:
                 }
                 for side, stage, figures in list_groups(studied)
             ],
+            "jobs": [
+                {
+                    "side": side,
+                    "stage": stage,
+                    "job_title": job.title or None,
+                    "isco_code": job.isco_code or None,
+                    "figures": {name: _spell(spread) for name, spread in figures.items()},
+                }
+                for side, stage, job, figures in list_jobs(studied)
+            ],
             "change": [{"side": side, "figures": changes} for side, changes in list_changes(studied)],
             "rules": {
                 "fewest_people": FEWEST_PEOPLE,
@@ -105,6 +117,8 @@ def _describe_day(day: MeasuredDay) -> dict[str, Any]:
         "method": name_method(findings) or None,
         "pose": findings.calibration.pose if findings.calibration else None,
         "left_out": day.left_out,
+        "job_title": day.kept.subject.job_title,
+        "isco_code": day.kept.subject.isco_code,
         "figures": day.list_figures(),
         "ranges": {name: asdict(interval) if interval else None for name, interval in ranges.items()},
     }
@@ -161,14 +175,70 @@ def list_groups(studied: StudiedDays) -> Iterator[tuple[Side | None, Stage, dict
         return
     for side in studied.sides:
         for stage in studied.stages:
-            figures = {name: _collect(studied, name, side, stage) for name in FIGURES}
-            known = {
-                name: describe_group(people, _find_most(name))
-                for name, people in figures.items()
-                if len(people) >= FEWEST_PEOPLE
-            }
+            known = describe_arms([arm for arm in studied.arms if (arm.side, arm.stage) == (side, stage)])
             if known:
                 yield side, stage, known
+
+
+def describe_arms(arms: Sequence[ArmDays]) -> dict[str, GroupSpread]:
+    """Return the spread of each figure over one arm each of five people or more; empty for fewer."""
+    figures = {name: _collect(arms, name) for name in FIGURES}
+    return {
+        name: describe_group(people, _find_most(name))
+        for name, people in figures.items()
+        if len(people) >= FEWEST_PEOPLE
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """A job in a group; both fields are empty for the other jobs and the days without one."""
+
+    title: str = ""
+    isco_code: str = ""
+
+
+def list_jobs(
+    studied: StudiedDays,
+) -> Iterator[tuple[Side | None, Stage, Job, dict[str, GroupSpread]]]:
+    """Return the spread of each arm and side of the change by job, between and within five people or more.
+
+    Jobs of fewer than five people are pooled with the days without a job, and so is the smallest other job
+    while these are from fewer than five people: the difference from the group then describes no fewer. None
+    if no day has a job, or if no job has five people.
+    """
+    for side, stage, _ in list_groups(studied):
+        arms = [arm for arm in studied.arms if (arm.side, arm.stage) == (side, stage)]
+        shown = [
+            [replace(arm, days=tuple(day for day in arm.days if day.job in jobs)) for arm in arms]
+            for jobs in _split_jobs(arms)
+        ]
+        spreads = [describe_arms(of_job) for of_job in shown if any(arm.counted for arm in of_job)]
+        names = [name for name in FIGURES if all(name in spread for spread in spreads)]
+        for of_job, spread in zip(shown, spreads, strict=False):  # only the last, pooled ones may be empty
+            job = Job() if of_job is shown[-1] else _name_job(of_job)
+            yield side, stage, job, {name: spread[name] for name in names}
+
+
+def _split_jobs(arms: Sequence[ArmDays]) -> list[frozenset[str]]:
+    """Return the jobs to show, each alone in alphabetical order, and last those that are pooled."""
+    people: dict[str, set[str]] = {}
+    for arm in arms:
+        for day in arm.counted:
+            people.setdefault(day.job, set()).add(arm.subject)
+    alone = sorted((job for job in people if job), key=lambda job: (len(people[job]), job))
+    pooled, others = {""}, set(people.get("", ()))
+    while alone and (len(people[alone[0]]) < FEWEST_PEOPLE or 0 < len(others) < FEWEST_PEOPLE):
+        others |= people[alone[0]]
+        pooled.add(alone.pop(0))
+    return [*(frozenset({job}) for job in sorted(alone)), frozenset(pooled)] if alone else []
+
+
+def _name_job(arms: Sequence[ArmDays]) -> Job:
+    """Return the code of a job with the title that most of its days have."""
+    whose = [day.kept.subject for arm in arms for day in arm.counted]
+    ((title, _),) = Counter(sorted(clean_text(one.job_title) for one in whose)).most_common(1)
+    return Job(title, clean_text(whose[0].isco_code))
 
 
 def find_group_pose(studied: StudiedDays, name: str, side: Side | None, stage: Stage) -> PoseEnds | None:
@@ -191,16 +261,18 @@ def list_changes(studied: StudiedDays) -> Iterator[tuple[Side | None, dict[str, 
             yield side, known
 
 
-def _collect(studied: StudiedDays, name: str, side: Side | None, stage: Stage) -> dict[str, list[float]]:
+def _collect(arms: Sequence[ArmDays], name: str) -> dict[str, list[float]]:
     """Return the figure of each person's days that count; people without any are omitted."""
-    arms = (arm for arm in studied.arms if (arm.side, arm.stage) == (side, stage))
     values = {arm.subject: arm.list_values(name) for arm in arms}
     return {subject: days for subject, days in values.items() if days}
 
 
 def _find_change(studied: StudiedDays, name: str, side: Side | None) -> dict[str, Any] | None:
     """Compare before and after: one person by the days, a group by the range of its change."""
-    before, after = (_collect(studied, name, side, stage) for stage in ("before", "after"))
+    before, after = (
+        _collect([arm for arm in studied.arms if (arm.side, arm.stage) == (side, stage)], name)
+        for stage in ("before", "after")
+    )
     change, detectable, verdict = compare_people(before, after), None, "unknown"
     if change is None or (studied.is_group and change.people < FEWEST_PEOPLE):
         return None
@@ -226,7 +298,7 @@ _DAY_COLUMNS = (
     *("subject", "side", "stage", "start", "file_name", "sha256", "report_id", "device", "method", "pose"),
     *("verdict", "analysed_s", "left_out"),
     *FIGURES,
-    "utc_offset",
+    *("utc_offset", "job_title", "isco_code"),
 )
 _OVERLAY_COLUMNS = ("subject", "side", "stage", "clock", "days", *(f"p{p}_deg" for p in PERCENTS))
 

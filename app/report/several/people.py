@@ -47,6 +47,12 @@ class MeasuredDay:
         return read_code(self.kept)
 
     @property
+    def job(self) -> str:
+        """Job of the person on this day, by its code of ISCO-08 or else its title; empty if not stated."""
+        whose = self.kept.subject
+        return clean_text(whose.isco_code) or clean_text(whose.job_title).casefold()
+
+    @property
     def start(self) -> datetime | None:
         """Start by its clock; a time zone is dropped because days are compared by the time on the clock."""
         start = self.kept.findings.recording.start

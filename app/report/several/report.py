@@ -37,6 +37,7 @@ from app.report.several.document import (
     find_group_pose,
     list_changes,
     list_groups,
+    list_jobs,
 )
 from app.report.several.levels import MeanLevel, compare_arms, compare_group
 from app.report.several.people import ArmDays, PoseEnds, Side, Stage, StudiedDays
@@ -423,24 +424,48 @@ def _build_levels(studied: StudiedDays, entry: Words, language: Language) -> Ite
 
 def _build_group(studied: StudiedDays, words: Words, language: Language) -> Iterator[Section]:
     """Build the chapter with the mean and spread of a group; none without figures."""
-    entry, tables = words["group"], []
+    entry, jobs, tables, by_job = words["group"], words["jobs"], [], []
+    figure, counts, mean, span, _, *spreads = entry["columns"]
     for side, stage, figures in list_groups(studied):
         rows = tuple(
+            (
+                *cells[:4],
+                _format_pose(find_group_pose(studied, name, side, stage), name, language) or NONE,
+                *cells[4:],
+            )
+            for name, cells in _lay_spreads(figures, language)
+        )
+        caption, columns = _name_arm(side, stage, language), tuple(entry["columns"])
+        tables.append(Table(caption, columns, rows, note=entry["note"], even=True))
+    for side, stage, job, figures in list_jobs(studied):
+        facts = {"arm": _name_arm(side, stage, language)}
+        facts["job"] = " ".join(filter(None, (job.isco_code, job.title))) or jobs["other"]
+        rows = tuple(cells for _, cells in _lay_spreads(figures, language))
+        columns = (figure, counts, mean, span, *spreads)
+        by_job.append(Table(fill(jobs["caption"], facts), columns, rows, even=True))
+    if tables:
+        yield Section("group", entry["title"], tables=tuple(tables))
+    if by_job:
+        by_job[-1] = replace(by_job[-1], note=jobs["note"])
+        yield Section("jobs", jobs["title"], tables=tuple(by_job))
+
+
+def _lay_spreads(
+    figures: Mapping[str, GroupSpread], language: Language
+) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Return each figure with its cells: its name, counts, mean, range and the two deviations."""
+    for name, spread in figures.items():
+        yield (
+            name,
             (
                 _name_figure(name, language),
                 f"{spread.people} / {spread.days}",
                 format_figure(spread.mean, name, language),
                 _format_span(spread.mean_range, name, language) or NONE,
-                _format_pose(find_group_pose(studied, name, side, stage), name, language) or NONE,
                 format_points(spread.between_sd, name, language),
                 format_points(spread.within_sd, name, language),
-            )
-            for name, spread in figures.items()
+            ),
         )
-        caption = _name_arm(side, stage, language)
-        tables.append(Table(caption, tuple(entry["columns"]), rows, note=entry["note"], even=True))
-    if tables:
-        yield Section("group", entry["title"], tables=tuple(tables))
 
 
 def _build_changes(studied: StudiedDays, words: Words, language: Language) -> Iterator[Section]:

@@ -449,3 +449,58 @@ def test_the_same_days_give_the_same_bytes_in_whatever_order() -> None:
     there, back = (describe_profile(group_days(days)) for days in (week(*FIVE), week(*FIVE)[::-1]))
 
     assert encode_document(there) == encode_document(back)
+
+
+def in_job(days: list[MeasuredDay], title: str, isco_code: str = "") -> list[MeasuredDay]:
+    stated = [replace(day.kept.subject, job_title=title, isco_code=isco_code) for day in days]
+    return [
+        replace(day, kept=replace(day.kept, subject=subject))
+        for day, subject in zip(days, stated, strict=True)
+    ]
+
+
+def in_two_jobs(first: int, second: int) -> list[MeasuredDay]:
+    """Days of ``first`` carpenters (7115) and ``second`` people whose job is not stated, two each."""
+    days = group_of(first + second)
+    return [*in_job(days[: 2 * first], "Carpenter", "7115"), *days[2 * first :]]
+
+
+def test_each_job_of_five_people_has_its_spread_between_and_within_people() -> None:
+    carpenters, others = describe_profile(group_days(in_two_jobs(5, 6)))["jobs"]
+
+    above = carpenters["figures"]["time_above_60_percent"]
+    assert (carpenters["job_title"], carpenters["isco_code"]) == ("Carpenter", "7115")
+    assert (above["people"], above["days"], above["mean"]) == (5, 10, 7.4)
+    assert above["within_sd"] == pytest.approx(sqrt(2), abs=1e-6)
+    assert above["between_sd"] == pytest.approx(sqrt(9.8), abs=1e-6)
+    assert (others["job_title"], others["figures"]["time_above_60_percent"]["people"]) == (None, 6)
+
+
+def test_no_job_is_shown_if_the_others_would_be_fewer_than_five_people() -> None:
+    assert describe_profile(group_days(in_two_jobs(6, 4)))["jobs"] == []
+
+
+def test_the_smallest_job_joins_others_of_fewer_than_five_people() -> None:
+    days = group_of(14)
+    days = [*in_job(days[:12], "Painter"), *in_job(days[12:24], "Cook", "5120"), *days[24:]]
+
+    shown = describe_profile(group_days(days))["jobs"]
+
+    people = [job["figures"]["time_above_60_percent"]["people"] for job in shown]
+    assert [job["job_title"] for job in shown] == ["Painter", None]
+    assert people == [6, 8]
+
+
+def test_a_job_title_is_the_same_in_capitals() -> None:
+    days = group_of(6)
+    (job,) = describe_profile(group_days([*in_job(days[:4], "PAINTER"), *in_job(days[4:], "Painter")]))[
+        "jobs"
+    ]
+
+    assert (job["job_title"], job["figures"]["time_above_60_percent"]["people"]) == ("Painter", 6)
+
+
+def test_the_report_of_a_group_has_a_table_for_each_job() -> None:
+    (jobs,) = (part for part in report_of(in_two_jobs(5, 5)).sections if part.key == "jobs")
+
+    assert [table.caption.split(",")[0] for table in jobs.tables] == ["7115 Carpenter", "Other jobs"]

@@ -48,6 +48,10 @@ def make_task(path: str) -> Task:
             "file,axis,slip_at,no_slip_at\na,-y,3600 7200.5,60\n",
             {"arm_axis": "-y", "slip_times_s": (3600.0, 7200.5), "no_slip_times_s": (60.0,)},
         ),
+        (
+            "file,job,isco\na,House painter,7131\n",
+            {"job_title": "House painter", "isco_code": "7131"},
+        ),
         ("file,pose_held\na,start\n", {"pose_held": "start"}),
         (
             "file,time_zone,clock_offset\na,Europe/Paris,-1h02m\n",
@@ -96,6 +100,7 @@ def test_a_diary_is_read_from_the_folder_of_the_list(tmp_path: Path) -> None:
         ("file,calibration\na,15-5\n", 2, "value"),
         ("file,axis\na,up\n", 2, "value"),
         ("file,slip_at\na,noon\n", 2, "value"),
+        ("file,isco\na,71150\n", 2, "value"),
         ("file,subject\na,S01\na,S02\n", 3, "file twice"),
         ("subject,file\nS01\n", 2, "no file named"),
         ("file,calibration\na,5,5-15\n", 2, "more fields"),

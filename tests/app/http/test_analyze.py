@@ -52,6 +52,8 @@ def test_every_wish_reaches_the_job(client: TestClient, store: JobStore) -> None
         "file_name": "shift.gt3x",
         "side": "left",
         "subject": "S012",
+        "job_title": "Carpenter",
+        "isco_code": "7115",
         "method": "published",
         "pose": "two-point",
         "calibration": ["5,15", "20.5,30"],
@@ -69,6 +71,7 @@ def test_every_wish_reaches_the_job(client: TestClient, store: JobStore) -> None
     request = store.get(client.post(URL, content=b"x", params=wishes).json()["id"]).request
 
     assert (request.file_name, request.side, request.subject) == ("shift.gt3x", "left", "S012")
+    assert (request.job_title, request.isco_code) == ("Carpenter", "7115")
     assert (request.method, request.pose, request.rate_hz) == ("published", "two-point", 100.0)
     assert request.calibration_windows_s == ((5.0, 15.0), (20.5, 30.0))
     assert request.languages == ("fr", "en")
@@ -97,6 +100,7 @@ def test_every_wish_reaches_the_job(client: TestClient, store: JobStore) -> None
         ("lang", "it"),
         ("subject", "x" * 101),
         ("subject", "a\nb"),
+        ("isco_code", "71a"),
     ],
 )
 def test_a_value_that_cannot_be_is_refused_by_name(

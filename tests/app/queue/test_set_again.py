@@ -20,6 +20,7 @@ from tests.app.conftest import AddJob, OpenWorker, on_both_set_ups
 LABELS: dict[str, dict[str, Any]] = {
     "subject": {"subject": "S013"},
     "side": {"side": "left"},
+    "job": {"job_title": "Carpenter", "isco_code": "7115"},
     "conclusion": {"conclusion": Conclusion("Overhead work is the load.", "M. Tremblay", "2026-11-23")},
     "language": {"languages": ("fr-CA",)},
     "paper": {"paper": "letter"},

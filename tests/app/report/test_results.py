@@ -69,6 +69,8 @@ def test_the_recording(results: dict[str, Any]) -> None:
         "shift": None,
         "side": "right",
         "subject": "S012",
+        "job_title": "",
+        "isco_code": "",
         "columns": None,
     }
 

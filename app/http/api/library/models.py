@@ -33,6 +33,7 @@ from app.report.export.tables import encode_table
 from app.report.words.wording import MAX_TEXT, Language, check_conclusion, clean_text, find_other_language
 from app.request import (
     INTERVAL_HINT,
+    ISCO_HINT,
     LONGEST_CONCLUSION,
     LONGEST_SUBJECT,
     SUBJECT_HINT,
@@ -40,6 +41,8 @@ from app.request import (
     Paper,
     ReportRequest,
     check_interval,
+    check_isco,
+    check_job_title,
     check_subject,
     clean_file_name,
     clean_folder,
@@ -201,6 +204,16 @@ class AnalysisOptions(BaseModel):
 
     side: Annotated[Literal["left", "right"] | None, Field(description="Which arm.")] = None
     subject: Annotated[SubjectCode, Field(description="Subject code; never a name.")] = ""
+    job_title: Annotated[
+        str,
+        Field(max_length=LONGEST_SUBJECT, description="Title of the person's job."),
+        AfterValidator(lambda text: _parse(check_job_title, text, SUBJECT_HINT) if text else ""),
+    ] = ""
+    isco_code: Annotated[
+        str,
+        Field(max_length=4, description="Code of the job in ISCO-08, one to four digits."),
+        AfterValidator(lambda text: _parse(check_isco, text, ISCO_HINT) if text else ""),
+    ] = ""
     method: MethodName = "smoothed"
     pose: Pose = "n-pose"
     lang: Annotated[Language | None, Field(description="Language of the response.")] = None
@@ -295,6 +308,8 @@ class AnalysisOptions(BaseModel):
             file_name=file_name,
             subject=self.subject,
             side=self.side,
+            job_title=self.job_title,
+            isco_code=self.isco_code,
             method=self.method,
             pose=self.pose,
             calibration_windows_s=tuple(parse_window(text) for text in self.calibration),
@@ -456,7 +471,8 @@ SAME = (
 
 
 SETTINGS = (
-    *("subject", "side", "method", "pose", "calibration_windows_s", "pose_held", "arm_axis"),
+    *("subject", "side", "job_title", "isco_code", "method", "pose", "calibration_windows_s"),
+    *("pose_held", "arm_axis"),
     *("slip_times_s", "no_slip_times_s", "shift", "rate_hz", "time_zone", "clock_offset_s"),
     *("source", "paper", "appendix"),
 )

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime
 from itertools import zip_longest
-from typing import Annotated, Any, TypeVar, get_args
+from typing import Annotated, Any, Literal, TypeVar, get_args
 
 import numpy as np
 from fastapi import APIRouter, Depends, Query, Response
@@ -32,7 +32,15 @@ from app.report.words.numbers import (
     format_percent,
 )
 from app.report.words.wording import MAX_TEXT, Language, Words, fill, load_wording
-from app.request import SUBJECT_HINT, ReportRequest, check_subject, find_window_hint
+from app.request import (
+    ISCO_HINT,
+    SUBJECT_HINT,
+    ReportRequest,
+    check_isco,
+    check_job_title,
+    check_subject,
+    find_window_hint,
+)
 from app.services import Services
 from app.store.day_file import DAY_NAME, DayFile, open_day
 from fusion.clocks import (
@@ -249,7 +257,7 @@ def _read_clock_settings(before: ReportRequest, form: Form) -> tuple[str, float]
 
 
 def read_whose(before: ReportRequest, form: Form) -> ReportRequest:
-    """Return the request with the subject and the arm of the form. Raises BadParameter."""
+    """Return the request with the subject, arm and job of the form. Raises BadParameter."""
     try:
         subject = check_subject(first(form, "subject"))
     except ValueError:
@@ -257,7 +265,22 @@ def read_whose(before: ReportRequest, form: Form) -> ReportRequest:
         raise BadParameter(name="subject", value=typed, allowed=SUBJECT_HINT) from None
     sides: tuple[Side, ...] = get_args(Side)
     side = _choose(sides, first(form, "side"), "side") if first(form, "side") else None
-    return replace(before, subject=subject, side=side)
+    return replace(
+        before,
+        subject=subject,
+        side=side,
+        job_title=_read_job(form, "job_title", before.job_title),
+        isco_code=_read_job(form, "isco_code", before.isco_code),
+    )
+
+
+def _read_job(form: Form, name: Literal["job_title", "isco_code"], before: str) -> str:
+    """Return a field of the job; a form without it does not clear it. Raises BadParameter."""
+    check, hint = (check_isco, ISCO_HINT) if name == "isco_code" else (check_job_title, SUBJECT_HINT)
+    try:
+        return check(first(form, name)) if name in form else before
+    except ValueError:
+        raise BadParameter(name=name, value=first(form, name)[:60], allowed=hint) from None
 
 
 def read_rows(form: Form, clock: DayClock) -> tuple[DiaryEntry, ...]:
