@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from sqlalchemy import Connection, Select, func, insert, select, update
+from sqlalchemy import Connection, Select, and_, func, insert, select, update
 from sqlalchemy.dialects import postgresql, sqlite
 
 from app.errors import NotHere
@@ -209,6 +209,7 @@ def _replace_recording(connection: Connection, study_id: str, analysis_id: str) 
 
 
 def _select_siblings(analysis_id: str) -> Select[tuple[str]]:
-    """Select every analysis of the same recording."""
-    recording = select(analyses.c.recording_id).where(analyses.c.id == analysis_id).scalar_subquery()
-    return select(analyses.c.id).where(analyses.c.recording_id == recording)
+    """Select every analysis of the same recording, or of the same shift of it."""
+    this = analyses.alias()
+    same = (analyses.c.recording_id == this.c.recording_id, analyses.c.shift == this.c.shift)
+    return select(analyses.c.id).join(this, and_(*same)).where(this.c.id == analysis_id)

@@ -1,5 +1,6 @@
 """Views of jobs and the library, with texts and formatted numbers ready for the templates."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
@@ -106,7 +107,7 @@ class JobRow:
     """One recording in the list.
 
     ``version`` changes whenever anything shown changes. ``report`` is the address of the report without its
-    extension. ``key`` is the same for all analyses of a recording. ``asks_columns``: a person may fix the
+    extension. ``key`` is the same for all analyses of a recording, or of a shift of it. ``asks_columns``: a person may fix the
     problem by naming the columns. ``compared``: both file names of a comparison with a reference.
     ``file_meta``: ``meta`` without subject and arm.
     """
@@ -162,7 +163,7 @@ def build_row(job: Job, language: Language, took: Sequence[AnalysisDuration] = (
     is_table = request.profile != "" and "header" in job.problem_facts
     return JobRow(
         id=job.id,
-        key=f"of-{job.recording_id}",
+        key=f"of-{job.recording_id}" + re.sub(r"\W", "", request.shift),
         name=job.file_name,
         meta=tuple(filter(None, (version, subject, side, *of_file))),
         file_meta=tuple(filter(None, (version, *of_file))),

@@ -73,14 +73,15 @@ SHOWN = 200
 
 @dataclass(frozen=True, slots=True)
 class History:
-    """Every analysis of one recording, newest first."""
+    """Every analysis of one recording, or of one shift of it, newest first."""
 
     jobs: tuple[Job, ...]
 
     @classmethod
     def of(cls, services: Services, job: Job) -> "History":
         """Load the analyses, without comparisons with a reference."""
-        found = services.store.find_page(JobFilter(recording_id=job.recording_id), SHOWN)
+        same = JobFilter(recording_id=job.recording_id, shift=job.request.shift)
+        found = services.store.find_page(same, SHOWN)
         return cls(tuple(other for other in found if other.request.reference is None))
 
     @property
@@ -300,6 +301,11 @@ def build_conclusion(page: Page, job: Job, own_name: str, *, is_current: bool) -
     }
 
 
+def get_draft_place(job: Job) -> str:
+    """Return the place of an unsent conclusion: the recording, or the analysis of a shift of it."""
+    return job.id if job.request.shift else job.recording_id
+
+
 def describe_draft(draft: ConclusionDraft, language: Language) -> str:
     """Describe the version that a draft was written for, and the changes since."""
     words, names = load_wording(language, "page")["conclude"]["draft"], load_wording(language)["changed"]
@@ -398,6 +404,7 @@ def analysis(analysis_id: str, page: UsedPage, seen: Annotated[Seen, Query()]) -
         release=build_release(page, subject, job.id),
         versions=build_versions(page, history, job, clock),
         recording_id=job.recording_id,
+        draft_place=get_draft_place(job),
         source=describe_source(page, job),
         failed=build_row(failed, language) if failed else None,
         report=None if is_current else report,
@@ -421,7 +428,7 @@ def show_report(analysis_id: str, page: UsedPage) -> Response:
     made = find_nearest(page.language, job.request.languages)
     report = read_report(page.request, services, job, f"{stem}.{made}.html").decode()
     pdf = f"{page.base}/api/v1/{place}/{job.id}/{stem}.pdf?{urlencode({'lang': made})}"
-    reports = services.store.find_reports(job.recording_id) if stem == "report" else ()
+    reports = services.store.find_reports(job) if stem == "report" else ()
     old = describe_old(job, reports, page)
     return add_navigation(page, report, f"{page.base}/{place}/{job.id}", pdf, old)
 
@@ -457,8 +464,9 @@ def conclude(analysis_id: str, page: UsedPage, subject: UsedSubject, form: UsedF
     """
     own_name, store = get_person_name(page.request, subject.id), page.services.store
     concluded = read_conclusion({**form, **({"name": [own_name]} if own_name else {})})
-    job = store.conclude(store.get(analysis_id), concluded)
-    page.services.drafts.drop(subject.id, f"conclusion:{job.recording_id}")
+    concluded_on = store.get(analysis_id)
+    job = store.conclude(concluded_on, concluded)
+    page.services.drafts.drop(subject.id, f"conclusion:{get_draft_place(concluded_on)}")
     return page.go_to(job)
 
 
