@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from app.analysis.inspect import read_joined
+from app.analysis.inspect import propose_shifts, read_joined
 from app.errors import BadParameter
 from app.report.export.all import encode_elevation_csv, write_elevation
 from app.report.export.results import encode_results
@@ -72,6 +72,7 @@ def _describe_facts(analysis: Analysis) -> dict[str, Any]:
         "duration_us": recording.duration_us,
         "still": [[p.still.start_s, p.still.end_s, p.still.score, p.kind] for p in proposed],
         "not_worn": [_bound(span) for span in not_worn],
+        "shifts": propose_shifts(recording) if calibration else [],
         "left_out": [[*_bound(span), span.reason] for span in analysis.exclusions],
         "calibration": [[still.start_s, still.end_s, still.score] for still in used],
         **questions,

@@ -1,4 +1,4 @@
-"""Cut the recordings of a run into shifts: each has its task, folder, calibration and report."""
+"""Cut recordings into shifts: each has its request, and in a run its task, folder, calibration and report."""
 
 import json
 import tempfile
@@ -42,9 +42,7 @@ def _split(task: Task, *, not_removed: bool) -> list[Task]:
     windows = _find_windows(task.request, start, duration_us)
     if not windows:
         return [replace(task, request=replace(whole, shift=_name_missing(task.request.shift, start)))]
-    requests = [_cut_request(whole, window, start, duration_us) for window in windows]
-    if not_removed:
-        requests = [requests[0], *(_carry_pose(requests[0], later, start) for later in requests[1:])]
+    requests = cut_request(whole, windows, start, duration_us, not_removed=not_removed)
     names = _name_shifts(windows)
     return [
         replace(
@@ -82,6 +80,21 @@ def _name_missing(shift: str, start: datetime) -> str:
     return str(
         ShiftWindow(*(datetime.combine(day, at) for day, at in ((start, hours.start), (end_day, hours.end))))
     )
+
+
+def cut_request(
+    whole: ReportRequest,
+    windows: Sequence[ShiftWindow],
+    start: datetime,
+    duration_us: int,
+    *,
+    not_removed: bool,
+) -> list[ReportRequest]:
+    """Return the request of each shift of a recording; ``not_removed`` as in :func:`split_into_shifts`."""
+    requests = [_cut_request(whole, window, start, duration_us) for window in windows]
+    if not_removed:
+        requests[1:] = [_carry_pose(requests[0], later, start) for later in requests[1:]]
+    return requests
 
 
 def _cut_request(

@@ -22,7 +22,7 @@ from sqlalchemy.exc import OperationalError
 
 from app.errors import Interrupted, NotHere, StaleVersion, StoreMismatch
 from app.library.audit_log import Act, record
-from app.library.batches import join_study, update_studies
+from app.library.batches import join_study, replace_cut, update_studies
 from app.library.claims import (
     LABEL_PRIORITY,
     PAGE_PRIORITY,
@@ -180,6 +180,30 @@ class JobStore(RowStore):
         with self._engine.begin() as connection:
             analysis_id = _queue_again(connection, job, asked, is_fresh=is_fresh)
         return self.get(analysis_id)
+
+    def cut(self, job: Job, asked: Sequence[ReportRequest]) -> tuple[Job, ...]:
+        """Queue an analysis for each shift that a person states; return them.
+
+        They replace the analyses of all other shifts of the recording, or of the whole, also in its studies.
+        An analysis that exists is kept.
+        """
+        kept = {request.shift for request in asked}
+        with self._engine.begin() as connection:
+            lock = select(recordings.c.id).where(recordings.c.id == job.recording_id).with_for_update()
+            connection.execute(lock)
+            ids: list[str] = []
+            for request in asked:
+                same = select_same([identify_work(job.sha256, request)])
+                known = connection.execute(same.where(analyses.c.recording_id == job.recording_id)).first()
+                items = [] if known else [build_item(connection, job, request)]
+                ids += [known.id] if known else enqueue_all(connection, items, "web")
+            others = select_jobs().where(analyses.c.recording_id == job.recording_id)
+            others = others.where(analyses.c.shift.not_in(kept), analyses.c.replaced_by.is_(None))
+            for other in map(read_job, connection.execute(others).all()):
+                if other.request.reference is None:
+                    cancel_job(connection, other.id)
+                    replace_cut(connection, other.id, ids)
+        return tuple(self.get(one) for one in ids)
 
     def conclude(self, job: Job, conclusion: Conclusion | None) -> Job:
         """Queue the next version of a report with a conclusion; None removes it and any draft.

@@ -75,8 +75,10 @@ MAX_OTHERS = 200
 """Most recordings of one person that are offered for a comparison."""
 
 FIELDS = ("subject", "side", "diary")
-"""Fields in the description of a recording that a correction on the page may change; of a shift, the first two:
-its diary has only its rows."""
+"""Fields in the description of a recording that a correction on the page may change.
+
+A shift changes the first two, because its diary has only its rows.
+"""
 
 
 def apply_description(connection: Connection, analysis_id: str) -> None:

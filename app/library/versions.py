@@ -200,7 +200,7 @@ def build_item(connection: Connection, job: Job, asked: ReportRequest) -> Item:
 
 
 def drop_drafts(connection: Connection, job: Job) -> bool:
-    """Delete the draft of a conclusion from every analysis of a recording or shift; False if there is none."""
+    """Delete the draft of a conclusion from every analysis of a recording or shift; False without one."""
     same = (analyses.c.recording_id == job.recording_id, analyses.c.shift == job.request.shift)
     mine = select(analyses.c.id, analyses.c.request).where(*same)
     asked = {

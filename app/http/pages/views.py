@@ -107,8 +107,8 @@ class JobRow:
     """One recording in the list.
 
     ``version`` changes whenever anything shown changes. ``report`` is the address of the report without its
-    extension. ``key`` is the same for all analyses of a recording, or of a shift of it. ``asks_columns``: a person may fix the
-    problem by naming the columns. ``compared``: both file names of a comparison with a reference.
+    extension. ``key`` is the same for all analyses of a recording, or of its shift.
+    ``asks_columns``: a person may fix the problem by naming the columns. ``compared``: both file names of a comparison with a reference.
     ``file_meta``: ``meta`` without subject and arm.
     """
 
@@ -346,7 +346,7 @@ class ShownEntry:
     None without a report. ``attempt`` is a newer analysis that is running or failed; the row keeps its
     report. If only its label changes (``is_set``), the row has the new name and arm at once, and no progress.
     ``tags``: each with the query that lists its recordings. ``studies``: the named ones it is in.
-    ``questions``: the open ones, see :func:`list_questions`.
+    ``questions``: the open ones, see :func:`list_questions`. ``shift``: of a row that is one of several.
     """
 
     row: JobRow
@@ -361,6 +361,7 @@ class ShownEntry:
     attempt: JobRow | None
     is_set: bool = False
     questions: tuple[str, ...] = ()
+    shift: str = ""
 
     @property
     def active(self) -> JobRow | None:
@@ -519,6 +520,7 @@ def build_entry(
         attempt=build_row(attempt, language, took) if attempt else None,
         is_set=entry.is_set,
         questions=list_questions(label, headline) if headline else (),
+        shift=job.request.shift,
     )
 
 

@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from datetime import date
+from datetime import date, datetime
 from typing import Annotated, Any
 from urllib.parse import urlencode
 
@@ -47,7 +47,7 @@ from app.library.results import retry as retry_job
 from app.library.rows import Job, JobState
 from app.report.figures import load_results
 from app.report.words.messages import Problem, describe_problem
-from app.report.words.numbers import format_date
+from app.report.words.numbers import format_date, format_iso_moment
 from app.report.words.wording import (
     Language,
     clean_paragraphs,
@@ -189,6 +189,45 @@ def describe_source(page: Page, job: Job) -> Problem | None:
     stored = StoredRecording(job.recording_id, job.sha256, job.size_bytes)
     is_whole = seems_intact(page.services.storage, stored)
     return None if is_whole else describe_problem(StoreDamaged.code, {}, page.language)
+
+
+# The shifts of one recording.
+
+
+@dataclass(frozen=True, slots=True)
+class ShiftLink:
+    """The newest analysis of a shift: its id, and its start for reading."""
+
+    id: str
+    when: str
+    is_this: bool
+
+
+def build_shifts(page: Page, shown: Job) -> dict[str, Any] | None:
+    """Return the shifts of a recording in their order, with a heading; None for a whole recording.
+
+    ``change``: the analysis of the whole recording, on whose card they are stated; "" if there is none.
+    """
+    if not shown.request.shift:
+        return None
+    found = page.services.store.find_page(JobFilter(recording_id=shown.recording_id), SHOWN)
+    mine = [job for job in found if job.request.reference is None]
+    newest = {
+        job.request.shift: job for job in reversed(mine) if job.replaced_by is None and job.request.shift
+    }
+    if shown.request.shift not in newest:
+        return None
+    ordered = sorted(newest.items(), key=lambda item: datetime.fromisoformat(item[0].partition("/")[0]))
+    links = [
+        ShiftLink(
+            job.id, format_iso_moment(shift.partition("/")[0], page.language), shift == shown.request.shift
+        )
+        for shift, job in ordered
+    ]
+    place = next(number for number, link in enumerate(links, 1) if link.is_this)
+    whole = (job.id for job in mine if not job.request.shift and job.state is JobState.SUCCEEDED)
+    heading = fill(page.words()["finish"]["shift_of"], {"n": str(place), "all": str(len(links))})
+    return {"heading": heading, "links": links, "change": next(whole, "")}
 
 
 # The answer of a finished analysis, and its figures beside those before a correction.
@@ -406,6 +445,7 @@ def analysis(analysis_id: str, page: UsedPage, seen: Annotated[Seen, Query()]) -
         recording_id=job.recording_id,
         draft_place=get_draft_place(job),
         source=describe_source(page, job),
+        shifts=build_shifts(page, job),
         failed=build_row(failed, language) if failed else None,
         report=None if is_current else report,
         old=describe_old(job, history.reports, page),
