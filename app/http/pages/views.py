@@ -107,9 +107,9 @@ class JobRow:
     """One recording in the list.
 
     ``version`` changes whenever anything shown changes. ``report`` is the address of the report without its
-    extension. ``key`` is the same for all analyses of a recording, or of its shift.
-    ``asks_columns``: a person may fix the problem by naming the columns. ``compared``: both file names of a comparison with a reference.
-    ``file_meta``: ``meta`` without subject and arm.
+    extension. ``key`` is the same for all analyses of a recording, or of its shift. ``asks_columns``: a
+    person may fix the problem by naming the columns. ``compared``: both file names of a comparison with a
+    reference. ``file_meta``: ``meta`` without subject and arm.
     """
 
     id: str

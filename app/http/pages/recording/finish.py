@@ -329,8 +329,9 @@ def _draw(
                 if 0.0 <= x_px <= plot_px:
                     commands.append(f"M{number(x_px)} {number(rise(high))}V{number(rise(low) + 0.8)}")
     body.append(path("".join(commands), f'class="trace" fill="none" stroke="{RAMP[3]}"'))
-    body.append(text(0, HEIGHT_PX - 3, clock.show(0.0, page.language)))
-    body.append(text(plot_px, HEIGHT_PX - 3, clock.show(end_s, page.language), anchor="end"))
+    ends = [clock.show(at_s, page.language, with_seconds=end_s < DAY_S) for at_s in (0.0, end_s)]
+    body.append(text(0, HEIGHT_PX - 3, ends[0]))
+    body.append(text(plot_px, HEIGHT_PX - 3, ends[1], anchor="end"))
     return picture(width_px, HEIGHT_PX, key, (described[0], described[1]), body)
 
 

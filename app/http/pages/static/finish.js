@@ -133,6 +133,7 @@ class Card {
     const cut = this.form.elements.cut?.value;
     if (cut === undefined) return;
     this.part("[data-cut=hours]").hidden = cut !== "hours";
+    this.part("[data-cut=lines]").hidden = cut === "hours" || cut === "whole";
     this.part("[name=not_removed]").disabled = cut === "whole";
     for (const name of ["hours_start", "hours_end"]) this.form.elements[name].required = cut === "hours";
     const rows = [...this.section.querySelectorAll("[data-shift]")];
