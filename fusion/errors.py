@@ -216,8 +216,7 @@ class NoSamples(DamagedFile, code="E-NO-SAMPLES"):
 class UnusableShift(UnreadableFile, code="E-SHIFT"):
     """The recording has no clock, or no sample in the window of the shift.
 
-    ``why``: "no clock", "no samples" or "stated clock" (not combined yet); ``window``: the interval, in
-    ISO 8601.
+    ``why``: "no clock" or "no samples"; ``window``: the interval, in ISO 8601.
     """
 
 

@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 from datetime import datetime, time, timedelta
 from typing import TypeGuard
 
+from fusion.clocks import read_clock
 from fusion.diary import DiaryEntry, parse_clock
 from fusion.errors import UnusableDiary
 from fusion.exposure.periods import place_moment
-from fusion.readers.time.window import ShiftWindow, add_elapsed
+from fusion.readers.time.window import ShiftWindow
 from fusion.recording import MICROSECONDS, Span, join_overlapping
 
 HOURS_HINT = "07:00-15:30"
@@ -40,7 +41,7 @@ def parse_hours(text: str) -> Hours:
 
 def find_by_hours(start: datetime, duration_us: int, hours: Hours) -> tuple[ShiftWindow, ...]:
     """Return one shift for each calendar day on which the recording has time in these hours."""
-    last = add_elapsed(start, duration_us)
+    last = read_clock(start, duration_us)
     first_day = datetime.combine(start.date() - DAY, time(), start.tzinfo)
     windows = []
     for number in range((last.date() - first_day.date()).days + 1):
@@ -88,7 +89,7 @@ def propose(nonwear: Iterable[Span], start: datetime, duration_us: int) -> tuple
     edges = [0, *(edge for span in off for edge in span), duration_us]
     worn = [pair for pair in zip(edges[::2], edges[1::2], strict=True) if pair[1] > pair[0]]
     return tuple(
-        ShiftWindow(*(add_elapsed(start, edge_us) for edge_us in pair))
+        ShiftWindow(*(read_clock(start, edge_us) for edge_us in pair))
         for pair in worn
         if pair[1] - pair[0] >= LEAST_WORN_S * MICROSECONDS
     )

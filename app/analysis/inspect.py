@@ -3,6 +3,7 @@
 import json
 import logging
 from dataclasses import asdict, replace
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from app.store.folder import NOTHING_KNOWN, KnownFiles, hash_file
 from app.version import identify_engine
 from fusion.angle_files import AngleFile, read_angle_file, recognise_layout, resample_file
 from fusion.caveats import Caveat
+from fusion.clocks import correct_start
 from fusion.errors import FailedReader, FusionError, UnusableShift
 from fusion.pose.calibrate import propose_poses
 from fusion.quality.time_account import find_exclusions, propose_nonwear
@@ -26,7 +28,8 @@ from fusion.readers import (
 )
 from fusion.readers.preview import MAX_GAPS, inspect_recording, preview_head
 from fusion.readers.tables.profile import propose_file_profile
-from fusion.readers.time.window import ShiftWindow, cut_recording, parse_window
+from fusion.readers.time.clock import set_clock
+from fusion.readers.time.window import ShiftWindow, cut_recording, move_window, parse_window
 from fusion.recording import MICROSECONDS, Recording, find_missing, find_uncovered
 from fusion.shifts import propose
 
@@ -58,6 +61,20 @@ def read_joined(recording_path: Path, request: ReportRequest, known: KnownFiles)
         return recordings[0]
     joined = join_recordings(recordings)
     return cut_recording(joined, window) if window else joined
+
+
+def read_on_stated_clock(recording_path: Path, request: ReportRequest, known: KnownFiles) -> Recording:
+    """Read the recording of a request; the window of a shift is on the clock that a person states."""
+    window = find_window(request)
+    if window is None or not (request.time_zone or request.clock_offset_s):
+        return read_joined(recording_path, request, known)
+    device, _, _ = _measure(recording_path, replace(request, shift=""))
+    stated = correct_start(device, request.time_zone, request.clock_offset_s)
+    if device is None or stated is None:
+        raise UnusableShift(why="no clock", window=request.shift)
+    on_device = replace(request, shift=str(move_window(window, stated, device)))
+    recording = read_joined(recording_path, on_device, known)
+    return set_clock(recording, request.time_zone, request.clock_offset_s, device)
 
 
 def find_window(request: ReportRequest) -> ShiftWindow | None:
@@ -184,17 +201,19 @@ def write_inspection(recording_path: Path, request: ReportRequest, out: Path, on
 def write_extent(recording_path: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
     """Write ``extent.json``: start, duration and digest of a recording, to find its shifts."""
     on_stage("reading", 0.0)
-    profile = parse_profile(request.profile) if request.profile else None
-    if request.joined:
-        joined = read_joined(recording_path, request, NOTHING_KNOWN)
-        start, duration_us, sha256 = joined.start, joined.duration_us, ""
-    else:
-        with recording_path.open("rb") as file:
-            start, duration_us, sha256 = measure_extent(
-                file, file_name=request.file_name, rate_hz=request.rate_hz, profile=profile
-            )
+    start, duration_us, sha256 = _measure(recording_path, request)
     found = {"start": start.isoformat() if start else "", "duration_us": duration_us, "sha256": sha256}
     (out / "extent.json").write_text(json.dumps(found), "utf-8")
+
+
+def _measure(recording_path: Path, request: ReportRequest) -> tuple[datetime | None, int, str]:
+    """Return the device's clock at the first sample, the duration in us, and the digest ("" if joined)."""
+    if request.joined:
+        joined = read_joined(recording_path, request, NOTHING_KNOWN)
+        return joined.start, joined.duration_us, ""
+    profile = parse_profile(request.profile) if request.profile else None
+    with recording_path.open("rb") as file:
+        return measure_extent(file, file_name=request.file_name, rate_hz=request.rate_hz, profile=profile)
 
 
 def write_preview(recording_path: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from app.analysis.inspect import propose_shifts, read_joined
+from app.analysis.inspect import propose_shifts, read_on_stated_clock
 from app.errors import BadParameter
 from app.report.export.all import encode_elevation_csv, write_elevation
 from app.report.export.results import encode_results
@@ -20,7 +20,7 @@ from app.store.folder import NOTHING_KNOWN, KnownFiles, sync_file
 from fusion.angle_files import AngleFile, AngleFileOptions, holds_samples, read_angle_file, recognise_layout
 from fusion.caveats import Caveat
 from fusion.conventions import CONFIRMED, SAID_S, PoseHeld, awaits_pose
-from fusion.errors import FusionError, UnusableShift
+from fusion.errors import FusionError
 from fusion.exposure.periods import drop_poses
 from fusion.pipeline import Analysis, analyse, analyse_angle_file, analyse_angles, apply_file_settings
 from fusion.pose.calibrate import calibrate, find_early_stills, propose_poses, reduce_recording, survey
@@ -170,12 +170,10 @@ def _analyse_file(
     if request.source == "angles":
         with recording_path.open("rb") as file:
             return analyse_angles(file, begin, replace(settings, diary=drop_poses(settings.diary)))
-    if request.shift and (request.time_zone or request.clock_offset_s):
-        raise UnusableShift(why="stated clock", window=request.shift)
     captured = None if request.shift else _read_capture(recording_path, request)
     if captured is not None:
         return analyse_angle_file(captured, begin, settings)
-    recording = read_joined(recording_path, request, known)
+    recording = read_on_stated_clock(recording_path, request, known)
     duration_s = recording.duration_us / MICROSECONDS
     for name, times_s in (("slip_at", request.slip_times_s), ("no_slip_at", request.no_slip_times_s)):
         for time_s in times_s:
@@ -195,7 +193,7 @@ def _find_carried(recording_path: Path, request: ReportRequest, known: KnownFile
     )
     earlier = replace(earlier, slip_times_s=(), no_slip_times_s=())
     try:
-        recording = read_joined(recording_path, earlier, known)
+        recording = read_on_stated_clock(recording_path, earlier, known)
         found = calibrate(recording, apply_file_settings(recording, build_settings(earlier))).calibration
     except FusionError:
         return None

@@ -14,9 +14,11 @@ from app.batch.folder import MARKER, Task, identify_place
 from app.errors import Crashed, Interrupted, RecordedProblem
 from app.request import BY_DIARY, ReportRequest
 from app.settings import Settings
+from fusion.clocks import correct_start, read_clock
 from fusion.diary import DiaryEntry
+from fusion.errors import UnusableClock
 from fusion.exposure.periods import find_diary_poses
-from fusion.readers.time.window import ShiftWindow, add_elapsed, cut_windows
+from fusion.readers.time.window import ShiftWindow, cut_windows
 from fusion.recording import MICROSECONDS
 from fusion.shifts import cut_diary, find_by_diary, find_by_hours, parse_hours
 
@@ -34,11 +36,13 @@ def _split(task: Task, *, not_removed: bool) -> list[Task]:
     whole = replace(task.request, shift="")
     try:
         extent = _measure(task.log, whole)
-    except (RecordedProblem, Crashed, Interrupted):
+        device = datetime.fromisoformat(extent["start"]) if extent["start"] else None
+        start = correct_start(device, whole.time_zone, whole.clock_offset_s)
+    except (RecordedProblem, Crashed, Interrupted, UnusableClock):
         return [replace(task, request=whole)]  # its analysis fails for the same reason
-    if not extent["start"]:
+    if start is None:
         return [task]
-    start, duration_us = datetime.fromisoformat(extent["start"]), int(extent["duration_us"])
+    duration_us = int(extent["duration_us"])
     windows = _find_windows(task.request, start, duration_us)
     if not windows:
         return [replace(task, request=replace(whole, shift=_name_missing(task.request.shift, start)))]
@@ -129,7 +133,7 @@ def _cut_request(
 
 
 def _format_clock(start: datetime, at_s: float) -> str:
-    return add_elapsed(start, round(at_s * MICROSECONDS)).isoformat()
+    return read_clock(start, round(at_s * MICROSECONDS)).isoformat()
 
 
 def _carry_pose(first: ReportRequest, later: ReportRequest, start: datetime) -> ReportRequest:
@@ -138,7 +142,7 @@ def _carry_pose(first: ReportRequest, later: ReportRequest, start: datetime) -> 
         return later
     window = ShiftWindow(*map(datetime.fromisoformat, first.shift.split("/")))
     first_us, stop_us = window.place(start)
-    begin = add_elapsed(start, max(first_us, 0))
+    begin = read_clock(start, max(first_us, 0))
     windows_s = find_diary_poses(first.diary, begin, stop_us - max(first_us, 0))
     return replace(later, pose_from=first.shift, pose_from_windows_s=windows_s, pose_held="no")
 

@@ -13,6 +13,8 @@ from fusion.clocks import (
     format_clock_offset,
     is_clock_set,
     list_zone_changes,
+    measure_us,
+    read_clock,
 )
 from fusion.recording import MICROSECONDS, QualityFlag, Recording
 
@@ -48,8 +50,13 @@ def find_zone(display_name: str) -> ZoneInfo | None:
         return None
 
 
-def set_clock(recording: Recording, time_zone: str = "", clock_offset_s: float = 0.0) -> Recording:
+def set_clock(
+    recording: Recording, time_zone: str = "", clock_offset_s: float = 0.0, origin: datetime | None = None
+) -> Recording:
     """Return the recording by the clock that a person states (:func:`fusion.clocks.correct_start`).
+
+    ``origin``: the device's clock at the first sample of the recording that a shift was cut from. A device
+    does not follow a change of the zone, so the statement is about its start.
 
     Samples and durations do not change. A second call with the same statements changes nothing. Adds
     W-CLOCK-SET for a correction, and W-DST for each change of the zone.
@@ -57,9 +64,11 @@ def set_clock(recording: Recording, time_zone: str = "", clock_offset_s: float =
     time_zone, shift_s = time_zone or recording.time_zone or "", clock_offset_s - recording.clock_offset_s
     if time_zone == (recording.time_zone or "") and not shift_s:
         return recording
-    start = correct_start(recording.start, time_zone, shift_s)
+    start = correct_start(origin or recording.start, time_zone, shift_s)
     if start is None:
         return recording
+    if origin is not None and recording.start is not None:
+        start = read_clock(start, measure_us(origin, recording.start))
     flags = recording.flags
     if find_time_zone(time_zone):
         flags = tuple(flag for flag in flags if flag.code not in {Caveat.TZ, Caveat.UTC})

@@ -6,10 +6,11 @@ recording.
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime, timedelta
+from datetime import datetime
 
 from fusion.caveats import Caveat
 from fusion.checks.faults import cut_rows
+from fusion.clocks import measure_us, read_clock
 from fusion.errors import UnusableShift
 from fusion.readers.time.clock import flag_days
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment, Span, flag_gaps
@@ -39,30 +40,18 @@ class ShiftWindow:
 
     def place(self, start: datetime) -> tuple[int, int]:
         """Return the window in microseconds from the first sample of a recording that starts at ``start``."""
-        return measure_from(start, self.start), measure_from(start, self.end)
+        return measure_us(start, self.start), measure_us(start, self.end)
+
+
+def move_window(window: ShiftWindow, stated: datetime, device: datetime) -> ShiftWindow:
+    """Return a window on the device's clock; ``stated``, ``device``: the first sample on both clocks."""
+    return ShiftWindow(*(read_clock(device, at_us) for at_us in window.place(stated)))
 
 
 def parse_window(text: str) -> ShiftWindow:
     """Parse ``2026-03-02T07:00/2026-03-02T15:30``. Raises ValueError."""
     start, end = map(datetime.fromisoformat, text.strip().split("/"))
     return ShiftWindow(start, end)
-
-
-def measure_from(start: datetime, moment: datetime) -> int:
-    """Return the true time from the first sample to a moment, in microseconds."""
-    if start.tzinfo is None or moment.tzinfo is None:
-        start, moment = start.replace(tzinfo=None), moment.replace(tzinfo=None)
-    else:
-        start, moment = start.astimezone(UTC), moment.astimezone(UTC)
-    return (moment - start) // timedelta(microseconds=1)
-
-
-def add_elapsed(start: datetime, elapsed_us: int) -> datetime:
-    """Return the clock time after the first sample."""
-    passed = timedelta(microseconds=elapsed_us)
-    if start.tzinfo is None:
-        return start + passed
-    return (start.astimezone(UTC) + passed).astimezone(start.tzinfo)
 
 
 def cut_recording(recording: Recording, window: ShiftWindow) -> Recording:
@@ -94,7 +83,7 @@ def cut_recording(recording: Recording, window: ShiftWindow) -> Recording:
     return flag_days(
         replace(
             recording,
-            start=add_elapsed(recording.start, first_us),
+            start=read_clock(recording.start, first_us),
             duration_us=duration_us,
             segments=segments,
             excluded=excluded,

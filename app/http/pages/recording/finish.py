@@ -47,7 +47,8 @@ from app.report.words.numbers import format_iso_moment
 from app.report.words.wording import fill
 from app.request import ReportRequest, propose_description
 from app.store.day_file import DayFile
-from fusion.readers.time.window import ShiftWindow, add_elapsed, measure_from, parse_window
+from fusion.clocks import measure_us, read_clock
+from fusion.readers.time.window import ShiftWindow, parse_window
 from fusion.recording import MICROSECONDS
 from fusion.shifts import HOURS_HINT, find_by_hours, parse_hours
 
@@ -179,7 +180,7 @@ def read_shifts(form: Form, clock: DayClock) -> tuple[ShiftWindow, ...] | None:
 
 
 def _place(start: datetime, at_s: float) -> datetime:
-    return add_elapsed(start, round(at_s * MICROSECONDS))
+    return read_clock(start, round(at_s * MICROSECONDS))
 
 
 def _asks_shifts(job: Job, day: DayFile) -> bool:
@@ -341,7 +342,7 @@ def _list_midnights(clock: DayClock, end_s: float) -> list[float]:
         return []
     first = datetime.combine(clock.start.date(), time(), clock.start.tzinfo)
     days = range(1, int(end_s / DAY_S) + 2)
-    found = [measure_from(clock.start, first + timedelta(days=number)) / MICROSECONDS for number in days]
+    found = [measure_us(clock.start, first + timedelta(days=number)) / MICROSECONDS for number in days]
     return [at_s for at_s in found if at_s < end_s]
 
 
