@@ -213,11 +213,8 @@ class NoSamples(DamagedFile, code="E-NO-SAMPLES"):
     """A header without a sample after it."""
 
 
-class UnusableShift(UnreadableFile, code="E-SHIFT"):
-    """The recording has no clock, or no sample in the window of the shift.
-
-    ``why``: "no clock" or "no samples"; ``window``: the interval, in ISO 8601.
-    """
+class UnusableShift(UnreadableFile, code="E-SHIFT", why=TERM, window="interval, ISO 8601"):
+    """The recording has no clock, or no sample in the window of the shift."""
 
 
 class UnreadableRows(DamagedFile, code="E-ROW", k="lines"):

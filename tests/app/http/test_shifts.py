@@ -8,7 +8,9 @@ from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
+from sqlalchemy import update
 
+from app.library.database.tables import analyses
 from app.queue.worker import WorkerContext, open_worker_context, run_next
 from app.settings import Settings
 from tests.app.conftest import serving
@@ -27,6 +29,7 @@ class Cut:
     client: TestClient
     worker: WorkerContext
     recording: str
+    file: Path
     whole: str
     shifts: tuple[str, ...]
     days: tuple[str, ...]
@@ -77,7 +80,7 @@ def cut(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cut]:
         shifts = find_shifts(client, whole["recording_id"])
         assert answer.headers["location"] == f"/analyses/{shifts[0]['id']}"
         ids = tuple(one["id"] for one in shifts)
-        yield Cut(client, worker, whole["recording_id"], whole["id"], ids, tuple(days))
+        yield Cut(client, worker, whole["recording_id"], week.path, whole["id"], ids, tuple(days))
         worker.store.close()
 
 
@@ -197,3 +200,19 @@ def test_whoever_states_that_the_sensor_stayed_applies_the_first_pose_to_every_s
     ]
     assert (len(every), every[0]["state"], every[WITHOUT_POSE]["state"]) == (5, "held_at_start", "carried")
     assert every[WITHOUT_POSE]["sigma_deg"] == every[0]["sigma_deg"]
+
+
+def test_a_recording_that_is_too_long_as_a_whole_can_still_be_cut(cut: Cut) -> None:
+    again = send(cut.client, cut.file, again="true", **WISHES | {"subject": "W3"})
+    failed = {"state": "failed", "problem_code": "E-MEMORY", "problem_facts": "{}"}
+    cut.worker.store.run(update(analyses).where(analyses.c.id == again["id"]).values(failed))
+    place = f"/recordings/{again['recording_id']}/finish"
+
+    page = cut.client.get(place, params={"lang": "en", "analysis": again["id"]}).text
+    hours = {"hours_start": "07:00", "hours_end": "07:08"}
+    answer = cut.client.post(place, data={"analysis": again["id"], "subject": "W3", "cut": "hours", **hours})
+
+    assert "Which shifts does the recording contain?" in page
+    assert answer.status_code == 303
+    shifts = [one["settings"]["shift"] for one in find_shifts(cut.client, again["recording_id"])]
+    assert {shift[:10] for shift in shifts} == set(DATES)

@@ -18,7 +18,16 @@ from fastapi import APIRouter, Depends, Response
 from app.batch.folder import Task
 from app.batch.inputs import assign_participants
 from app.batch.shifts import cut_request
-from app.errors import BadParameter, NoSuchFile, NotFinished, NotHere, ResultDamaged
+from app.errors import (
+    BadParameter,
+    NoSuchFile,
+    NotFinished,
+    NotHere,
+    OutOfMemory,
+    OutOfTime,
+    RecordedProblem,
+    ResultDamaged,
+)
 from app.http.api.library.analyses import check_queue
 from app.http.pages.recording.analysis import find_results
 from app.http.pages.recording.day import (
@@ -47,7 +56,8 @@ from app.report.words.numbers import format_iso_moment
 from app.report.words.wording import fill
 from app.request import ReportRequest, propose_description
 from app.store.day_file import DayFile
-from fusion.clocks import measure_us, read_clock
+from app.store.folder import borrow_recording
+from fusion.clocks import correct_start, measure_us, read_clock
 from fusion.readers.time.window import ShiftWindow, parse_window
 from fusion.recording import MICROSECONDS
 from fusion.shifts import HOURS_HINT, find_by_hours, parse_hours
@@ -73,8 +83,8 @@ def show_finish(recording_id: str, page: UsedPage, analysis: str = "") -> Respon
     asked: dict[str, Any] = dict.fromkeys(
         ("day", "question", "choices", "pose_state", "curves", "is_open", "shifts")
     )
-    if job.state is JobState.SUCCEEDED:
-        with suppress(ResultDamaged, NoSuchFile):
+    if job.state is JobState.SUCCEEDED or _is_too_long(job):
+        with suppress(ResultDamaged, NoSuchFile, RecordedProblem):
             asked |= _build_asked(page, job)
     return page.render("recording/finish.html", row=row, job=job, proposal=proposal, **asked)
 
@@ -86,31 +96,61 @@ def finish(recording_id: str, page: UsedPage, form: UsedForm) -> Response:
     if not job.is_over:
         raise NotFinished(state=job.state)
     day = None
-    with suppress(NoSuchFile):
-        day = load_day(page.services, job)
+    with suppress(NoSuchFile, RecordedProblem):
+        day = _load_day(page, job)
     answered = read_answers(job.request, form, day)
-    shifts = read_shifts(form, DayClock.of(day.facts)) if day and _asks_shifts(job, day) else None
-    if shifts is not None and (shifts or job.replaced_by is not None):
-        job = _cut(page, job, answered, shifts, not_removed=bool(first(form, "not_removed")))
+    clock = DayClock.of(day.facts) if day and _asks_shifts(job, day) else None
+    shifts = read_shifts(form, clock) if clock else None
+    if clock and shifts is not None and (shifts or job.replaced_by is not None):
+        not_removed = bool(first(form, "not_removed"))
+        job = _cut(page, job, answered, shifts, clock, not_removed=not_removed)
     elif answered != job.request:
         job = add_correction(page.services, job, answered)
     return page.go(f"/analyses/{job.id}")
 
 
 def _cut(
-    page: Page, job: Job, answered: ReportRequest, shifts: Sequence[ShiftWindow], *, not_removed: bool
+    page: Page,
+    job: Job,
+    answered: ReportRequest,
+    shifts: Sequence[ShiftWindow],
+    clock: DayClock,
+    *,
+    not_removed: bool,
 ) -> Job:
     """Queue an analysis of each shift, or of the whole without shifts; return the first. Raises Busy."""
-    whole, clock = (
-        replace(answered, conclusion=None, reason=""),
-        DayClock.of(load_day(page.services, job).facts),
-    )
     assert clock.start is not None  # shifts are asked for on the recording's clock
-    duration_us = clock.duration_us
-    asked = cut_request(whole, shifts, clock.start, duration_us, not_removed=not_removed) or [whole]
+    whole = replace(answered, conclusion=None, reason="")
+    asked = cut_request(whole, shifts, clock.start, clock.duration_us, not_removed=not_removed) or [whole]
     check_queue(page.services, len(asked))
     update_description(page.services, job, answered, ("subject", "side"))
     return page.services.store.cut(job, asked)[0]
+
+
+def _is_too_long(job: Job) -> bool:
+    """Return whether an analysis of a whole recording needed too much memory or time; its shifts may not."""
+    return job.problem_code in {OutOfMemory.code, OutOfTime.code} and not job.request.shift
+
+
+def _load_day(page: Page, job: Job) -> DayFile:
+    """Return the day of an analysis, or only start and duration of a recording that is too long.
+
+    Raises NoSuchFile, ResultDamaged or RecordedProblem.
+    """
+    if not _is_too_long(job):
+        return load_day(page.services, job)
+    services, request = page.services, job.request
+    with borrow_recording(services.storage, job.recording_id, job.sha256) as path:
+        extent = services.inspector.measure(path, request)
+    device = datetime.fromisoformat(extent["start"]) if extent["start"] else None
+    start = correct_start(device, request.time_zone, request.clock_offset_s)
+    facts: dict[str, Any] = {
+        "start": start.isoformat() if start else None,
+        "time_zone": request.time_zone,
+        "device": "other",
+    }
+    facts |= dict.fromkeys(("still", "not_worn", "left_out", "calibration"), ())
+    return DayFile(facts | {"duration_us": extent["duration_us"]}, ())
 
 
 @router.post("/proposal")
@@ -231,7 +271,7 @@ def _build_asked(page: Page, job: Job) -> dict[str, Any]:
 
     Raises NoSuchFile or ResultDamaged.
     """
-    day = load_day(page.services, job)
+    day = _load_day(page, job)
     shown = build_day(day, job.request, page.language)
     if _asks_shifts(job, day):
         shifts = _list_shifts(day, page)

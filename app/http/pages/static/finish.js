@@ -61,7 +61,7 @@ class Card {
     if (this.isEnded) return;
     if (!fresh) return (this.timer = setTimeout(() => this.look(), LOOK_MS));
     const form = fresh.querySelector("form");
-    if (!form) return this.replace(fresh);
+    if (!form || fresh.querySelector(".problem-title, [data-problem]")) return this.replace(fresh);
     this.section.dataset.state = fresh.dataset.state;
     Object.assign(this.form.dataset, form.dataset);
     this.form.elements.analysis.value = form.elements.analysis.value;
