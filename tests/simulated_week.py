@@ -30,24 +30,24 @@ class Week:
     days: tuple[Path, ...]
 
 
-def write_week(folder: Path, days: int = 5, first: datetime = DAYS[0]) -> Week:
-    """Write the first days of a week that begins at ``first``."""
+def write_week(folder: Path, days: int = 5, minutes: int = MINUTES, first: datetime = DAYS[0]) -> Week:
+    """Write the first days of the week, each with a shift of some minutes; ``first``: its first start."""
     starts = [first + timedelta(days=place) for place in range(days)]
-    logs = [_simulate_day(folder / f"{place}", place, start) for place, start in enumerate(starts)]
+    logs = [_simulate_day(folder / f"{place}", place, minutes, start) for place, start in enumerate(starts)]
     info = ZipFile(folder / "0" / "shift_seed1.gt3x").read("info.txt")
     singles = tuple(_pack(folder / f"day{place + 1}.gt3x", log, info) for place, log in enumerate(logs))
     whole = b"".join(
         _lie_on_table(start - timedelta(seconds=TABLE_S))
         + log
-        + _lie_on_table(start + timedelta(minutes=MINUTES))
+        + _lie_on_table(start + timedelta(minutes=minutes))
         for start, log in zip(starts, logs, strict=True)
     )
     opening = logs[0][: _find_first_second(logs[0])]
     return Week(_pack(folder / "week.gt3x", opening + whole, info), singles)
 
 
-def _simulate_day(folder: Path, place: int, start: datetime) -> bytes:
-    shift = replace(simulate_shift("gt9x", MINUTES / 60.0, place + 1, 100.0), start=start)
+def _simulate_day(folder: Path, place: int, minutes: int, start: datetime) -> bytes:
+    shift = replace(simulate_shift("gt9x", minutes / 60.0, place + 1, 100.0), start=start)
     path = write_shift(folder, shift, actilife_csv=False)[0]
     log = ZipFile(path).read("log.bin")
     if place != WITHOUT_POSE:

@@ -15,7 +15,7 @@ from app.store.folder import NOTHING_KNOWN, KnownFiles, hash_file
 from app.version import identify_engine
 from fusion.angle_files import AngleFile, read_angle_file, recognise_layout, resample_file
 from fusion.caveats import Caveat
-from fusion.clocks import correct_start, read_clock
+from fusion.clocks import correct_start
 from fusion.errors import FailedReader, FusionError, UnusableShift
 from fusion.pose.calibrate import propose_poses
 from fusion.quality.time_account import find_exclusions, propose_nonwear
@@ -29,7 +29,7 @@ from fusion.readers import (
 from fusion.readers.preview import MAX_GAPS, inspect_recording, preview_head
 from fusion.readers.tables.profile import propose_file_profile
 from fusion.readers.time.clock import set_clock
-from fusion.readers.time.window import ShiftWindow, cut_recording, parse_window
+from fusion.readers.time.window import ShiftWindow, cut_recording, move_window, parse_window
 from fusion.recording import MICROSECONDS, Recording, find_missing, find_uncovered
 from fusion.shifts import propose
 
@@ -41,13 +41,8 @@ logger = logging.getLogger(__name__)
 def read_joined(recording_path: Path, request: ReportRequest, known: KnownFiles) -> Recording:
     """Read the recording of a request and the files joined to it, from the cache if possible."""
     paths = (recording_path, *map(Path, request.joined))
-    window, recordings, first = find_window(request), [], None
-    is_clock_stated = bool(window and (request.time_zone or request.clock_offset_s))
-    if request.joined:
-        request = replace(request, shift="")  # cut once they are joined
-    elif window and is_clock_stated:
-        first, window = _place_on_device_clock(recording_path, request, window)
-        request = replace(request, shift=str(window))
+    window, recordings = find_window(request), []
+    request = replace(request, shift="") if request.joined else request  # cut once they are joined
     for path, digest in zip(paths, known.digests or ("",) * len(paths), strict=True):
         asked = request if path is recording_path else replace(request, file_name=path.name)
         if known.cache is None:
@@ -62,30 +57,24 @@ def read_joined(recording_path: Path, request: ReportRequest, known: KnownFiles)
             recording = read_file(path, asked, sha256)
             known.cache.keep(key, recording)
         recordings.append(recording)
-    joined = join_recordings(recordings) if request.joined else recordings[0]
-    if is_clock_stated:  # it changes nothing when the analysis sets it again
-        joined = set_clock(joined, request.time_zone, request.clock_offset_s, first)
-    return cut_recording(joined, window) if window and request.joined else joined
+    if not request.joined:
+        return recordings[0]
+    joined = join_recordings(recordings)
+    return cut_recording(joined, window) if window else joined
 
 
-def _place_on_device_clock(
-    path: Path, request: ReportRequest, window: ShiftWindow
-) -> tuple[datetime | None, ShiftWindow]:
-    """Return the device's clock at the first sample, and a window of the stated clock on the device's."""
-    first, stated, _, _ = measure_file(path, request)
-    if first is None or stated is None:
-        raise UnusableShift(why="no clock", window=str(window))
-    return first, ShiftWindow(*(read_clock(first, place_us) for place_us in window.place(stated)))
-
-
-def measure_file(path: Path, request: ReportRequest) -> tuple[datetime | None, datetime | None, int, str]:
-    """Return the start by the device's clock and by the stated one, the duration in µs, and the digest."""
-    profile = parse_profile(request.profile) if request.profile else None
-    with path.open("rb") as file:
-        first, duration_us, sha256 = measure_extent(
-            file, file_name=request.file_name, rate_hz=request.rate_hz, profile=profile
-        )
-    return first, correct_start(first, request.time_zone, request.clock_offset_s), duration_us, sha256
+def read_on_stated_clock(recording_path: Path, request: ReportRequest, known: KnownFiles) -> Recording:
+    """Read the recording of a request; the window of a shift is on the clock that a person states."""
+    window = find_window(request)
+    if window is None or not (request.time_zone or request.clock_offset_s):
+        return read_joined(recording_path, request, known)
+    device, _, _ = _measure(recording_path, replace(request, shift=""))
+    stated = correct_start(device, request.time_zone, request.clock_offset_s)
+    if device is None or stated is None:
+        raise UnusableShift(why="no clock", window=request.shift)
+    on_device = replace(request, shift=str(move_window(window, stated, device)))
+    recording = read_joined(recording_path, on_device, known)
+    return set_clock(recording, request.time_zone, request.clock_offset_s, device)
 
 
 def find_window(request: ReportRequest) -> ShiftWindow | None:
@@ -212,14 +201,19 @@ def write_inspection(recording_path: Path, request: ReportRequest, out: Path, on
 def write_extent(recording_path: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
     """Write ``extent.json``: start, duration and digest of a recording, to find its shifts."""
     on_stage("reading", 0.0)
-    if request.joined:
-        joined = read_joined(recording_path, request, NOTHING_KNOWN)
-        start = correct_start(joined.start, request.time_zone, request.clock_offset_s)
-        duration_us, sha256 = joined.duration_us, ""
-    else:
-        _, start, duration_us, sha256 = measure_file(recording_path, request)
+    start, duration_us, sha256 = _measure(recording_path, request)
     found = {"start": start.isoformat() if start else "", "duration_us": duration_us, "sha256": sha256}
     (out / "extent.json").write_text(json.dumps(found), "utf-8")
+
+
+def _measure(recording_path: Path, request: ReportRequest) -> tuple[datetime | None, int, str]:
+    """Return the device's clock at the first sample, the duration in us, and the digest ("" if joined)."""
+    if request.joined:
+        joined = read_joined(recording_path, request, NOTHING_KNOWN)
+        return joined.start, joined.duration_us, ""
+    profile = parse_profile(request.profile) if request.profile else None
+    with recording_path.open("rb") as file:
+        return measure_extent(file, file_name=request.file_name, rate_hz=request.rate_hz, profile=profile)
 
 
 def write_preview(recording_path: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:

@@ -10,7 +10,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from app.analysis.attempt import Attempt, MakeReport, choose_limits, load_and_set_again, run_and_wait
+from app.analysis.attempt import (
+    Attempt,
+    MakeReport,
+    choose_limits,
+    load_and_measure,
+    load_and_set_again,
+    run_and_wait,
+)
 from app.analysis.fork_server import warm_up
 from app.report.findings import ReleaseStamp
 from app.request import Language, OnStage, ReportRequest
@@ -81,6 +88,10 @@ class Inspector:
     def look(self, recording_path: Path, request: ReportRequest) -> dict[str, Any]:
         """Inspect a whole recording. Raises RecordedProblem with the code of the refusal."""
         return _read(self._run(recording_path, request, self.inspect, "inspection.json"))
+
+    def measure(self, recording_path: Path, request: ReportRequest) -> dict[str, Any]:
+        """Return start and duration of a recording on the device's clock. Raises RecordedProblem."""
+        return _read(self._run(recording_path, request, load_and_measure, "extent.json"))
 
     def preview(self, head: bytes, request: ReportRequest) -> dict[str, Any]:
         """Inspect the first bytes of a recording. Raises RecordedProblem."""

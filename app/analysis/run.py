@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from app.analysis.inspect import read_joined
+from app.analysis.inspect import propose_shifts, read_on_stated_clock
 from app.errors import BadParameter
 from app.report.export.all import encode_elevation_csv, write_elevation
 from app.report.export.results import encode_results
@@ -72,6 +72,7 @@ def _describe_facts(analysis: Analysis) -> dict[str, Any]:
         "duration_us": recording.duration_us,
         "still": [[p.still.start_s, p.still.end_s, p.still.score, p.kind] for p in proposed],
         "not_worn": [_bound(span) for span in not_worn],
+        "shifts": propose_shifts(recording) if calibration else [],
         "left_out": [[*_bound(span), span.reason] for span in analysis.exclusions],
         "calibration": [[still.start_s, still.end_s, still.score] for still in used],
         **questions,
@@ -172,7 +173,7 @@ def _analyse_file(
     captured = None if request.shift else _read_capture(recording_path, request)
     if captured is not None:
         return analyse_angle_file(captured, begin, settings)
-    recording = read_joined(recording_path, request, known)
+    recording = read_on_stated_clock(recording_path, request, known)
     duration_s = recording.duration_us / MICROSECONDS
     for name, times_s in (("slip_at", request.slip_times_s), ("no_slip_at", request.no_slip_times_s)):
         for time_s in times_s:
@@ -192,7 +193,7 @@ def _find_carried(recording_path: Path, request: ReportRequest, known: KnownFile
     )
     earlier = replace(earlier, slip_times_s=(), no_slip_times_s=())
     try:
-        recording = read_joined(recording_path, earlier, known)
+        recording = read_on_stated_clock(recording_path, earlier, known)
         found = calibrate(recording, apply_file_settings(recording, build_settings(earlier))).calibration
     except FusionError:
         return None

@@ -1,4 +1,4 @@
-"""Cut the recordings of a run into shifts: each has its task, folder, calibration and report."""
+"""Cut recordings into shifts: each has its request, and in a run its task, folder, calibration and report."""
 
 import json
 import tempfile
@@ -14,8 +14,9 @@ from app.batch.folder import MARKER, Task, identify_place
 from app.errors import Crashed, Interrupted, RecordedProblem
 from app.request import BY_DIARY, ReportRequest
 from app.settings import Settings
-from fusion.clocks import in_zone, read_clock
+from fusion.clocks import correct_start, read_clock
 from fusion.diary import DiaryEntry
+from fusion.errors import UnusableClock
 from fusion.exposure.periods import find_diary_poses
 from fusion.readers.time.window import ShiftWindow, cut_windows
 from fusion.recording import MICROSECONDS
@@ -35,18 +36,17 @@ def _split(task: Task, *, not_removed: bool) -> list[Task]:
     whole = replace(task.request, shift="")
     try:
         extent = _measure(task.log, whole)
-    except (RecordedProblem, Crashed, Interrupted):
+        device = datetime.fromisoformat(extent["start"]) if extent["start"] else None
+        start = correct_start(device, whole.time_zone, whole.clock_offset_s)
+    except (RecordedProblem, Crashed, Interrupted, UnusableClock):
         return [replace(task, request=whole)]  # its analysis fails for the same reason
-    if not extent["start"]:
+    if start is None:
         return [task]
-    first, duration_us = datetime.fromisoformat(extent["start"]), int(extent["duration_us"])
-    start = in_zone(first, whole.time_zone) or first
+    duration_us = int(extent["duration_us"])
     windows = _find_windows(task.request, start, duration_us)
     if not windows:
         return [replace(task, request=replace(whole, shift=_name_missing(task.request.shift, start)))]
-    requests = [_cut_request(whole, window, start, duration_us) for window in windows]
-    if not_removed:
-        requests = [requests[0], *(_carry_pose(requests[0], later, start) for later in requests[1:])]
+    requests = cut_request(whole, windows, start, duration_us, not_removed=not_removed)
     names = _name_shifts(windows)
     return [
         replace(
@@ -84,6 +84,21 @@ def _name_missing(shift: str, start: datetime) -> str:
     return str(
         ShiftWindow(*(datetime.combine(day, at) for day, at in ((start, hours.start), (end_day, hours.end))))
     )
+
+
+def cut_request(
+    whole: ReportRequest,
+    windows: Sequence[ShiftWindow],
+    start: datetime,
+    duration_us: int,
+    *,
+    not_removed: bool,
+) -> list[ReportRequest]:
+    """Return the request of each shift of a recording; ``not_removed`` as in :func:`split_into_shifts`."""
+    requests = [_cut_request(whole, window, start, duration_us) for window in windows]
+    if not_removed:
+        requests[1:] = [_carry_pose(requests[0], later, start) for later in requests[1:]]
+    return requests
 
 
 def _cut_request(

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from sqlalchemy import Connection, Select, func, insert, select, update
+from sqlalchemy import Connection, Select, and_, delete, func, insert, select, update
 from sqlalchemy.dialects import postgresql, sqlite
 
 from app.errors import NotHere
@@ -186,6 +186,19 @@ def join_study(connection: Connection, name: str, analysis_id: str) -> str:
     return study_id
 
 
+def replace_cut(connection: Connection, analysis_id: str, shifts: Sequence[str]) -> None:
+    """Replace an analysis by those of the shifts of its recording, also in every study that contains it."""
+    mine = batch_items.c.analysis_id == analysis_id
+    holding = select(batches.c.id, batches.c.name).join(batch_items, batch_items.c.batch_id == batches.c.id)
+    found = connection.execute(holding.where(mine)).all()
+    studies = {batch.id: batch.name for batch in found if batch.id == identify_study(batch.name)}
+    connection.execute(delete(batch_items).where(mine, batch_items.c.batch_id.in_(studies)))
+    replace_job(connection, analysis_id, shifts[0])
+    for name in studies.values():
+        for shift in shifts:
+            join_study(connection, name, shift)
+
+
 def update_studies(connection: Connection, analysis_id: str) -> None:
     """Replace the recording's earlier analysis by this one in every study that contains it."""
     same = _select_siblings(analysis_id)
@@ -209,6 +222,7 @@ def _replace_recording(connection: Connection, study_id: str, analysis_id: str) 
 
 
 def _select_siblings(analysis_id: str) -> Select[tuple[str]]:
-    """Select every analysis of the same recording."""
-    recording = select(analyses.c.recording_id).where(analyses.c.id == analysis_id).scalar_subquery()
-    return select(analyses.c.id).where(analyses.c.recording_id == recording)
+    """Select every analysis of the same recording, or of the same shift of it."""
+    this = analyses.alias()
+    same = (analyses.c.recording_id == this.c.recording_id, analyses.c.shift == this.c.shift)
+    return select(analyses.c.id).join(this, and_(*same)).where(this.c.id == analysis_id)

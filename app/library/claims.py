@@ -145,6 +145,7 @@ def enqueue_all(
             "id": f"an_{secrets.token_hex(8)}",
             "recording_id": recording_id,
             "request": request.to_json(),
+            "shift": request.shift,
             "key": identify_work(sha256, request),
             "way_in": way_in,
             "state": JobState.QUEUED,

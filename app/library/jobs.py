@@ -22,7 +22,7 @@ from sqlalchemy.exc import OperationalError
 
 from app.errors import Interrupted, NotHere, StaleVersion, StoreMismatch
 from app.library.audit_log import Act, record
-from app.library.batches import join_study, update_studies
+from app.library.batches import join_study, replace_cut, update_studies
 from app.library.claims import (
     LABEL_PRIORITY,
     PAGE_PRIORITY,
@@ -76,11 +76,12 @@ AWAITED = "header"
 
 @dataclass(frozen=True, slots=True)
 class JobFilter:
-    """A filter for jobs; "" matches any."""
+    """A filter for jobs; "" matches any. ``shift``: of one shift, "" for the whole recording; None: any."""
 
     state: JobState | Literal[""] = ""
     batch_id: str = ""
     recording_id: str = ""
+    shift: str | None = None
 
 
 class JobStore(RowStore):
@@ -171,7 +172,7 @@ class JobStore(RowStore):
                 act: Act = "report.concluded" if asked.conclusion else "conclusion.dismissed"
                 record(connection, act, job.recording_id, analysis_id)
             if asked.conclusion is None and job.request.conclusion is not None:
-                drop_drafts(connection, job.recording_id)
+                drop_drafts(connection, job)
         return self.get(analysis_id)
 
     def add_correction(self, job: Job, asked: ReportRequest, *, is_fresh: bool = False) -> Job:
@@ -179,6 +180,30 @@ class JobStore(RowStore):
         with self._engine.begin() as connection:
             analysis_id = _queue_again(connection, job, asked, is_fresh=is_fresh)
         return self.get(analysis_id)
+
+    def cut(self, job: Job, asked: Sequence[ReportRequest]) -> tuple[Job, ...]:
+        """Queue an analysis for each shift that a person states; return them.
+
+        They replace the analyses of all other shifts of the recording, or of the whole, also in its studies.
+        An analysis that exists is kept.
+        """
+        kept = {request.shift for request in asked}
+        with self._engine.begin() as connection:
+            lock = select(recordings.c.id).where(recordings.c.id == job.recording_id).with_for_update()
+            connection.execute(lock)
+            ids: list[str] = []
+            for request in asked:
+                same = select_same([identify_work(job.sha256, request)])
+                known = connection.execute(same.where(analyses.c.recording_id == job.recording_id)).first()
+                items = [] if known else [build_item(connection, job, request)]
+                ids += [known.id] if known else enqueue_all(connection, items, "web")
+            others = select_jobs().where(analyses.c.recording_id == job.recording_id)
+            others = others.where(analyses.c.shift.not_in(kept), analyses.c.replaced_by.is_(None))
+            for other in map(read_job, connection.execute(others).all()):
+                if other.request.reference is None:
+                    cancel_job(connection, other.id)
+                    replace_cut(connection, other.id, ids)
+        return tuple(self.get(one) for one in ids)
 
     def conclude(self, job: Job, conclusion: Conclusion | None) -> Job:
         """Queue the next version of a report with a conclusion; None removes it and any draft.
@@ -194,7 +219,7 @@ class JobStore(RowStore):
         """
         job = self.get(analysis_id)
         with self._engine.begin() as connection:
-            if drop_drafts(connection, job.recording_id):
+            if drop_drafts(connection, job):
                 increment_revision(connection, job.recording_id)
                 record(connection, "conclusion.dismissed", job.recording_id, job.id)
 
@@ -253,7 +278,7 @@ class JobStore(RowStore):
         Raises NotHere if the analysis has not failed, or there is no earlier report.
         """
         job = self.get(analysis_id)
-        reports = self.find_reports(job.recording_id)
+        reports = self.find_reports(job)
         if job.state is not JobState.FAILED or not reports:
             raise NotHere
         mine = (analyses.c.id == job.id, analyses.c.replaced_by.is_(None))
@@ -287,14 +312,18 @@ class JobStore(RowStore):
         for name, value in asdict(wanted).items():
             if name == "batch_id" and value:
                 query = query.where(analyses.c.id.in_(select_items(value)))
-            elif value:
+            elif value or (name == "shift" and value is not None):
                 query = query.where(analyses.c[name] == value)
         page = select_page(query, (analyses.c.created_at, analyses.c.id), limit, after)
         return tuple(read_job(row) for row in self._read_all(page))
 
-    def find_reports(self, recording_id: str) -> tuple[Job, ...]:
-        """Return the reports of a recording, newest first, without comparisons and replaced reports."""
-        finished = self.find_page(JobFilter(JobState.SUCCEEDED, recording_id=recording_id))
+    def find_reports(self, job: Job) -> tuple[Job, ...]:
+        """Return the reports of the recording or shift of a job, newest first.
+
+        Comparisons and replaced reports are left out.
+        """
+        same = JobFilter(JobState.SUCCEEDED, recording_id=job.recording_id, shift=job.request.shift)
+        finished = self.find_page(same)
         return tuple(job for job in finished if job.replaced_by is None and job.request.reference is None)
 
     def count_states(self) -> dict[JobState, int]:
@@ -531,7 +560,8 @@ def _find_newer(connection: Connection, job: Job, asked: ReportRequest) -> Job |
     place = (analyses.c.created_at, analyses.c.id)
     is_later = tuple_(*place) > tuple_(job.created_at.isoformat(timespec="microseconds"), job.id)
     counts = (analyses.c.state.in_(COUNTED), analyses.c.replaced_by.is_(None), is_later)
-    query = select_jobs().where(analyses.c.recording_id == job.recording_id, *counts)
+    same = (analyses.c.recording_id == job.recording_id, analyses.c.shift == job.request.shift)
+    query = select_jobs().where(*same, *counts)
     newest_first = query.order_by(*(column.desc() for column in place))
     jobs = (read_job(row) for row in connection.execute(newest_first).all())
     newest = next((one for one in jobs if one.request.reference is None), None)
@@ -561,7 +591,8 @@ def _update_studies(connection: Connection, analysis_id: str, *, is_made: bool =
     if row is None or (is_made and row.priority != LABEL_PRIORITY):
         return
     if row.priority == LABEL_PRIORITY:
-        others = select(analyses.c.id).where(analyses.c.recording_id == row.recording_id)
+        same = (analyses.c.recording_id == row.recording_id, analyses.c.shift == row.shift)
+        others = select(analyses.c.id).where(*same)
         place = (analyses.c.created_at, analyses.c.id)
         is_later = tuple_(*place) > tuple_(row.created_at, analysis_id)  # and already in the studies
         is_kept = (

@@ -1,4 +1,4 @@
-"""The library: every recording with its current report, filtered, counted and paged in SQL.
+"""The library: every recording, or each shift of it, with its current report, filtered and paged in SQL.
 
 The current report is that of the newest analysis; if that has none, the newest earlier report remains. A
 batch shows each analysis that it requested.
@@ -75,7 +75,10 @@ MAX_OTHERS = 200
 """Most recordings of one person that are offered for a comparison."""
 
 FIELDS = ("subject", "side", "diary")
-"""Fields in the description of a recording that a correction on the page may change."""
+"""Fields in the description of a recording that a correction on the page may change.
+
+A shift changes the first two, because its diary has only its rows.
+"""
 
 
 def apply_description(connection: Connection, analysis_id: str) -> None:
@@ -92,22 +95,24 @@ def apply_description(connection: Connection, analysis_id: str) -> None:
     asked = ReportRequest.from_json(row.request)
     if row.way_in != "web" or asked.reference is not None:
         return
-    present = {"subject": row.subject, "side": row.side, "diary": read_diary(row.diary)}
-    corrected = {name: getattr(asked, name) for name in FIELDS}
+    names = FIELDS[:2] if asked.shift else FIELDS
+    stored = {"subject": row.subject, "side": row.side, "diary": read_diary(row.diary)}
+    present = {name: stored[name] for name in names}
+    corrected = {name: getattr(asked, name) for name in names}
     if present == corrected:
         return
     until = (analyses.c.recording_id == row.id, analyses.c.created_at <= row.asked_at)
     asked_so_far = connection.execute(select(analyses.c.request).where(*until)).scalars()
     requests = [ReportRequest.from_json(text) for text in asked_so_far]
-    known = {name: {getattr(request, name) for request in requests} for name in FIELDS}
-    changed = {name: corrected[name] for name in FIELDS if corrected[name] != present[name] in known[name]}
+    known = {name: {getattr(request, name) for request in requests} for name in names}
+    changed = {name: corrected[name] for name in names if corrected[name] != present[name] in known[name]}
     if "diary" in changed:
         changed["diary"] = format_diary(asked.diary)
     if changed:
         grown = {"version": recordings.c.version + 1, "revision": recordings.c.revision + 1}
         connection.execute(update(recordings).where(recordings.c.id == row.id).values(changed | grown))
-        names = dict.fromkeys(changed, "adopted")
-        record(connection, "recording.changed", row.id, analysis_id, other=names)
+        acts = dict.fromkeys(changed, "adopted")
+        record(connection, "recording.changed", row.id, analysis_id, other=acts)
 
 
 @dataclass(frozen=True, slots=True)
@@ -364,22 +369,22 @@ class Library(RowStore):
         return found
 
     def find_others(self, job: Job, limit: int = MAX_OTHERS) -> tuple[Entry, ...]:
-        """Find other recordings of the same subject that have a report, newest first.
+        """Find other recordings and shifts of the same subject that have a report, newest first.
 
         A comparison with a reference does not count as a report.
         """
         if not find_code(job.request.subject):
             return ()
         same = recordings.c.subject == job.request.subject
-        other = (analyses.c.recording_id != job.recording_id, answers.c.verdict.is_not(None))
-        query = _select(LibraryFilter()).where(same, *other)
+        other = or_(analyses.c.recording_id != job.recording_id, analyses.c.shift != job.request.shift)
+        query = _select(LibraryFilter()).where(same, other, answers.c.verdict.is_not(None))
         return self._read(query.order_by(*_newest_first()).limit(limit))
 
     def find_neighbours(self, job: Job, wanted: LibraryFilter) -> tuple[str | None, str | None]:
         """Find the analyses shown before and after one, in the order of the list."""
         if wanted.order != "newest" or wanted.is_reversed:
             return self._find_in_order(job, wanted)
-        place = _PLACE if wanted.batch else _PLACE[:2]  # a batch may hold several analyses of a recording
+        place = _PLACE if wanted.batch else _PLACE[:3]  # a batch may hold several analyses of a recording
         (here,) = self._read_all(_select_places(place).where(analyses.c.id == job.id))
         is_newer, is_older = tuple_(*place) > tuple_(*here), tuple_(*place) < tuple_(*here)
         before = _select(wanted).where(is_newer).order_by(*(column.asc() for column in place)).limit(1)
@@ -391,7 +396,8 @@ class Library(RowStore):
     def _find_in_order(self, job: Job, wanted: LibraryFilter) -> tuple[str | None, str | None]:
         rows = self._read_all(_select(wanted).order_by(*_choose_order(wanted)))
         shown = [_read_shown_id(row) for row in rows]
-        here = next((k for k, row in enumerate(rows) if row.recording_id == job.recording_id), None)
+        place = (job.recording_id, job.request.shift)
+        here = next((k for k, row in enumerate(rows) if (row.recording_id, row.shift) == place), None)
         if here is None:
             return None, None
         return (shown[here - 1] if here else None), (shown[here + 1] if here + 1 < len(shown) else None)
@@ -444,10 +450,10 @@ def _choose_order(wanted: LibraryFilter) -> tuple[ColumnElement[Any], ...]:
 
 
 _PLACE: tuple[ColumnElement[Any], ...] = (
-    *(recordings.c.created_at, recordings.c.id),
+    *(recordings.c.created_at, recordings.c.id, analyses.c.shift),
     *(analyses.c.created_at, analyses.c.id),
 )
-"""A row has the place of its recording: it does not move when its report is made again."""
+"""A row has the place of its recording and shift: it does not move when its report is made again."""
 
 
 def _newest_first() -> tuple[ColumnElement[Any], ...]:
@@ -462,7 +468,7 @@ def _select(wanted: LibraryFilter) -> Select[Any]:
     stored = ("file_name", "size_bytes", "sha256", "tags", "folder", "subject", "side")
     about = (recordings.c[name] for name in stored)
     headline = (answers.c[field.name] for field in fields(HeadlineFigures))
-    newest = _select_newest(analyses.alias(), of=recordings.c.id)
+    newest = _select_newest(analyses.alias())
     is_shown: tuple[ColumnElement[bool], ...] = (analyses.c.id == newest,)
     if wanted.batch:
         is_shown = (analyses.c.id.in_(select_items(wanted.batch)),)
@@ -480,13 +486,14 @@ def _select_report(*, is_own: bool) -> ColumnElement[Any]:
     """Select the analysis of the current report: this one, or the newest successful one unless ``is_own``."""
     other = analyses.alias()
     is_made = other.c.state == JobState.SUCCEEDED
-    newest = None if is_own else _select_newest(other, is_made, of=analyses.c.recording_id)
+    newest = None if is_own else _select_newest(other, is_made)
     return case((analyses.c.state == JobState.SUCCEEDED, analyses.c.id), else_=newest)
 
 
-def _select_newest(other: Any, *conditions: ColumnElement[bool], of: ColumnElement[str]) -> Any:
-    """Select the newest analysis of a recording that was not replaced and meets the conditions."""
-    same = (other.c.recording_id == of, other.c.replaced_by.is_(None), *conditions)
+def _select_newest(other: Any, *conditions: ColumnElement[bool]) -> Any:
+    """Select the newest analysis of a recording and shift that was not replaced and meets the conditions."""
+    same = [other.c[name] == analyses.c[name] for name in ("recording_id", "shift")]
+    same += [other.c.replaced_by.is_(None), *conditions]
     newest_first = other.c.created_at.desc(), other.c.id.desc()
     return select(other.c.id).where(*same).order_by(*newest_first).limit(1).scalar_subquery()
 

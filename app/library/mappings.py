@@ -134,11 +134,10 @@ class MappingStore(RowStore):
 
 
 def _waits(header: str) -> ColumnElement[bool]:
-    """Return the condition that an analysis failed because of its columns, and is its recording's last."""
+    """Return the condition that an analysis failed because of its columns, and is the last of its kind."""
     later = analyses.alias()
-    is_last = ~exists().where(
-        later.c.recording_id == analyses.c.recording_id, later.c.created_at > analyses.c.created_at
-    )
+    same = [later.c[name] == analyses.c[name] for name in ("recording_id", "shift")]
+    is_last = ~exists().where(*same, later.c.created_at > analyses.c.created_at)
     waits = (analyses.c.state == JobState.FAILED) & (analyses.c.awaits == header)
     return waits & analyses.c.replaced_by.is_(None) & is_last
 

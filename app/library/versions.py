@@ -199,9 +199,10 @@ def build_item(connection: Connection, job: Job, asked: ReportRequest) -> Item:
     return job.recording_id, job.sha256, drop_outdated_conclusion(connection, job, asked)
 
 
-def drop_drafts(connection: Connection, recording_id: str) -> bool:
-    """Delete the draft of a conclusion from every analysis of a recording; return False if there was none."""
-    mine = select(analyses.c.id, analyses.c.request).where(analyses.c.recording_id == recording_id)
+def drop_drafts(connection: Connection, job: Job) -> bool:
+    """Delete the draft of a conclusion from every analysis of a recording or shift; False without one."""
+    same = (analyses.c.recording_id == job.recording_id, analyses.c.shift == job.request.shift)
+    mine = select(analyses.c.id, analyses.c.request).where(*same)
     asked = {
         row.id: ReportRequest.from_json(row.request) for row in connection.execute(mine.with_for_update())
     }

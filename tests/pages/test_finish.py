@@ -18,9 +18,10 @@ from app.settings import Settings
 from fusion.simulation import write_recordings
 from tests.fusion.pose.test_poses import ASIDE, Course, tilted
 from tests.pages.conftest import keep_picture
-from tests.pages.steps import END_MS, find_row, open_home, wait_for_end
+from tests.pages.steps import END_MS, find_row, open_home, see_end, wait_for_end
 from tests.pages.test_everyone import SCREENS, Look, list_barriers
 from tests.pages.test_pose import send
+from tests.simulated_week import write_week
 from tests.ways_in.servers import RunningServer
 
 pytestmark = pytest.mark.browser
@@ -276,3 +277,77 @@ def test_what_is_dropped_is_in_sight_with_the_time_left_also_on_the_first_run(
     expect(bar).to_contain_text(words["row"]["longer"])
     store.cancel(job.id)
     store.close()
+
+
+@pytest.fixture(scope="module")
+def two_days(server: RunningServer, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """A recording of two shifts, which was read as a whole."""
+    week = write_week(tmp_path_factory.mktemp("two-days"), days=2, minutes=65)
+    job = server.send(week.path)
+    assert see_end(server, job["id"])["state"] == "succeeded"
+    return {"id": job["id"], "recording": job["recording_id"]}
+
+
+@pytest.mark.parametrize(("width", "language"), [screen for screen in SCREENS if screen[0] != 1000])
+def test_a_recording_of_two_days_is_asked_for_its_shifts_with_their_dates(
+    page: Page, server: RunningServer, two_days: dict[str, str], width: int, language: Language
+) -> None:
+    page.set_viewport_size({"width": width, "height": 900})
+    words = load_wording(language, "page")["finish"]
+    page.goto(
+        f"{server.address}recordings/{two_days['recording']}/finish?analysis={two_days['id']}&lang={language}"
+    )
+    card = wait_for_questions(page)
+
+    starts = card.locator("[name=shift_start]")
+    dates = [starts.nth(place).input_value()[:10] for place in range(starts.count())]
+    assert dates == ["2026-03-02", "2026-03-03"]
+    expect(card.locator("[name=cut]:checked")).to_have_count(
+        0
+    )  # a proposal is not used before it is accepted
+    expect(card.locator(".stretch:visible")).to_have_count(2)
+    keep_picture(page, f"shifts-asked-{width}-{language}")
+    barriers = list_barriers(page, Look(language, "light", width), "#finish")
+
+    mark = card.locator(".stretch:visible").first
+    before = mark.get_attribute("width")
+    card.locator("[name=shift_end]").first.fill("2026-03-02 07h30")
+    expect(card.get_by_label(words["cut_lines"])).to_be_checked()
+    expect(mark).not_to_have_attribute("width", str(before))
+    card.locator("[name=shift_end]").first.blur()
+    expect(card.locator("[name=shift_end]").first).to_have_value("2026-03-02 07:30:00")
+    card.locator("[name=shift_end]").first.fill("2026-03-02 06:00")
+    expect(card.locator("[name=shift_end]").first).to_have_attribute("aria-invalid", "true")
+    expect(card.get_by_role("button", name=words["save"])).to_be_disabled()
+    card.get_by_label(words["cut_hours"]).check()
+    expect(card.locator("[name=hours_start]")).to_be_visible()
+    keep_picture(page, f"shifts-hours-{width}-{language}")
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    assert barriers == []
+
+
+def test_the_confirmed_shifts_are_reported_and_lead_to_each_other(
+    page: Page, server: RunningServer, two_days: dict[str, str]
+) -> None:
+    page.set_viewport_size({"width": 1440, "height": 900})
+    page.goto(f"{server.address}recordings/{two_days['recording']}/finish?analysis={two_days['id']}&lang=en")
+    card = wait_for_questions(page)
+
+    card.locator("[name=subject]").fill("W65")
+    card.locator("[name=side][value=right]").check(force=True)
+    card.locator(".stretch:visible").first.click()
+    expect(card.get_by_label("These shifts")).to_be_checked()
+    card.get_by_label("The sensor was not removed").check()
+    card.get_by_role("button", name="Save").click()
+
+    expect(page.get_by_text("Shift 1 of 2 of this recording")).to_be_visible(timeout=END_MS)
+    expect(page.get_by_role("heading", name="The answer in short")).to_be_visible(timeout=END_MS)
+    keep_picture(page, "shift-1-of-2")
+    page.locator(".shift-days a", has_text="2026-03-03").click()
+    expect(page.get_by_text("Shift 2 of 2 of this recording")).to_be_visible()
+    expect(page.get_by_role("heading", name="The answer in short")).to_be_visible(timeout=END_MS)
+    expect(page.locator(".verdict").first).to_contain_text("Calibration pose")
+    page.goto(f"{server.address}person?subject=W65&lang=en")
+    for date in ("2026-03-02", "2026-03-03"):
+        expect(page.get_by_text(date).first).to_be_visible()
+    keep_picture(page, "shifts-person")

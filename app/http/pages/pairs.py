@@ -384,13 +384,14 @@ def _list_choices(page: Page, asked: ReportJobs[ProfileRequest]) -> tuple[Choice
     A recording without a subject code has no others.
     """
     library, sides = Library(page.services.store.reader), load_wording(page.language)["side"]
-    found: dict[str, Entry] = {}
+    found: dict[tuple[str, str], Entry] = {}
     for job in {job.request.subject: job for job in asked.jobs}.values():
         every = library.find_others(replace(job, recording_id=""))  # including its own
-        found |= {entry.job.recording_id: entry for entry in every}
+        found |= {(entry.job.recording_id, entry.job.request.shift): entry for entry in every}
     for job in asked.jobs:
-        known = found.get(job.recording_id)
-        found[job.recording_id] = Entry(job, known.headline if known else None)
+        place = (job.recording_id, job.request.shift)
+        known = found.get(place)
+        found[place] = Entry(job, known.headline if known else None)
     chosen, count = [job.id for job in asked.jobs], asked.request.before_count
     after = set(chosen[count:]) if count is not None else set()
     listed = []

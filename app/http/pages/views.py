@@ -1,5 +1,6 @@
 """Views of jobs and the library, with texts and formatted numbers ready for the templates."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
@@ -106,9 +107,9 @@ class JobRow:
     """One recording in the list.
 
     ``version`` changes whenever anything shown changes. ``report`` is the address of the report without its
-    extension. ``key`` is the same for all analyses of a recording. ``asks_columns``: a person may fix the
-    problem by naming the columns. ``compared``: both file names of a comparison with a reference.
-    ``file_meta``: ``meta`` without subject and arm.
+    extension. ``key`` is the same for all analyses of a recording, or of its shift. ``asks_columns``: a
+    person may fix the problem by naming the columns. ``compared``: both file names of a comparison with a
+    reference. ``file_meta``: ``meta`` without subject and arm.
     """
 
     id: str
@@ -162,7 +163,7 @@ def build_row(job: Job, language: Language, took: Sequence[AnalysisDuration] = (
     is_table = request.profile != "" and "header" in job.problem_facts
     return JobRow(
         id=job.id,
-        key=f"of-{job.recording_id}",
+        key=f"of-{job.recording_id}" + re.sub(r"\W", "", request.shift),
         name=job.file_name,
         meta=tuple(filter(None, (version, subject, side, *of_file))),
         file_meta=tuple(filter(None, (version, *of_file))),
@@ -345,7 +346,7 @@ class ShownEntry:
     None without a report. ``attempt`` is a newer analysis that is running or failed; the row keeps its
     report. If only its label changes (``is_set``), the row has the new name and arm at once, and no progress.
     ``tags``: each with the query that lists its recordings. ``studies``: the named ones it is in.
-    ``questions``: the open ones, see :func:`list_questions`.
+    ``questions``: the open ones, see :func:`list_questions`. ``shift``: of a row that is one of several.
     """
 
     row: JobRow
@@ -360,6 +361,7 @@ class ShownEntry:
     attempt: JobRow | None
     is_set: bool = False
     questions: tuple[str, ...] = ()
+    shift: str = ""
 
     @property
     def active(self) -> JobRow | None:
@@ -518,6 +520,7 @@ def build_entry(
         attempt=build_row(attempt, language, took) if attempt else None,
         is_set=entry.is_set,
         questions=list_questions(label, headline) if headline else (),
+        shift=job.request.shift,
     )
 
 

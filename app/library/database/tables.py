@@ -14,7 +14,7 @@ from sqlalchemy import (
     Text,
 )
 
-REVISION = "b3"  # of these tables; changing them needs a migration in app/library/migrations
+REVISION = "b4"  # of these tables; changing them needs a migration in app/library/migrations
 
 metadata = MetaData()
 
@@ -83,6 +83,7 @@ analyses = Table(
     Column("interruptions", Integer, nullable=False, server_default="0"),
     Column("asked_by", String(40)),
     Column("ended_s", Float),
+    Column("shift", String(100), nullable=False, server_default=""),
     Index("analyses_in_turn", "state", "priority", "turn", "created_at", "id"),
     Index("analyses_by_recording", "recording_id", "created_at", "id"),
     Index("analyses_by_age", "created_at", "id"),

@@ -51,22 +51,24 @@ def find_zone(display_name: str) -> ZoneInfo | None:
 
 
 def set_clock(
-    recording: Recording, time_zone: str = "", clock_offset_s: float = 0.0, first: datetime | None = None
+    recording: Recording, time_zone: str = "", clock_offset_s: float = 0.0, origin: datetime | None = None
 ) -> Recording:
     """Return the recording by the clock that a person states (:func:`fusion.clocks.correct_start`).
 
-    Samples and durations do not change. A second call with the same statements changes nothing. ``first``:
-    the device's clock at the first sample of a file from which this recording is cut; the zone may have
-    changed since. Adds W-CLOCK-SET for a correction, and W-DST for each change of the zone.
+    ``origin``: the device's clock at the first sample of the recording that a shift was cut from. A device
+    does not follow a change of the zone, so the statement is about its start.
+
+    Samples and durations do not change. A second call with the same statements changes nothing. Adds
+    W-CLOCK-SET for a correction, and W-DST for each change of the zone.
     """
     time_zone, shift_s = time_zone or recording.time_zone or "", clock_offset_s - recording.clock_offset_s
     if time_zone == (recording.time_zone or "") and not shift_s:
         return recording
-    first = first or recording.start
-    start = correct_start(first, time_zone, shift_s)
-    if first is None or start is None or recording.start is None:
+    start = correct_start(origin or recording.start, time_zone, shift_s)
+    if start is None:
         return recording
-    start = read_clock(start, measure_us(first, recording.start))
+    if origin is not None and recording.start is not None:
+        start = read_clock(start, measure_us(origin, recording.start))
     flags = recording.flags
     if find_time_zone(time_zone):
         flags = tuple(flag for flag in flags if flag.code not in {Caveat.TZ, Caveat.UTC})

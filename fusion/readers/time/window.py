@@ -43,6 +43,11 @@ class ShiftWindow:
         return measure_us(start, self.start), measure_us(start, self.end)
 
 
+def move_window(window: ShiftWindow, stated: datetime, device: datetime) -> ShiftWindow:
+    """Return a window on the device's clock; ``stated``, ``device``: the first sample on both clocks."""
+    return ShiftWindow(*(read_clock(device, at_us) for at_us in window.place(stated)))
+
+
 def parse_window(text: str) -> ShiftWindow:
     """Parse ``2026-03-02T07:00/2026-03-02T15:30``. Raises ValueError."""
     start, end = map(datetime.fromisoformat, text.strip().split("/"))

@@ -106,13 +106,13 @@ def test_a_worker_killed_while_it_sets_a_report_leaves_the_old_one_until_another
     assert claimed is not None
     (storage.open_attempt(claimed.id, str(claimed.token)) / "results.json").write_bytes(b"half")
     store.run(update(analyses).where(analyses.c.id == said.id).values(lease_until_s=0.0, is_lease_missed=1))
-    assert [job.id for job in store.find_reports(report.recording_id)] == [report.id]
+    assert [job.id for job in store.find_reports(report)] == [report.id]
 
     worker = open_worker(None)
     return_expired(worker)
     run_next(worker, is_label=True)
 
-    assert [job.id for job in store.find_reports(report.recording_id)] == [said.id, report.id]
+    assert [job.id for job in store.find_reports(report)] == [said.id, report.id]
     assert storage.find_mark(format_result_name(said.id, str(claimed.token), "results.json")) is None
 
 

@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from datetime import date
+from datetime import date, datetime
 from typing import Annotated, Any
 from urllib.parse import urlencode
 
@@ -47,7 +47,7 @@ from app.library.results import retry as retry_job
 from app.library.rows import Job, JobState
 from app.report.figures import load_results
 from app.report.words.messages import Problem, describe_problem
-from app.report.words.numbers import format_date
+from app.report.words.numbers import format_date, format_iso_moment
 from app.report.words.wording import (
     Language,
     clean_paragraphs,
@@ -73,14 +73,15 @@ SHOWN = 200
 
 @dataclass(frozen=True, slots=True)
 class History:
-    """Every analysis of one recording, newest first."""
+    """Every analysis of one recording, or of one shift of it, newest first."""
 
     jobs: tuple[Job, ...]
 
     @classmethod
     def of(cls, services: Services, job: Job) -> "History":
         """Load the analyses, without comparisons with a reference."""
-        found = services.store.find_page(JobFilter(recording_id=job.recording_id), SHOWN)
+        same = JobFilter(recording_id=job.recording_id, shift=job.request.shift)
+        found = services.store.find_page(same, SHOWN)
         return cls(tuple(other for other in found if other.request.reference is None))
 
     @property
@@ -188,6 +189,45 @@ def describe_source(page: Page, job: Job) -> Problem | None:
     stored = StoredRecording(job.recording_id, job.sha256, job.size_bytes)
     is_whole = seems_intact(page.services.storage, stored)
     return None if is_whole else describe_problem(StoreDamaged.code, {}, page.language)
+
+
+# The shifts of one recording.
+
+
+@dataclass(frozen=True, slots=True)
+class ShiftLink:
+    """The newest analysis of a shift: its id, and its start for reading."""
+
+    id: str
+    when: str
+    is_this: bool
+
+
+def build_shifts(page: Page, shown: Job) -> dict[str, Any] | None:
+    """Return the shifts of a recording in their order, with a heading; None for a whole recording.
+
+    ``change``: the analysis of the whole recording, on whose card they are stated; "" if there is none.
+    """
+    if not shown.request.shift:
+        return None
+    found = page.services.store.find_page(JobFilter(recording_id=shown.recording_id), SHOWN)
+    mine = [job for job in found if job.request.reference is None]
+    newest = {
+        job.request.shift: job for job in reversed(mine) if job.replaced_by is None and job.request.shift
+    }
+    if shown.request.shift not in newest:
+        return None
+    ordered = sorted(newest.items(), key=lambda item: datetime.fromisoformat(item[0].partition("/")[0]))
+    links = [
+        ShiftLink(
+            job.id, format_iso_moment(shift.partition("/")[0], page.language), shift == shown.request.shift
+        )
+        for shift, job in ordered
+    ]
+    place = next(number for number, link in enumerate(links, 1) if link.is_this)
+    whole = (job.id for job in mine if not job.request.shift and job.state is JobState.SUCCEEDED)
+    heading = fill(page.words()["finish"]["shift_of"], {"n": str(place), "all": str(len(links))})
+    return {"heading": heading, "links": links, "change": next(whole, "")}
 
 
 # The answer of a finished analysis, and its figures beside those before a correction.
@@ -300,6 +340,11 @@ def build_conclusion(page: Page, job: Job, own_name: str, *, is_current: bool) -
     }
 
 
+def get_draft_place(job: Job) -> str:
+    """Return the place of an unsent conclusion: the recording, or the analysis of a shift of it."""
+    return job.id if job.request.shift else job.recording_id
+
+
 def describe_draft(draft: ConclusionDraft, language: Language) -> str:
     """Describe the version that a draft was written for, and the changes since."""
     words, names = load_wording(language, "page")["conclude"]["draft"], load_wording(language)["changed"]
@@ -398,7 +443,9 @@ def analysis(analysis_id: str, page: UsedPage, seen: Annotated[Seen, Query()]) -
         release=build_release(page, subject, job.id),
         versions=build_versions(page, history, job, clock),
         recording_id=job.recording_id,
+        draft_place=get_draft_place(job),
         source=describe_source(page, job),
+        shifts=build_shifts(page, job),
         failed=build_row(failed, language) if failed else None,
         report=None if is_current else report,
         old=describe_old(job, history.reports, page),
@@ -421,7 +468,7 @@ def show_report(analysis_id: str, page: UsedPage) -> Response:
     made = find_nearest(page.language, job.request.languages)
     report = read_report(page.request, services, job, f"{stem}.{made}.html").decode()
     pdf = f"{page.base}/api/v1/{place}/{job.id}/{stem}.pdf?{urlencode({'lang': made})}"
-    reports = services.store.find_reports(job.recording_id) if stem == "report" else ()
+    reports = services.store.find_reports(job) if stem == "report" else ()
     old = describe_old(job, reports, page)
     return add_navigation(page, report, f"{page.base}/{place}/{job.id}", pdf, old)
 
@@ -457,8 +504,9 @@ def conclude(analysis_id: str, page: UsedPage, subject: UsedSubject, form: UsedF
     """
     own_name, store = get_person_name(page.request, subject.id), page.services.store
     concluded = read_conclusion({**form, **({"name": [own_name]} if own_name else {})})
-    job = store.conclude(store.get(analysis_id), concluded)
-    page.services.drafts.drop(subject.id, f"conclusion:{job.recording_id}")
+    concluded_on = store.get(analysis_id)
+    job = store.conclude(concluded_on, concluded)
+    page.services.drafts.drop(subject.id, f"conclusion:{get_draft_place(concluded_on)}")
     return page.go_to(job)
 
 

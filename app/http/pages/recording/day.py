@@ -129,13 +129,13 @@ class DayClock:
         zone = moment.tzinfo
         return zone is not None and len(find_instants(moment.replace(tzinfo=None), zone)) > 1
 
-    def show(self, elapsed_s: float, language: Language) -> str:
+    def show(self, elapsed_s: float, language: Language, *, with_seconds: bool = True) -> str:
         """Format a time for reading: "07:05:09"; in French "7 h 05 min 09 s"."""
         if self.start is None:
             return self.format(elapsed_s)
         moment = read_clock(self.start, round(elapsed_s) * MICROSECONDS)
         write = format_moment if self.report(language).format_day(elapsed_s) else format_clock
-        return write(moment, language, with_seconds=True)
+        return write(moment, language, with_seconds=with_seconds)
 
     def show_span(self, start_s: float, end_s: float, language: Language) -> str:
         """Format both ends of a time range for reading."""

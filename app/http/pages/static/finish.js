@@ -9,6 +9,7 @@ import { TimeFields } from "./time-field.js";
 const LOOK_MS = 1000;
 const LIST = "acromion.list"; // the list of participants, for the other cards of this tab
 const MOST_CARDS = 6;
+const SCALE_PX = 30; // beside the curve, as in finish.py
 
 let isTyped = false; // answers that were not saved
 
@@ -28,7 +29,7 @@ class Card {
     if (!this.form) return;
     section.addEventListener("click", (event) => this.act(event.target.closest("button")));
     section.addEventListener("click", ({ target }) => target.matches(".stretch") && this.choose(target.dataset.value));
-    this.form.addEventListener("input", () => ((isTyped = true), this.show()));
+    this.form.addEventListener("input", (event) => this.type(event));
     this.form.addEventListener("focusout", () => setTimeout(() => this.show()));
     this.form.addEventListener("sent", () => (isTyped = false));
     this.form.addEventListener("change", () => this.show());
@@ -60,7 +61,7 @@ class Card {
     if (this.isEnded) return;
     if (!fresh) return (this.timer = setTimeout(() => this.look(), LOOK_MS));
     const form = fresh.querySelector("form");
-    if (!form) return this.replace(fresh);
+    if (!form || fresh.querySelector(".problem-title, [data-problem]")) return this.replace(fresh);
     this.section.dataset.state = fresh.dataset.state;
     Object.assign(this.form.dataset, form.dataset);
     this.form.elements.analysis.value = form.elements.analysis.value;
@@ -79,7 +80,8 @@ class Card {
   }
 
   address(place = "") {
-    return `${this.section.dataset.address}${place}`;
+    const { address, analysis } = this.section.dataset;
+    return `${address}${place}${analysis ? `?analysis=${analysis}` : ""}`;
   }
 
   act(button) {
@@ -89,16 +91,28 @@ class Card {
     if (name === "subject") this.form.elements.subject.value = value;
     if (name === "side") this.form.elements.side.value = value;
     if (name) this.form.dispatchEvent(new Event("change"));
-    if ("another" in button.dataset) this.addBreak();
+    if ("another" in button.dataset) this.addRow("break", "label");
+    if ("anotherShift" in button.dataset) this.addRow("shift", "shift_start");
   }
 
-  addBreak() {
-    this.part("[data-breaks]").append(this.part("[data-break-row]").content.cloneNode(true));
-    [...this.section.querySelectorAll("[data-break]")].at(-1).querySelector("[name=label]").focus();
+  addRow(kind, name) {
+    this.part(`[data-${kind}s]`).append(this.part(`[data-${kind}-row]`).content.cloneNode(true));
+    [...this.section.querySelectorAll(`[data-${kind}]`)].at(-1).querySelector(`[name=${name}]`).focus();
+    this.show();
   }
 
   choose(value) {
-    this.form.elements.choice.value = value;
+    const { choice, cut } = this.form.elements;
+    if (choice) choice.value = value;
+    if (cut) cut.value = "lines";
+    this.show();
+  }
+
+  // Whoever types a shift answers with it.
+  type({ target }) {
+    isTyped = true;
+    const cut = target.closest("[data-cut]")?.dataset.cut;
+    if (cut) this.form.elements.cut.value = cut;
     this.show();
   }
 
@@ -106,11 +120,31 @@ class Card {
   show() {
     const choice = this.form.elements.choice?.value;
     for (const stretch of this.section.querySelectorAll(".stretch")) stretch.classList.toggle("is-chosen", stretch.dataset.value === choice);
+    this.showShifts();
     const other = this.part("[data-other]");
     if (other) other.hidden = choice !== "other";
     for (const button of this.section.querySelectorAll("[data-propose]")) button.hidden = this.form.elements[button.dataset.propose].value === button.dataset.value;
     const open = [...this.section.querySelectorAll("[data-break]")].filter((row) => this.markOpen(row));
     this.part("[type=submit]").disabled = !this.isOver || open.length > 0 || Boolean(this.times && !this.times.isFine);
+  }
+
+  // Show the fields of the chosen cut, and each typed shift at its place on the curve.
+  showShifts() {
+    const cut = this.form.elements.cut?.value;
+    if (cut === undefined) return;
+    this.part("[data-cut=hours]").hidden = cut !== "hours";
+    this.part("[data-cut=lines]").hidden = cut === "hours" || cut === "whole";
+    this.part("[name=not_removed]").disabled = cut === "whole";
+    for (const name of ["hours_start", "hours_end"]) this.form.elements[name].required = cut === "hours";
+    const rows = [...this.section.querySelectorAll("[data-shift]")];
+    for (const mark of this.section.querySelectorAll(".stretch")) {
+      const [start, end] = [...rows[mark.dataset.value].querySelectorAll("input")].map((field) => this.times.clock.read(field.value));
+      mark.classList.toggle("is-chosen", cut === "lines");
+      mark.classList.toggle("is-gone", !(end > start) || cut === "whole" || cut === "hours");
+      const plot = mark.ownerSVGElement.viewBox.baseVal.width - SCALE_PX;
+      if (end > start) mark.setAttribute("x", (start / this.times.clock.durationS) * plot);
+      if (end > start) mark.setAttribute("width", Math.max(((end - start) / this.times.clock.durationS) * plot, 3));
+    }
   }
 
   // Return whether a break lacks its start or end; say so once its row is left.

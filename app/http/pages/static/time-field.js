@@ -30,7 +30,8 @@ export class TimeFields {
   }
 
   get isFine() {
-    return !this.form.querySelector(":is(.moment, [data-moments])[aria-invalid=true]");
+    const faulty = this.form.querySelectorAll(":is(.moment, [data-moments])[aria-invalid=true]");
+    return [...faulty].every((field) => field.closest("[hidden]"));
   }
 
   check(typed, isLeft = false) {

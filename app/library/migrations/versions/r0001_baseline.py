@@ -8,7 +8,7 @@ from alembic import op
 
 from app.library.database.tables import metadata
 
-revision = "b3"
+revision = "b4"
 down_revision = None
 
 
