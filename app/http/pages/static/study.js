@@ -1,34 +1,48 @@
-// The page of a study: ranking and states follow the analyses; a list of participants is uploaded, and the
-// result is shown.
+// The page of a study: ranking and states follow the analyses; a list of participants shows what it fits and
+// changes before it is applied.
 
-import { $, fill } from "./say.js";
+import { $ } from "./say.js";
+import { refuse } from "./send.js";
 
 const LOOK_MS = 3000;
 const KEPT = "acromion-participants";
 const form = $("participants"); // absent if the study has no recordings of people
 const result = $("list-told");
 
-function showResult(text) {
-  result.textContent = text;
-  result.hidden = !text;
+let list = null; // the chosen file, until it is applied
+
+function show(lines) {
+  result.replaceChildren(...lines.map((line) => Object.assign(document.createElement("p"), { textContent: line })));
+  result.hidden = !lines.length;
 }
 
-async function send(file) {
+// Return the answer of the server, null after a refusal, which is shown.
+async function post(query) {
+  const answer = await fetch(form.dataset.address + query, { method: "POST", body: list }).catch(() => null);
+  if (answer?.ok) return answer.json();
+  if (answer) refuse(result, await answer.text());
+  else show([form.dataset.lost]);
+  return null;
+}
+
+async function preview(file) {
+  list = file;
   $("list").value = "";
-  const answer = await fetch(form.dataset.address, { method: "POST", body: file }).catch(() => null);
-  if (!answer?.ok) return refuse(answer ? await answer.text() : "");
-  const { changed, unknown } = await answer.json();
-  const rest = unknown.length ? " " + fill(form.dataset.unknown, { unknown: unknown.join(", ") }) : "";
-  sessionStorage.setItem(KEPT, fill(form.dataset.done, { changed }) + rest);
+  const answer = await post("?preview=1");
+  if (answer) show(answer.told);
+  $("list-acts").hidden = !answer?.changed;
+}
+
+async function apply() {
+  if (!(await post(""))) return;
+  sessionStorage.setItem(KEPT, form.dataset.done);
   isTyped = false; // the list was sent in place of the typed codes
   location.reload();
 }
 
-// The server responds to a refusal with a page; show its problem here.
-function refuse(page) {
-  const said = new DOMParser().parseFromString(page, "text/html").querySelector("[data-problem]");
-  result.hidden = false;
-  result.replaceChildren(...(said ? [...document.importNode(said, true).children] : [form.dataset.lost]));
+function leave() {
+  $("list-acts").hidden = true;
+  show([]);
 }
 
 // Replace only changed parts, so that the focus does not move.
@@ -56,9 +70,10 @@ window.addEventListener("beforeunload", (event) => isTyped && event.preventDefau
 
 if (form) {
   form.hidden = false;
-  form.addEventListener("submit", (event) => event.preventDefault());
-  $("list").addEventListener("change", () => send($("list").files[0]));
-  showResult(sessionStorage.getItem(KEPT) || "");
+  form.addEventListener("submit", (event) => (event.preventDefault(), apply()));
+  form.addEventListener("reset", leave);
+  $("list").addEventListener("change", () => preview($("list").files[0]));
+  show([sessionStorage.getItem(KEPT)].filter(Boolean));
   sessionStorage.removeItem(KEPT);
 }
 poll();
