@@ -213,7 +213,7 @@ class NoSamples(DamagedFile, code="E-NO-SAMPLES"):
     """A header without a sample after it."""
 
 
-class UnusableShift(UnreadableFile, code="E-SHIFT"):
+class UnusableShift(UnreadableFile, code="E-SHIFT", window="ISO 8601", why=TERM):
     """The recording has no clock, or no sample in the window of the shift.
 
     ``why``: "no clock", "no samples" or "stated clock" (not combined yet); ``window``: the interval, in
