@@ -6,6 +6,7 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from tests.pages.steps import END_MS, open_home
+from tests.pages.test_everyone import Look, list_barriers
 from tests.ways_in.servers import RunningServer
 
 pytestmark = pytest.mark.browser
@@ -38,12 +39,25 @@ def test_a_folder_leads_to_its_study_with_a_list_of_participants(dropped: Page, 
     preview = dropped.locator("#list-told")
     expect(preview).to_contain_text("1 row fits no recording of this study: elsewhere.csv.")
     expect(preview).to_contain_text("in_study_2.csv")
+    assert list_barriers(dropped, Look("en", "light", 1280), "#participants") == []
     expect(row.get_by_role("textbox")).to_have_value("")
     dropped.get_by_role("button", name="Apply the list").click()
 
     expect(dropped.locator("#list-told")).to_have_text("The list was applied.")
     expect(row.get_by_role("textbox")).to_have_value("S91")
     expect(row.get_by_role("combobox")).to_have_value("left")
+
+
+def test_a_list_that_is_not_applied_changes_nothing(dropped: Page, tmp_path: Path) -> None:
+    listed = tmp_path / "participants.csv"
+    listed.write_text("file,subject\nin_study_1.csv,S93\n")
+    dropped.set_input_files("#list", listed)
+
+    dropped.get_by_role("button", name="Do not apply it").click()
+
+    expect(dropped.locator("#list-told")).to_be_hidden()
+    dropped.reload()
+    expect(dropped.get_by_role("row", name="in_study_1.csv").get_by_role("textbox")).to_have_value("")
 
 
 def test_a_list_that_cannot_be_read_says_which_row(dropped: Page, tmp_path: Path) -> None:

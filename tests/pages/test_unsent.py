@@ -14,6 +14,7 @@ from fusion.simulation import write_recordings
 from tests.pages.conftest import finish
 from tests.pages.steps import END_MS, note_questions, open_analysis, open_home, wait_for_curve
 from tests.pages.test_access import PASSWORD, SECRET, log_in
+from tests.pages.test_everyone import Look, list_barriers
 from tests.ways_in.servers import RunningServer
 
 pytestmark = pytest.mark.browser
@@ -200,6 +201,7 @@ def test_a_correction_of_an_outdated_version_opens_the_newer_one_as_a_draft(
     page.get_by_role("button", name="Update").click()
     refused = page.locator("#refused")
     expect(refused).to_contain_text("This report was updated after you opened it")
+    assert list_barriers(page, Look("en", "light", 1280), "#correction") == []
     refused.get_by_role("link", name="Open the newer version with what I typed").click()
 
     expect(page.locator(".meta").first).to_contain_text("version 2", timeout=END_MS)
