@@ -52,6 +52,7 @@ def test_a_list_that_is_not_applied_changes_nothing(dropped: Page, tmp_path: Pat
     listed = tmp_path / "participants.csv"
     listed.write_text("file,subject\nin_study_1.csv,S93\n")
     dropped.set_input_files("#list", listed)
+    expect(dropped.locator("#list-told")).to_contain_text("It changes 1 of them")
 
     dropped.get_by_role("button", name="Do not apply it").click()
 

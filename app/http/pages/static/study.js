@@ -45,6 +45,11 @@ function leave() {
   show([]);
 }
 
+// Return whether no previewed list waits to be applied; a reload would lose it.
+function isDecided() {
+  return !form || $("list-acts").hidden;
+}
+
 // Replace only changed parts, so that the focus does not move.
 async function poll() {
   if (!document.querySelector('[data-state="queued"], [data-state="running"]')) return;
@@ -52,8 +57,9 @@ async function poll() {
   if (answer?.ok) {
     const fresh = new DOMParser().parseFromString(await answer.text(), "text/html").querySelectorAll("[data-live]");
     const shown = document.querySelectorAll("[data-live]");
-    if (fresh.length !== shown.length) return location.reload(); // a recording was added or deleted
-    shown.forEach((old, index) => {
+    const isOther = fresh.length !== shown.length; // a recording was added or deleted
+    if (isOther && !isTyped && isDecided()) return location.reload();
+    if (!isOther) shown.forEach((old, index) => {
       if (old.innerHTML !== fresh[index].innerHTML) old.replaceChildren(...fresh[index].childNodes);
       [old.className, old.dataset.state] = [fresh[index].className, fresh[index].dataset.state || ""];
     });
