@@ -542,14 +542,14 @@ def import_participants(
     pairs = zip(tasks, assigned, jobs, strict=True)
     unlisted = [job.file_name for task, after, job in pairs if after is task]
     names = [row.file for row in unknown]
-    told = _tell_list(page, len(jobs) - len(unlisted), changed, names, unlisted)
+    told = _describe_list(page, len(jobs) - len(unlisted), changed, names, unlisted)
     return {"changed": changed, "unknown": names, "unlisted": unlisted, "told": told}
 
 
-def _tell_list(
+def _describe_list(
     page: Page, matched: int, changed: int, unknown: Sequence[str], unlisted: Sequence[str]
 ) -> list[str]:
-    """Say what a list of participants fits and changes, and name what it does not fit."""
+    """Return the numbers of matches and changes of a list in words, and the names without a match."""
     words = page.words()["studies"]["list"]
     told = [fill(words["matched"], {"n": str(matched), "changed": str(changed)})]
     for word, names in (("unknown", unknown), ("unlisted", unlisted)):

@@ -1,5 +1,5 @@
-// The page of a study: ranking and states follow the analyses; a list of participants shows what it fits and
-// changes before it is applied.
+// The page of a study: ranking and states follow the analyses. A list of participants has a preview with its
+// matches and changes, and is applied by a button.
 
 import { $ } from "./say.js";
 import { refuse } from "./send.js";
