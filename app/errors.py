@@ -207,7 +207,7 @@ class OnHold(AppError, code="E-HOLD", outcome=Outcome(409, 3), id="of the record
     """The recording is on hold and must not be deleted permanently."""
 
 
-class StaleVersion(AppError, code="E-STALE", outcome=Outcome(409, 3)):
+class StaleVersion(AppError, code="E-STALE", outcome=Outcome(409, 3), analysis="that is newer"):
     """Another person has changed it in the meantime."""
 
 

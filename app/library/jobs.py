@@ -571,7 +571,7 @@ def _find_newer(connection: Connection, job: Job, asked: ReportRequest) -> Job |
     if connection.execute(key).scalar() == identify_work(job.sha256, asked):
         return newest
     if job.state is not JobState.SUCCEEDED or newest.request.version != job.request.version:
-        raise StaleVersion
+        raise StaleVersion(analysis=newest.id)
     return None
 
 

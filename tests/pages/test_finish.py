@@ -18,7 +18,7 @@ from app.settings import Settings
 from fusion.simulation import write_recordings
 from tests.fusion.pose.test_poses import ASIDE, Course, tilted
 from tests.pages.conftest import keep_picture
-from tests.pages.steps import END_MS, find_row, open_home, see_end, wait_for_end
+from tests.pages.steps import END_MS, find_row, make_file, open_home, see_end, wait_for_end
 from tests.pages.test_everyone import SCREENS, Look, list_barriers
 from tests.pages.test_pose import send
 from tests.simulated_week import write_week
@@ -351,3 +351,16 @@ def test_the_confirmed_shifts_are_reported_and_lead_to_each_other(
     for date in ("2026-03-02", "2026-03-03"):
         expect(page.get_by_text(date).first).to_be_visible()
     keep_picture(page, "shifts-person")
+
+
+def test_a_file_that_is_no_recording_is_not_asked_to_be_finished(
+    page: Page, server: RunningServer, tmp_path: Path
+) -> None:
+    open_home(page, server)
+
+    page.set_input_files("#files", make_file(tmp_path, "letter.csv"))
+
+    card = page.locator("#finish")
+    expect(card.locator("[data-problem]")).to_be_visible(timeout=END_MS)
+    expect(card.get_by_role("heading", name="Finish this recording")).to_have_count(0)
+    expect(card).to_have_accessible_name("letter.csv")

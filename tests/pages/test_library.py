@@ -210,6 +210,7 @@ def test_both_arms_of_a_shift_are_offered_as_a_pair_with_an_offset(
     page.get_by_label("Right after left, in seconds").fill("12,5")
     page.get_by_role("button", name="Apply").click()
 
+    expect(page.get_by_role("link", name="All days of S012")).to_be_visible()
     expect(page.get_by_text("As entered here: 12.5 s.")).to_be_visible()
     expect(page.get_by_role("row", name="Time above 60°")).to_be_visible()
     with page.expect_download() as download:

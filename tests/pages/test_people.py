@@ -235,6 +235,8 @@ def test_the_lists_of_people_and_of_recordings_fit(
         )
         assert longest <= 60
         if not name:  # a box without words on a wide screen only
+            for key in ("open", "pdf"):
+                expect(page.locator(f"#rows .is-succeeded [data-key={key}]").first).to_be_visible()
             words = page.locator("label:has(#pick-all) span").bounding_box()
             assert words is not None
             assert (words["width"] > 60) == (width == 390)

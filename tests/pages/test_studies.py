@@ -6,6 +6,7 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from tests.pages.steps import END_MS, open_home
+from tests.pages.test_everyone import Look, list_barriers
 from tests.ways_in.servers import RunningServer
 
 pytestmark = pytest.mark.browser
@@ -35,8 +36,17 @@ def test_a_folder_leads_to_its_study_with_a_list_of_participants(dropped: Page, 
     listed.write_text("file,subject,side\nin_study_1.csv,S91,left\nelsewhere.csv,S92,left\n")
 
     dropped.set_input_files("#list", listed)
+    preview = dropped.locator("#list-told")
+    expect(preview).to_contain_text("1 row fits no recording of this study: elsewhere.csv.")
+    expect(preview).to_contain_text("in_study_2.csv")
+    assert list_barriers(dropped, Look("en", "light", 1280), "#participants") == []
+    expect(row.get_by_role("textbox")).to_have_value("")
+    dropped.get_by_role("button", name="Do not apply it").click()
+    expect(preview).to_be_hidden()
+    dropped.set_input_files("#list", listed)
+    dropped.get_by_role("button", name="Apply the list").click()
 
-    expect(dropped.locator("#list-told")).to_have_text("Changed: 1. Not in this study: elsewhere.csv.")
+    expect(dropped.locator("#list-told")).to_have_text("The list was applied.")
     expect(row.get_by_role("textbox")).to_have_value("S91")
     expect(row.get_by_role("combobox")).to_have_value("left")
 

@@ -14,6 +14,7 @@ from fusion.simulation import write_recordings
 from tests.pages.conftest import finish
 from tests.pages.steps import END_MS, note_questions, open_analysis, open_home, wait_for_curve
 from tests.pages.test_access import PASSWORD, SECRET, log_in
+from tests.pages.test_everyone import Look, list_barriers
 from tests.ways_in.servers import RunningServer
 
 pytestmark = pytest.mark.browser
@@ -176,6 +177,54 @@ def test_a_correction_is_discarded_down_to_the_settings_of_the_analysis(
     expect(page.locator("#periods tr")).to_have_count(0)
     leave_and_return(page, server, report_id)
     expect(page.get_by_role("radio", name="right")).to_be_checked()
+
+
+def correct_in_another_tab(page: Page, server: RunningServer, report_id: str) -> None:
+    other = page.context.new_page()
+    open_analysis(other, server, report_id)
+    wait_for_curve(other)
+    other.locator("#subject").fill("S075")
+    other.get_by_role("button", name="Update").click()
+    expect(other.locator(".meta").first).to_contain_text("version 2", timeout=END_MS)
+    other.close()
+
+
+def test_a_correction_of_an_outdated_version_opens_the_newer_one_as_a_draft(
+    page: Page, server: RunningServer, tmp_path: Path
+) -> None:
+    report_id = finish(server, write_recordings(tmp_path, "gt9x", 0.02, 75)[0], subject="S074", side="right")
+    open_analysis(page, server, report_id)
+    wait_for_curve(page)
+    correct_in_another_tab(page, server, report_id)
+    page.get_by_role("radio", name="left").check()
+
+    page.get_by_role("button", name="Update").click()
+    refused = page.locator("#refused")
+    expect(refused).to_contain_text("This report was updated after you opened it")
+    assert list_barriers(page, Look("en", "light", 1280), "#correction") == []
+    refused.get_by_role("link", name="Open the newer version with what I typed").click()
+
+    expect(page.locator(".meta").first).to_contain_text("version 2", timeout=END_MS)
+    expect(page.locator("#correction [data-unsent]")).to_contain_text(RESTORED)
+    expect(page.get_by_role("radio", name="left")).to_be_checked()
+    expect(page.locator("#subject")).to_have_value("S075")  # the other tab's change stays
+
+
+def test_a_conclusion_on_an_outdated_version_opens_the_newer_one_as_a_draft(
+    page: Page, server: RunningServer, tmp_path: Path
+) -> None:
+    report_id = finish(server, write_recordings(tmp_path, "gt9x", 0.02, 76)[0], subject="S074", side="right")
+    open_analysis(page, server, report_id)
+    wait_for_curve(page)
+    correct_in_another_tab(page, server, report_id)
+    page.get_by_label("What you conclude").fill(TYPED)
+    page.get_by_label("Your name").fill("M. Tremblay")
+
+    page.get_by_role("button", name="Add to the report").click()
+    page.locator("#conclude").get_by_role("link", name="Open the newer version with what I typed").click()
+
+    expect(page.locator(".meta").first).to_contain_text("version 2", timeout=END_MS)
+    expect(page.get_by_label("What you conclude")).to_have_value(TYPED)
 
 
 def test_what_an_earlier_release_kept_is_left_aside(

@@ -249,3 +249,15 @@ def test_a_sample_shift_is_one_click_away(page: Page, server: RunningServer) -> 
     page.get_by_role("button", name="Analyse a sample shift").click()
 
     expect(page.get_by_role("heading", name="The answer in short")).to_be_visible(timeout=END_MS)
+
+
+def test_of_many_files_the_first_that_is_sent_is_in_sight(
+    page: Page, server: RunningServer, tmp_path: Path
+) -> None:
+    page.set_viewport_size({"width": 1440, "height": 900})
+    page.route("**/api/v1/uploads**", lambda route: None)  # never answered, so that all rows stay
+    open_home(page, server)
+
+    page.set_input_files("#files", [make_file(tmp_path, f"many{number:02}.csv") for number in range(12)])
+
+    expect(find_upload(page, "many00.csv")).to_be_in_viewport()

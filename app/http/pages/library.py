@@ -68,6 +68,7 @@ from fusion.conventions import Side
 MAX_ROWS = 10_000
 MAX_BATCHES = 200
 MAX_STUDY_ROWS = 1_000
+MOST_NAMED = 12
 MAX_SELECTED = 500
 SHOWN = 500
 MAX_VIEWS = 50
@@ -522,18 +523,41 @@ def retry_batch(batch_id: str, page: UsedPage) -> Response:
 
 @router.post("/studies/{batch_id}/participants")
 def import_participants(
-    batch_id: str, services: UsedServices, content: Annotated[bytes, Depends(read_body)]
+    batch_id: str, page: UsedPage, content: Annotated[bytes, Depends(read_body)], *, preview: bool = False
 ) -> dict[str, Any]:
-    """Read a list of participants, and set the reports again that get another subject or side.
+    """Read a list of participants, and set the reports again that it changes; ``preview``: change nothing.
 
-    Return how many change (``changed``), and the listed files that the study does not contain (``unknown``).
+    Return how many change (``changed``), the listed files that the study does not contain (``unknown``), the
+    recordings without a row (``unlisted``), and all of this in words (``told``).
     """
+    services = page.services
     jobs = _find_newest(services, services.batches.get(batch_id).id)
     places = (Path(job.recording_id, find_path(services, job)) for job in jobs)  # the id makes each unique
     tasks = [Task(place, job.request, Path()) for place, job in zip(places, jobs, strict=True)]
     assigned, unknown = assign_participants(tasks, content, None)
-    changed = _describe_all(services, jobs, [task.request for task in assigned])
-    return {"changed": changed, "unknown": [row.file for row in unknown]}
+    requests = [task.request for task in assigned]
+    changed = sum(job.request != asked for job, asked in zip(jobs, requests, strict=True))
+    if not preview:
+        _describe_all(services, jobs, requests)
+    pairs = zip(tasks, assigned, jobs, strict=True)
+    unlisted = [job.file_name for task, after, job in pairs if after is task]
+    names = [row.file for row in unknown]
+    told = _describe_list(page, len(jobs) - len(unlisted), changed, names, unlisted)
+    return {"changed": changed, "unknown": names, "unlisted": unlisted, "told": told}
+
+
+def _describe_list(
+    page: Page, matched: int, changed: int, unknown: Sequence[str], unlisted: Sequence[str]
+) -> list[str]:
+    """Return the numbers of matches and changes of a list in words, and the names without a match."""
+    words = page.words()["studies"]["list"]
+    told = [fill(words["matched"], {"n": str(matched), "changed": str(changed)})]
+    for word, names in (("unknown", unknown), ("unlisted", unlisted)):
+        if names:
+            shown, rest = ", ".join(names[:MOST_NAMED]), len(names) - MOST_NAMED
+            more = {"more": str(rest)} if rest > 0 else {}
+            told.append(fill(words[word], {"n": str(len(names)), "names": shown} | more))
+    return told
 
 
 @router.post("/studies/{batch_id}/whose")
@@ -561,8 +585,8 @@ def _find_newest(services: Services, batch_id: str) -> list[Job]:
     return [job for job in newest if job.request.reference is None]
 
 
-def _describe_all(services: Services, jobs: Sequence[Job], requests: Sequence[ReportRequest]) -> int:
-    """Store the subjects and arms that differ, and make those reports again; return their number.
+def _describe_all(services: Services, jobs: Sequence[Job], requests: Sequence[ReportRequest]) -> None:
+    """Store the subjects and arms that differ, and make those reports again.
 
     Raises Busy.
     """
@@ -570,7 +594,7 @@ def _describe_all(services: Services, jobs: Sequence[Job], requests: Sequence[Re
     check_queue(services, len(changed))
     for job, asked in changed:
         update_description(services, job, asked, ("subject", "side"))
-    return services.store.repeat_all(changed)
+    services.store.repeat_all(changed)
 
 
 def _describe_batch(page: Page, batch: Batch) -> dict[str, str]:

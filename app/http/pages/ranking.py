@@ -84,14 +84,14 @@ def build_ranking(entries: Sequence[Entry], language: Language) -> Ranking:
     grouped: dict[tuple[str, str], list[_Counted]] = {}
     short = 0
     for entry in entries:
-        headline, request = entry.headline, entry.job.request
+        headline, (subject, side) = entry.headline, _find_label(entry)
         if headline is None or headline.above_60_percent is None:
             continue
         if headline.is_short:
             short += 1
             continue
-        whose = find_code(request.subject).casefold() or entry.job.recording_id
-        group = grouped.setdefault((whose, request.side or ""), [])
+        whose = find_code(subject).casefold() or entry.job.recording_id
+        group = grouped.setdefault((whose, side), [])
         group.append((entry, headline, headline.above_60_percent))
     ranked = sorted(grouped.values(), key=lambda days: -fmean(percent for *_, percent in days))
     ends = [
@@ -110,7 +110,7 @@ def build_ranking(entries: Sequence[Entry], language: Language) -> Ranking:
 
 def _rank_arm(days: Sequence[_Counted], top: float, language: Language) -> RankedArm:
     entry, headline, _ = days[0]
-    request, words = entry.job.request, load_wording(language, "page")
+    (subject, side), words = _find_label(entry), load_wording(language, "page")
     percents = [percent for *_, percent in days]
     interval, line = headline.interval, None
     detail = format_range(interval, language)
@@ -119,11 +119,11 @@ def _rank_arm(days: Sequence[_Counted], top: float, language: Language) -> Ranke
         detail = fill(words["studies"]["days"], {"n": str(len(days)), "low": low, "high": high})
     elif interval:
         line = (_place(interval.low, top), _place(interval.high, top))
-    address = f"/person?{urlencode({'subject': request.subject})}"
+    address = f"/person?{urlencode({'subject': subject})}"
     return RankedArm(
-        name=request.subject or entry.job.file_name,
-        address=address if request.subject else f"/analyses/{entry.job.id}",
-        side=words["column"][f"side_{request.side}"] if request.side else "–",
+        name=subject or entry.job.file_name,
+        address=address if subject else f"/analyses/{entry.job.id}",
+        side=words["column"][f"side_{side}"] if side else "–",
         above=format_percent(fmean(percents), language),
         detail=detail,
         at=_place(fmean(percents), top),
@@ -138,12 +138,17 @@ def _place(percent: float, top: float) -> str:
     return f"{100 * min(percent, top) / top:.1f}%"
 
 
+def _find_label(entry: Entry) -> tuple[str, str]:
+    """Return subject and arm of the recording, which a report that is being set again does not have yet."""
+    return entry.subject or entry.label.subject, entry.side or entry.label.side or ""
+
+
 def build_study_row(entry: Entry, language: Language) -> StudyRow:
     """Build the row of a recording; a missing subject or arm is proposed from file and folder names."""
     job, headline = entry.job, entry.headline
     row, words = build_row(job, language), load_wording(language, "page")
     proposal = propose_description(f"{entry.folder}/{job.file_name}")
-    subject, side = entry.subject or entry.label.subject, entry.side or entry.label.side
+    subject, side = _find_label(entry)
     state, state_word = row.state, row.state_word
     if headline:
         state, state_word = headline.verdict, words["verdict_short"][headline.verdict]

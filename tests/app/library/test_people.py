@@ -217,6 +217,18 @@ def test_recordings_without_a_subject_are_never_one_person(library: Library, she
     assert list_ranked(rank(library)) == [("a", "–", "6.0\u202f%"), ("b", "–", "4.0\u202f%")]
 
 
+def test_a_new_subject_and_arm_are_ranked_before_the_report_is_set_again(
+    library: Library, shelf: Shelf
+) -> None:
+    shelf.put("P04_right.gt3x", 6.0, study=STUDY)
+    (entry,) = library.find_page(LibraryFilter(batch=STUDY_ID), 100)
+
+    ranking = build_ranking([replace(entry, subject="P04", side="right")], "en")
+
+    assert list_ranked(ranking) == [("P04", "right", "6.0\u202f%")]
+    assert ranking.arms[0].address == "/person?subject=P04"
+
+
 def test_a_dot_and_its_range_are_placed_on_one_scale(library: Library, shelf: Shelf) -> None:
     shelf.put("1", 5.0, subject="S1", side="left", study=STUDY, ends=(2.0, 18.0))
 

@@ -99,9 +99,22 @@ def test_the_list_says_whose_arm_is_in_which_file_once(client: TestClient, study
 
     whose = {"0.csv": ("S01", "left"), "1.csv": ("", None)}
     items = client.get("/api/v1/recordings").json()["items"]
-    assert (told, again) == ({"changed": 1, "unknown": ["7.csv"]}, {"changed": 0, "unknown": ["7.csv"]})
+    assert (told["changed"], again["changed"], told["unknown"]) == (1, 0, ["7.csv"])
     assert read_whose(client, study) == whose
     assert {item["file_name"]: (item["subject"], item["side"]) for item in items} == whose
+
+
+def test_a_preview_of_the_list_names_what_does_not_fit_and_changes_nothing(
+    client: TestClient, study: str
+) -> None:
+    told = client.post(f"{study}?preview=1&lang=en", content="file,subject\n0.csv,S01\n7.csv,S07\n").json()
+
+    assert [line.replace("\u00a0", " ") for line in told["told"]] == [
+        "1 recording of this study has a row in the list. It changes 1 of them.",
+        "1 row fits no recording of this study: 7.csv.",
+        "1 recording has no row and stays as it is: 1.csv.",
+    ]
+    assert read_whose(client, study) == {"0.csv": ("", None), "1.csv": ("", None)}
 
 
 @pytest.mark.parametrize(
@@ -129,7 +142,7 @@ def test_a_row_for_a_name_that_was_uploaded_twice_is_refused_until_it_names_the_
     told = client.post(study, content=f"file,subject\n{name},S01\n").json()
 
     assert (refused.status_code, name in refused.text) == (422, True)
-    assert told == {"changed": 1, "unknown": []}
+    assert (told["changed"], told["unknown"]) == (1, [])
 
 
 def test_the_pages_of_studies_show_no_address_of_the_api(client: TestClient, study: str) -> None:

@@ -12,7 +12,15 @@ from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import HTMLResponse
 from pydantic import BaseModel
 
-from app.errors import BadParameter, NoSuchFile, NotHere, ResultDamaged, StoreDamaged, find_outcome_of_code
+from app.errors import (
+    BadParameter,
+    NoSuchFile,
+    NotHere,
+    ResultDamaged,
+    StaleVersion,
+    StoreDamaged,
+    find_outcome_of_code,
+)
 from app.http.api.library.released import read_report
 from app.http.api.trust import get_names, get_person_name
 from app.http.middleware.access import UsedSubject, get_subject, may
@@ -537,5 +545,6 @@ def respond_with_page(request: Request, error: Refusal) -> HTMLResponse:
         status=find_outcome_of_code(error.code).status,
         problem=describe_problem(error.code, error.facts, page.language),
         code=error.code,
+        newer=error.facts.get("analysis", "") if may_read and error.code == StaleVersion.code else "",
         damage=build_damage(page, error.facts) if is_damaged else None,
     )

@@ -69,6 +69,7 @@ OTHER = "other"
 MAX_SHIFTS = 100
 AROUND_S, SHORTEST_VIEW_S = 60.0, 300.0
 TOP_PX, BASE_PX, HEIGHT_PX, SCALE_PX = 20.0, 110.0, 126.0, 30.0
+LABEL_PX = 18.0
 TOP_DEG = 180.0
 MAX_SHOWN = 200
 
@@ -353,10 +354,14 @@ def _draw(
         return BASE_PX - angle_deg / TOP_DEG * (BASE_PX - TOP_PX)
 
     body = []
+    free_px = 0.0
     for number_of, (start_s, stop_s, value) in enumerate(marks, 1):
         left_px, wide_px = place(start_s), max(place(stop_s) - place(start_s), 3.0)
+        middle_px = left_px + wide_px / 2
         body.append(rect(left_px, TOP_PX, wide_px, BASE_PX - TOP_PX, f'class="stretch" data-value="{value}"'))
-        body.append(text(left_px + wide_px / 2, TOP_PX - 6, str(number_of), "strong", "middle"))
+        if middle_px >= free_px:  # a number never covers the one before it
+            body.append(text(middle_px, TOP_PX - 6, str(number_of), "strong", "middle"))
+            free_px = middle_px + LABEL_PX
     for x_px in map(place, _list_midnights(clock, end_s)):
         body += [line(x_px, TOP_PX, x_px, BASE_PX, f'{RULE} stroke-width="0.6"')]
     for angle_deg in (0.0, 90.0):

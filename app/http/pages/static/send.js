@@ -9,6 +9,7 @@ export async function send(form, button, { busy, lost, refused }, go = (address)
     const answer = await fetch(to, { method: "POST", body: new URLSearchParams(new FormData(form)) });
     if (answer.ok) return form.dispatchEvent(new Event("sent")), go(answer.url);
     refuse(refused, await answer.text());
+    form.dispatchEvent(new Event("refused"));
     lost.hidden = true;
   } catch {
     lost.hidden = false;

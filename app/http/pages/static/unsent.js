@@ -17,6 +17,7 @@ export class Unsent {
     this.shown = this.show();
     form.addEventListener("input", () => this.keep());
     form.addEventListener("sent", () => this.forget());
+    form.addEventListener("refused", () => this.offerNewer());
     this.note.querySelector("button").addEventListener("click", () => this.discard());
     window.addEventListener("pagehide", () => this.save(true));
     document.addEventListener("visibilitychange", () => (document.hidden ? this.save(true) : this.show()));
@@ -29,7 +30,7 @@ export class Unsent {
     const isOwn = this.serialize() !== this.saved; // typed here since the last draft
     if (!draft || draft.text === this.serialize() || isOwn) return;
     try {
-      this.restore(draft.text);
+      this.restore(adapt(draft.text, this.asServed));
     } catch {
       this.restore(this.asServed); // written by an earlier release
       return this.send("DELETE");
@@ -79,11 +80,48 @@ export class Unsent {
     this.send("DELETE");
   }
 
+  // The report has a newer version: keep what was typed as a draft of that one, and open it.
+  offerNewer() {
+    const link = this.form.querySelector("[data-newer]");
+    if (!link) return;
+    link.textContent = link.dataset.carry;
+    link.addEventListener("click", async (event) => {
+      event.preventDefault();
+      const [old, text] = [this.address, this.serialize()];
+      this.address = old.replace(/an_\w+$/, link.dataset.newer);
+      const isMoved = this.address !== old;
+      const body = isMoved ? JSON.stringify({ ...JSON.parse(text), base: JSON.parse(this.asServed) }) : text;
+      this.isKept = await this.send("PUT", body);
+      this.saved = text;
+      location.assign(link.href);
+    });
+  }
+
   discard() {
     this.restore(this.asServed);
     this.forget();
     this.form.dispatchEvent(new Event("change"));
   }
+}
+
+// Of a draft that was typed on an older version (base), take what was changed there and leave the rest as it is now.
+function adapt(text, served) {
+  const { base, ...typed } = JSON.parse(text);
+  if (!base) return text;
+  const now = JSON.parse(served);
+  const has = (rows, row) => rows.some((other) => isSame(other, row));
+  for (const [name, value] of Object.entries(typed)) {
+    if (isSame(value, base[name])) typed[name] = now[name];
+    else if (name === "rows") {
+      const kept = now.rows.filter((row) => has(value, row) || !has(base.rows, row));
+      typed.rows = [...kept, ...value.filter((row) => !has(base.rows, row) && !has(kept, row))];
+    }
+  }
+  return JSON.stringify(typed);
+}
+
+function isSame(one, other) {
+  return JSON.stringify(one) === JSON.stringify(other);
 }
 
 // Return a time on the clock of this computer, without its zone.

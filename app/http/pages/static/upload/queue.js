@@ -21,14 +21,16 @@ export class Queue {
   }
 
   add(files, values) {
-    for (const file of files) {
-      const entry = { file };
+    const added = files.map((file) => ({ file }));
+    for (const entry of added) {
+      const { file } = entry;
       const kept = recall()[fingerprint(file)] || {}; // stated before a reload
       entry.study = values.study || kept.study || "";
       entry.row = new Row(file, { cancel: () => this.cancel(entry), retry: () => this.retry(entry), remove: () => this.remove(entry) });
       this.all.add(entry);
       this.waiting.push(entry);
     }
+    added[0]?.row.item.scrollIntoView({ block: "nearest" });
     this.next();
   }
 

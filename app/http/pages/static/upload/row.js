@@ -19,7 +19,6 @@ export class Row {
     for (const button of this.item.querySelectorAll("[data-do]")) button.setAttribute("aria-label", this.name(button.textContent, file.name));
     $("uploads").append(this.item);
     this.show("waiting");
-    this.item.scrollIntoView({ block: "nearest" });
   }
 
   part(selector) {
