@@ -4,6 +4,7 @@ A zone is used only to print a clock time and to place a stated one. Samples and
 """
 
 import re
+from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta, timezone, tzinfo
 from difflib import get_close_matches
 from functools import cache
@@ -207,3 +208,44 @@ def list_zone_changes(start: datetime | None, duration_us: int) -> list[tuple[fl
             low_us, high_us = (middle_us, high_us) if is_before else (low_us, middle_us)
         changes.append((high_us / 1e6, round((after - before).total_seconds())))
     return changes
+
+
+# A window of clock time, such as one shift of a week.
+
+WINDOW_HINT = "2026-03-02T07:00/2026-03-02T15:30"
+
+
+@dataclass(frozen=True, slots=True)
+class ShiftWindow:
+    """A window of clock time.
+
+    ``start``, ``end``: with an offset from UTC only if the recording's clock has one; without one, they are
+    on the recording's clock.
+    """
+
+    start: datetime
+    end: datetime
+
+    def __post_init__(self) -> None:
+        """Raise ValueError if the window is empty."""
+        if (self.start.tzinfo is None) is not (self.end.tzinfo is None) or self.start >= self.end:
+            raise ValueError(WINDOW_HINT)
+
+    def __str__(self) -> str:
+        """Return the window as an interval of ISO 8601."""
+        return f"{self.start.isoformat()}/{self.end.isoformat()}"
+
+    def place(self, start: datetime) -> tuple[int, int]:
+        """Return the window in microseconds from the first sample of a recording that starts at ``start``."""
+        return measure_us(start, self.start), measure_us(start, self.end)
+
+
+def move_window(window: ShiftWindow, stated: datetime, device: datetime) -> ShiftWindow:
+    """Return a window on the device's clock; ``stated``, ``device``: the first sample on both clocks."""
+    return ShiftWindow(*(read_clock(device, at_us) for at_us in window.place(stated)))
+
+
+def parse_window(text: str) -> ShiftWindow:
+    """Parse ``2026-03-02T07:00/2026-03-02T15:30``. Raises ValueError."""
+    start, end = map(datetime.fromisoformat, text.strip().split("/"))
+    return ShiftWindow(start, end)

@@ -274,6 +274,14 @@ def join_overlapping(spans: Iterable[tuple[Number, Number]]) -> list[tuple[Numbe
     return joined
 
 
+def cut_windows(
+    windows_s: Iterable[tuple[float, float]], first_us: int, stop_us: int
+) -> tuple[tuple[float, float], ...]:
+    """Return the windows within a stretch, in seconds from its start instead of the recording's."""
+    first_s, stop_s = first_us / MICROSECONDS, stop_us / MICROSECONDS
+    return tuple((a - first_s, b - first_s) for a, b in windows_s if first_s <= a and b <= stop_s)
+
+
 def find_uncovered(
     spans: Iterable[tuple[Number, Number]], start: Number, end: Number, tolerance: Number
 ) -> list[tuple[Number, Number]]:

@@ -6,11 +6,10 @@ from dataclasses import dataclass, replace
 from datetime import datetime, time, timedelta
 from typing import TypeGuard
 
-from fusion.clocks import read_clock
+from fusion.clocks import ShiftWindow, read_clock
 from fusion.diary import DiaryEntry, parse_clock
 from fusion.errors import UnusableDiary
 from fusion.exposure.periods import place_moment
-from fusion.readers.time.window import ShiftWindow
 from fusion.recording import MICROSECONDS, Span, join_overlapping
 
 HOURS_HINT = "07:00-15:30"

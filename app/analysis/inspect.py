@@ -15,7 +15,7 @@ from app.store.folder import NOTHING_KNOWN, KnownFiles, hash_file
 from app.version import identify_engine
 from fusion.angle_files import AngleFile, read_angle_file, recognise_layout, resample_file
 from fusion.caveats import Caveat
-from fusion.clocks import correct_start
+from fusion.clocks import ShiftWindow, correct_start, move_window, parse_window
 from fusion.errors import FailedReader, FusionError, UnusableShift
 from fusion.pose.calibrate import propose_poses
 from fusion.quality.time_account import find_exclusions, propose_nonwear
@@ -29,7 +29,7 @@ from fusion.readers import (
 from fusion.readers.preview import MAX_GAPS, inspect_recording, preview_head
 from fusion.readers.tables.profile import propose_file_profile
 from fusion.readers.time.clock import set_clock
-from fusion.readers.time.window import ShiftWindow, cut_recording, move_window, parse_window
+from fusion.readers.time.window import cut_recording
 from fusion.recording import MICROSECONDS, Recording, find_missing, find_uncovered
 from fusion.shifts import propose
 

@@ -14,12 +14,11 @@ from app.batch.folder import MARKER, Task, identify_place
 from app.errors import Crashed, Interrupted, RecordedProblem
 from app.request import BY_DIARY, ReportRequest
 from app.settings import Settings
-from fusion.clocks import correct_start, read_clock
+from fusion.clocks import ShiftWindow, correct_start, read_clock
 from fusion.diary import DiaryEntry
 from fusion.errors import UnusableClock
 from fusion.exposure.periods import find_diary_poses
-from fusion.readers.time.window import ShiftWindow, cut_windows
-from fusion.recording import MICROSECONDS
+from fusion.recording import MICROSECONDS, cut_windows
 from fusion.shifts import cut_diary, find_by_diary, find_by_hours, parse_hours
 
 

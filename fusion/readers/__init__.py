@@ -21,6 +21,7 @@ from fusion.checks.faults import (
 )
 from fusion.checks.physics import add_flags, are_units_stated, check_physics, refuse_impossible_rates
 from fusion.checks.summary import flag_resolution, forget_summaries
+from fusion.clocks import ShiftWindow
 from fusion.devices import UNREAD_FORMATS
 from fusion.documents import MAGIC, find_document
 from fusion.errors import (
@@ -77,7 +78,7 @@ from fusion.readers.tables.profile import (
 )
 from fusion.readers.time.clock import flag_days
 from fusion.readers.time.joining import join_recordings
-from fusion.readers.time.window import ShiftWindow, cut_recording
+from fusion.readers.time.window import cut_recording
 from fusion.recording import ACC_UNITS_G, QualityFlag, Recording
 
 __all__ = [

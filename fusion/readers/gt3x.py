@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
-from fusion.clocks import format_offset, parse_offset_s
+from fusion.clocks import ShiftWindow, format_offset, parse_offset_s
 from fusion.errors import DamagedFile, MissingMember, NoGyroscope, NoSamples, UnknownColumns, UnusableShift
 from fusion.numba_kernels import njit
 from fusion.readers.samples import SampleColumns
@@ -38,7 +38,6 @@ from fusion.readers.source import (
     scan_pieces,
 )
 from fusion.readers.time.clock import find_zone, flag_drift, flag_zone_changes, hash_serial, trust_clock
-from fusion.readers.time.window import ShiftWindow
 from fusion.recording import (
     MICROSECONDS,
     QualityFlag,

@@ -16,6 +16,7 @@ from typing import IO, BinaryIO, Literal, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.clocks import ShiftWindow
 from fusion.errors import (
     CorruptArchive,
     MissingMember,
@@ -24,7 +25,6 @@ from fusion.errors import (
     UnknownFormat,
     UnsafeArchive,
 )
-from fusion.readers.time.window import ShiftWindow
 
 Found = TypeVar("Found")
 

@@ -166,6 +166,8 @@ class DayView(SourceView):
     method: str | None
     pose: str | None
     left_out: Literal["short", "long"] | None
+    job_title: str
+    isco_code: str
     figures: dict[str, float | None]
     ranges: dict[str, RangeView | None]
 
@@ -258,6 +260,16 @@ class GroupView(_Exact):
     levels: list[MeanLevelView]
 
 
+class JobView(_Exact):
+    """The spread of the people of one job; without a title and a code, of the pooled jobs."""
+
+    side: Side | None
+    stage: Stage
+    job_title: str | None
+    isco_code: str | None
+    figures: dict[str, SpreadView]
+
+
 class PeopleChangeView(_Exact):
     """After minus before, for people with days on both sides; ``detectable`` applies to a single person."""
 
@@ -285,6 +297,7 @@ class ProfileView(_Exact):
     differences: list[str]
     arms: list[ArmDaysView]
     group: list[GroupView]
+    jobs: list[JobView]
     change: list[SideChangeView]
     rules: dict[str, float]
     source: str

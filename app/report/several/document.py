@@ -221,7 +221,7 @@ def list_jobs(
 
 
 def _split_jobs(arms: Sequence[ArmDays]) -> list[frozenset[str]]:
-    """Return the jobs to show, each alone in alphabetical order, and last those that are pooled."""
+    """Return the jobs to show in alphabetical order; the pooled jobs come last."""
     people: dict[str, set[str]] = {}
     for arm in arms:
         for day in arm.counted:

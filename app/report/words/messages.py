@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from app.errors import InternalError
 from app.report.words.numbers import format_duration, format_exact, format_number
-from app.report.words.wording import Language, Words, clean_text, fill, load_wording
+from app.report.words.wording import MAX_TEXT, Language, Words, clean_text, fill, load_wording
 from fusion.errors import Fact, split_facts
 
 if TYPE_CHECKING:
@@ -76,7 +76,8 @@ def format_facts(facts: Mapping[str, Fact], language: Language) -> dict[str, str
     for name, value in facts.items():
         if isinstance(value, str):
             terms = words["reason"] if name == "left_out" else words["fact"].get(name, {})
-            shown[name] = str(terms.get(value) or clean_text(value))
+            most = 2 * MAX_TEXT if name == "allowed" else MAX_TEXT  # our list of every option
+            shown[name] = str(terms.get(value) or clean_text(value, most))
         else:
             decimals = 2 if abs(value) >= 0.1 else 4
             shown[name] = format_exact(value if isinstance(value, int) else round(value, decimals), language)

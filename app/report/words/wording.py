@@ -192,9 +192,9 @@ def cut_text(text: str, most: int) -> str:
     return text if len(text) <= most else text[: most - 1].rstrip() + "…"
 
 
-def clean_text(text: str) -> str:
-    """Remove invisible characters (controls, direction marks, surrogates) and cut at 200 characters."""
-    return _keep_visible(text)[:MAX_TEXT]
+def clean_text(text: str, most: int = MAX_TEXT) -> str:
+    """Remove invisible characters (controls, direction marks, surrogates); cut what is too long."""
+    return _keep_visible(text)[:most]
 
 
 def check_conclusion(text: str) -> str:

@@ -4,54 +4,15 @@ The recording of a window has its samples and nothing else, so that every later 
 recording.
 """
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
-from datetime import datetime
+from collections.abc import Iterator
+from dataclasses import replace
 
 from fusion.caveats import Caveat
 from fusion.checks.faults import cut_rows
-from fusion.clocks import measure_us, read_clock
+from fusion.clocks import ShiftWindow, read_clock
 from fusion.errors import UnusableShift
 from fusion.readers.time.clock import flag_days
-from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment, Span, flag_gaps
-
-WINDOW_HINT = "2026-03-02T07:00/2026-03-02T15:30"
-
-
-@dataclass(frozen=True, slots=True)
-class ShiftWindow:
-    """A window of clock time.
-
-    ``start``, ``end``: with an offset from UTC only if the recording's clock has one; without one, they are
-    on the recording's clock.
-    """
-
-    start: datetime
-    end: datetime
-
-    def __post_init__(self) -> None:
-        """Raise ValueError if the window is empty."""
-        if (self.start.tzinfo is None) is not (self.end.tzinfo is None) or self.start >= self.end:
-            raise ValueError(WINDOW_HINT)
-
-    def __str__(self) -> str:
-        """Return the window as an interval of ISO 8601."""
-        return f"{self.start.isoformat()}/{self.end.isoformat()}"
-
-    def place(self, start: datetime) -> tuple[int, int]:
-        """Return the window in microseconds from the first sample of a recording that starts at ``start``."""
-        return measure_us(start, self.start), measure_us(start, self.end)
-
-
-def move_window(window: ShiftWindow, stated: datetime, device: datetime) -> ShiftWindow:
-    """Return a window on the device's clock; ``stated``, ``device``: the first sample on both clocks."""
-    return ShiftWindow(*(read_clock(device, at_us) for at_us in window.place(stated)))
-
-
-def parse_window(text: str) -> ShiftWindow:
-    """Parse ``2026-03-02T07:00/2026-03-02T15:30``. Raises ValueError."""
-    start, end = map(datetime.fromisoformat, text.strip().split("/"))
-    return ShiftWindow(start, end)
+from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment, Span, cut_windows, flag_gaps
 
 
 def cut_recording(recording: Recording, window: ShiftWindow) -> Recording:
@@ -92,14 +53,6 @@ def cut_recording(recording: Recording, window: ShiftWindow) -> Recording:
             pose_held=recording.pose_held if first_us == 0 else None,
         )
     )
-
-
-def cut_windows(
-    windows_s: Iterable[tuple[float, float]], first_us: int, stop_us: int
-) -> tuple[tuple[float, float], ...]:
-    """Return the windows within a stretch, in seconds from its start instead of the recording's."""
-    first_s, stop_s = first_us / MICROSECONDS, stop_us / MICROSECONDS
-    return tuple((a - first_s, b - first_s) for a, b in windows_s if first_s <= a and b <= stop_s)
 
 
 def _cut_segment(segment: Segment, first_us: int, stop_us: int) -> Iterator[Segment]:

@@ -19,6 +19,7 @@ ASKED = ReportRequest(NAME, "S012", "right", kinds=("html", "pdf"), diary=(Diary
 LABELS: dict[str, dict[str, Any]] = {
     "subject": {"subject": "S013"},
     "side": {"side": "left"},
+    "job": {"job_title": "Carpenter", "isco_code": "7115"},
     "conclusion": {"conclusion": Conclusion("Overhead work\nis the load.", "M. Tremblay", "2026-11-23")},
     "reason": {"reason": "wrong arm", "version": 2, "changes": ("side",)},
     "language": {"languages": ("fr-CA",)},

@@ -142,8 +142,9 @@ def test_no_page_links_to_itself_with_a_secret(shared: TestClient, path: str) ->
 
 API = "/api/v1"
 ANALYZE = (
-    "side, subject, method, pose, lang, paper, appendix, calibration, pose_held, axis, slip_at, no_slip_at, "
-    "shift, rate_hz, time_zone, clock_offset, sensor, date_order, study, file_name, external_id, again"
+    "side, subject, job_title, isco_code, method, pose, lang, paper, appendix, calibration, pose_held, axis, "
+    "slip_at, no_slip_at, shift, rate_hz, time_zone, clock_offset, sensor, date_order, study, file_name, "
+    "external_id, again"
 )
 
 

@@ -57,8 +57,7 @@ from app.report.words.wording import fill
 from app.request import ReportRequest, propose_description
 from app.store.day_file import DayFile
 from app.store.folder import borrow_recording
-from fusion.clocks import correct_start, measure_us, read_clock
-from fusion.readers.time.window import ShiftWindow, parse_window
+from fusion.clocks import ShiftWindow, correct_start, measure_us, parse_window, read_clock
 from fusion.recording import MICROSECONDS
 from fusion.shifts import HOURS_HINT, find_by_hours, parse_hours
 

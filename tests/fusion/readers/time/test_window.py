@@ -6,9 +6,10 @@ from datetime import datetime
 import numpy as np
 import pytest
 
+from fusion.clocks import ShiftWindow, parse_window
 from fusion.errors import UnusableShift
-from fusion.readers.time.window import ShiftWindow, cut_recording, cut_windows, parse_window
-from fusion.recording import QualityFlag, Recording, Segment, Span
+from fusion.readers.time.window import cut_recording
+from fusion.recording import QualityFlag, Recording, Segment, Span, cut_windows
 
 START = datetime.fromisoformat("2026-03-02T06:59:50-05:00")
 
