@@ -8,9 +8,9 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
-from datetime import datetime
 from typing import Any, Literal
 
+from fusion.clocks import parse_interval
 from fusion.conventions import ArmAxis, MethodName, Pose, PoseHeld, Side
 from fusion.diary import DiaryEntry, TaskWindow, parse_clock, plain_word
 from fusion.errors import UnusableDiary
@@ -31,7 +31,6 @@ _NOBODY = frozenset({"n/a", "nan", "null", "none", "unknown", "inconnu", "inconn
 SUBJECT_HINT = f"<= {LONGEST_SUBJECT} printable characters"
 ISCO_HINT = "ISCO-08: 1-4 digits, 7115"
 WINDOW_HINT = "START_S,END_S"
-INTERVAL_HINT = "2026-03-02T07:00/2026-03-02T15:30"
 BY_DIARY = "diary"
 SHIFT_HINT = f"HH:MM-HH:MM|{BY_DIARY}"
 SLIP_HINT = "SECONDS"
@@ -163,10 +162,7 @@ def check_hours(text: str) -> str:
 
 def check_interval(text: str) -> str:
     """Return the window of a shift as an interval of ISO 8601. Raises ValueError."""
-    start, end = map(datetime.fromisoformat, text.split("/"))
-    if (start.tzinfo is None) is not (end.tzinfo is None) or start >= end:
-        raise ValueError(INTERVAL_HINT)
-    return f"{start.isoformat()}/{end.isoformat()}"
+    return str(parse_interval(text))
 
 
 def find_window_hint(pose: Pose, window_count: int, arm_axis: ArmAxis | None) -> str:

@@ -212,7 +212,7 @@ def list_zone_changes(start: datetime | None, duration_us: int) -> list[tuple[fl
 
 # A window of clock time, such as one shift of a week.
 
-WINDOW_HINT = "2026-03-02T07:00/2026-03-02T15:30"
+INTERVAL_HINT = "2026-03-02T07:00/2026-03-02T15:30"
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,7 +229,7 @@ class ShiftWindow:
     def __post_init__(self) -> None:
         """Raise ValueError if the window is empty."""
         if (self.start.tzinfo is None) is not (self.end.tzinfo is None) or self.start >= self.end:
-            raise ValueError(WINDOW_HINT)
+            raise ValueError(INTERVAL_HINT)
 
     def __str__(self) -> str:
         """Return the window as an interval of ISO 8601."""
@@ -245,7 +245,7 @@ def move_window(window: ShiftWindow, stated: datetime, device: datetime) -> Shif
     return ShiftWindow(*(read_clock(device, at_us) for at_us in window.place(stated)))
 
 
-def parse_window(text: str) -> ShiftWindow:
+def parse_interval(text: str) -> ShiftWindow:
     """Parse ``2026-03-02T07:00/2026-03-02T15:30``. Raises ValueError."""
-    start, end = map(datetime.fromisoformat, text.strip().split("/"))
+    start, end = map(datetime.fromisoformat, text.split("/"))
     return ShiftWindow(start, end)

@@ -15,7 +15,7 @@ from app.store.folder import NOTHING_KNOWN, KnownFiles, hash_file
 from app.version import identify_engine
 from fusion.angle_files import AngleFile, read_angle_file, recognise_layout, resample_file
 from fusion.caveats import Caveat
-from fusion.clocks import ShiftWindow, correct_start, move_window, parse_window
+from fusion.clocks import ShiftWindow, correct_start, move_window, parse_interval
 from fusion.errors import FailedReader, FusionError, UnusableShift
 from fusion.pose.calibrate import propose_poses
 from fusion.quality.time_account import find_exclusions, propose_nonwear
@@ -83,7 +83,7 @@ def find_window(request: ReportRequest) -> ShiftWindow | None:
     Raises UnusableShift: it is not an interval, because the recording had no clock to cut it by.
     """
     try:
-        return parse_window(request.shift) if request.shift else None
+        return parse_interval(request.shift) if request.shift else None
     except ValueError:
         why = "no days" if request.shift == BY_DIARY else "no clock"
         raise UnusableShift(why=why, window=request.shift) from None

@@ -3,7 +3,7 @@
 import json
 import tempfile
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -14,7 +14,7 @@ from app.batch.folder import MARKER, Task, identify_place
 from app.errors import Crashed, Interrupted, RecordedProblem
 from app.request import BY_DIARY, ReportRequest
 from app.settings import Settings
-from fusion.clocks import ShiftWindow, correct_start, read_clock
+from fusion.clocks import ShiftWindow, correct_start, parse_interval, read_clock
 from fusion.diary import DiaryEntry
 from fusion.errors import UnusableClock
 from fusion.exposure.periods import find_diary_poses
@@ -35,8 +35,7 @@ def _split(task: Task, *, not_removed: bool) -> list[Task]:
     whole = replace(task.request, shift="")
     try:
         extent = _measure(task.log, whole)
-        device = datetime.fromisoformat(extent["start"]) if extent["start"] else None
-        start = correct_start(device, whole.time_zone, whole.clock_offset_s)
+        start = read_start(extent, whole)
     except (RecordedProblem, Crashed, Interrupted, UnusableClock):
         return [replace(task, request=whole)]  # its analysis fails for the same reason
     if start is None:
@@ -66,6 +65,12 @@ def _measure(log: Path, request: ReportRequest) -> dict[str, Any]:
         run_and_wait(Attempt(log, request, Path(folder), load_and_measure, limits))
         found: dict[str, Any] = json.loads((Path(folder) / "extent.json").read_bytes())
         return found
+
+
+def read_start(extent: Mapping[str, Any], request: ReportRequest) -> datetime | None:
+    """Return the measured start by the stated clock; None without a clock. Raises UnusableClock."""
+    device = datetime.fromisoformat(extent["start"]) if extent["start"] else None
+    return correct_start(device, request.time_zone, request.clock_offset_s)
 
 
 def _find_windows(request: ReportRequest, start: datetime, duration_us: int) -> tuple[ShiftWindow, ...]:
@@ -139,7 +144,7 @@ def _carry_pose(first: ReportRequest, later: ReportRequest, start: datetime) -> 
     """Return a later request with the pose of the first shift, unless a pose was stated in its own time."""
     if later.arm_axis or any(entry.kind == "pose" for entry in later.diary):
         return later
-    window = ShiftWindow(*map(datetime.fromisoformat, first.shift.split("/")))
+    window = parse_interval(first.shift)
     first_us, stop_us = window.place(start)
     begin = read_clock(start, max(first_us, 0))
     windows_s = find_diary_poses(first.diary, begin, stop_us - max(first_us, 0))

@@ -175,7 +175,7 @@ def list_groups(studied: StudiedDays) -> Iterator[tuple[Side | None, Stage, dict
         return
     for side in studied.sides:
         for stage in studied.stages:
-            known = describe_arms([arm for arm in studied.arms if (arm.side, arm.stage) == (side, stage)])
+            known = describe_arms(studied.find_arms(side, stage))
             if known:
                 yield side, stage, known
 
@@ -203,12 +203,12 @@ def list_jobs(
 ) -> Iterator[tuple[Side | None, Stage, Job, dict[str, GroupSpread]]]:
     """Return the spread of each arm and side of the change by job, between and within five people or more.
 
-    Jobs of fewer than five people are pooled with the days without a job, and so is the smallest other job
-    while these are from fewer than five people: the difference from the group then describes no fewer. None
-    if no day has a job, or if no job has five people.
+    Jobs of fewer than five people are pooled with the days without a job. While the pool has fewer than five
+    people, the smallest other job joins it, because the group minus all jobs would describe the pool. Without
+    a job of five people there is nothing to return.
     """
     for side, stage, _ in list_groups(studied):
-        arms = [arm for arm in studied.arms if (arm.side, arm.stage) == (side, stage)]
+        arms = studied.find_arms(side, stage)
         shown = [
             [replace(arm, days=tuple(day for day in arm.days if day.job in jobs)) for arm in arms]
             for jobs in _split_jobs(arms)
@@ -243,7 +243,7 @@ def _name_job(arms: Sequence[ArmDays]) -> Job:
 
 def find_group_pose(studied: StudiedDays, name: str, side: Side | None, stage: Stage) -> PoseEnds | None:
     """Return the mean over people of the ends of the range with the pose's error, each person once."""
-    arms = [arm for arm in studied.arms if (arm.side, arm.stage) == (side, stage) and arm.counted]
+    arms = [arm for arm in studied.find_arms(side, stage) if arm.counted]
     ends = [ends for arm in arms if (ends := arm.find_pose_ends(name))]
     if not ends or len(ends) < len(arms):
         return None
@@ -269,10 +269,7 @@ def _collect(arms: Sequence[ArmDays], name: str) -> dict[str, list[float]]:
 
 def _find_change(studied: StudiedDays, name: str, side: Side | None) -> dict[str, Any] | None:
     """Compare before and after: one person by the days, a group by the range of its change."""
-    before, after = (
-        _collect([arm for arm in studied.arms if (arm.side, arm.stage) == (side, stage)], name)
-        for stage in ("before", "after")
-    )
+    before, after = (_collect(studied.find_arms(side, stage), name) for stage in ("before", "after"))
     change, detectable, verdict = compare_people(before, after), None, "unknown"
     if change is None or (studied.is_group and change.people < FEWEST_PEOPLE):
         return None

@@ -148,6 +148,10 @@ class StudiedDays:
         """Whether they are from several people; then only figures of five or more people are shown."""
         return self.one_person == "no"
 
+    def find_arms(self, side: Side | None, stage: Stage) -> tuple[ArmDays, ...]:
+        """Return the days of each person for one arm, on one side of the change."""
+        return tuple(arm for arm in self.arms if (arm.side, arm.stage) == (side, stage))
+
     @property
     def stages(self) -> tuple[Stage, ...]:
         """Sides of the change; only "all" without a change."""

@@ -32,7 +32,6 @@ from app.library.rows import Job
 from app.report.export.tables import encode_table
 from app.report.words.wording import MAX_TEXT, Language, check_conclusion, clean_text, find_other_language
 from app.request import (
-    INTERVAL_HINT,
     ISCO_HINT,
     LONGEST_CONCLUSION,
     LONGEST_SUBJECT,
@@ -52,7 +51,14 @@ from app.request import (
 )
 from app.settings import Settings
 from fusion.caveats import Caveat
-from fusion.clocks import OFFSET_HINT, ZONE_HINT, correct_start, parse_clock_offset, parse_time_zone
+from fusion.clocks import (
+    INTERVAL_HINT,
+    OFFSET_HINT,
+    ZONE_HINT,
+    correct_start,
+    parse_clock_offset,
+    parse_time_zone,
+)
 from fusion.conventions import AXIS_HINT, ArmAxis, MethodName, Pose, PoseHeld, Side, parse_arm_axis
 from fusion.diary import DiaryEntry, Kind, read_diary, refuse_slips, split_times
 from fusion.errors import UnusableDiary

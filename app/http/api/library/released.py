@@ -63,12 +63,14 @@ def _find_made(connection: HTTPConnection, services: Services, job: Job, name: s
     """
     if not name.startswith(STAMPED) or job.request.reference is not None:
         return None
+    release, is_deferred = services.releases.find(job.id), name in _list_deferred(job)
+    if release is None and not is_deferred:
+        return None
     check_succeeded(job, name)
-    release = services.releases.find(job.id)
-    stored = services.store.find_file(job.id, name)
-    if stored is None and name not in _list_deferred(job):
+    is_stored = services.store.find_file(job.id, name) is not None
+    if not (is_stored or is_deferred):
         raise NoSuchFile(name=name)
-    if release is None and stored is not None:
+    if release is None and is_stored:
         return None
     touch(job.recording_id, job.id)
     language = _find_language(job, name)

@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from datetime import date, datetime
+from datetime import date
 from typing import Annotated, Any
 from urllib.parse import urlencode
 
@@ -68,7 +68,7 @@ from app.report.words.wording import (
 from app.request import LONGEST_CONCLUSION, LONGEST_SUBJECT, Conclusion, ConclusionDraft, ReportRequest
 from app.services import Services, choose_language, find_services
 from app.store.folder import StoredRecording, seems_intact
-from fusion.clocks import format_clock_offset
+from fusion.clocks import format_clock_offset, parse_interval
 from fusion.errors import Fact, SeveralSensors
 from fusion.pose.rules import WINDOW_FAULTS
 from fusion.recording import MICROSECONDS
@@ -225,7 +225,7 @@ def build_shifts(page: Page, shown: Job) -> dict[str, Any] | None:
     }
     if shown.request.shift not in newest:
         return None
-    ordered = sorted(newest.items(), key=lambda item: datetime.fromisoformat(item[0].partition("/")[0]))
+    ordered = sorted(newest.items(), key=lambda item: parse_interval(item[0]).start)
     links = [
         ShiftLink(
             job.id, format_iso_moment(shift.partition("/")[0], page.language), shift == shown.request.shift

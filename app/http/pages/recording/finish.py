@@ -17,7 +17,7 @@ from fastapi import APIRouter, Depends, Response
 
 from app.batch.folder import Task
 from app.batch.inputs import assign_participants
-from app.batch.shifts import cut_request
+from app.batch.shifts import cut_request, read_start
 from app.errors import (
     BadParameter,
     NoSuchFile,
@@ -57,7 +57,7 @@ from app.report.words.wording import fill
 from app.request import ReportRequest, propose_description
 from app.store.day_file import DayFile
 from app.store.folder import borrow_recording
-from fusion.clocks import ShiftWindow, correct_start, measure_us, parse_window, read_clock
+from fusion.clocks import ShiftWindow, measure_us, parse_interval, read_clock
 from fusion.recording import MICROSECONDS
 from fusion.shifts import HOURS_HINT, find_by_hours, parse_hours
 
@@ -142,8 +142,7 @@ def _load_day(page: Page, job: Job) -> DayFile:
     services, request = page.services, job.request
     with borrow_recording(services.storage, job.recording_id, job.sha256) as path:
         extent = services.inspector.measure(path, request)
-    device = datetime.fromisoformat(extent["start"]) if extent["start"] else None
-    start = correct_start(device, request.time_zone, request.clock_offset_s)
+    start = read_start(extent, request)
     facts: dict[str, Any] = {
         "start": start.isoformat() if start else None,
         "time_zone": request.time_zone,
@@ -309,7 +308,7 @@ def _list_shifts(day: DayFile, page: Page) -> list[ShiftLine]:
     clock = DayClock.of(day.facts)
     assert clock.start is not None
     lines = []
-    for window in map(parse_window, day.facts.get("shifts", ())):
+    for window in map(parse_interval, day.facts.get("shifts", ())):
         start_s, end_s = (at_us / MICROSECONDS for at_us in window.place(clock.start))
         shown = clock.show_span(start_s, end_s, page.language)
         lines.append(ShiftLine(clock.format(start_s), clock.format(end_s), start_s, end_s, shown))

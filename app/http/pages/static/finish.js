@@ -108,7 +108,7 @@ class Card {
     this.show();
   }
 
-  // Whoever types a shift answers with it.
+  // Typing in the fields of a cut also chooses this cut.
   type({ target }) {
     isTyped = true;
     const cut = target.closest("[data-cut]")?.dataset.cut;

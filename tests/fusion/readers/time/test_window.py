@@ -6,7 +6,7 @@ from datetime import datetime
 import numpy as np
 import pytest
 
-from fusion.clocks import ShiftWindow, parse_window
+from fusion.clocks import ShiftWindow, parse_interval
 from fusion.errors import UnusableShift
 from fusion.readers.time.window import cut_recording
 from fusion.recording import QualityFlag, Recording, Segment, Span, cut_windows
@@ -33,7 +33,7 @@ def make_recording() -> Recording:
 
 
 def cut(window: str) -> Recording:
-    return cut_recording(make_recording(), parse_window(window))
+    return cut_recording(make_recording(), parse_interval(window))
 
 
 def test_the_samples_of_the_window_are_kept_from_its_first_on() -> None:
@@ -73,7 +73,7 @@ def test_excluded_time_and_caveats_move_with_the_window() -> None:
 def test_a_window_around_the_recording_changes_nothing() -> None:
     recording = make_recording()
 
-    assert cut_recording(recording, parse_window("2026-03-02T00:00/2026-03-03T00:00")) is recording
+    assert cut_recording(recording, parse_interval("2026-03-02T00:00/2026-03-03T00:00")) is recording
 
 
 @pytest.mark.parametrize(
@@ -87,7 +87,7 @@ def test_a_window_around_the_recording_changes_nothing() -> None:
 )
 def test_a_window_that_cannot_be_cut_is_refused(start: datetime | None, window: str, why: str) -> None:
     with pytest.raises(UnusableShift) as refusal:
-        cut_recording(replace(make_recording(), start=start), parse_window(window))
+        cut_recording(replace(make_recording(), start=start), parse_interval(window))
 
     assert refusal.value.facts["why"] == why
 
@@ -95,13 +95,13 @@ def test_a_window_that_cannot_be_cut_is_refused(start: datetime | None, window: 
 @pytest.mark.parametrize("text", ["", "07:00-15:30", "2026-03-02T07:00", "2026-03-02T07:00/2026-03-02T07:00"])
 def test_what_is_no_interval_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match=r"."):
-        parse_window(text)
+        parse_interval(text)
 
 
 def test_a_window_is_written_as_it_is_read() -> None:
     window = ShiftWindow(START, START.replace(hour=15))
 
-    assert parse_window(str(window)) == window
+    assert parse_interval(str(window)) == window
     assert str(window) == "2026-03-02T06:59:50-05:00/2026-03-02T15:59:50-05:00"
 
 
