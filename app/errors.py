@@ -1,14 +1,14 @@
 """Errors of the application: each class has a code, facts and an outcome.
 
-As in :mod:`fusion.errors`, a class has a code and facts, never a sentence.
+As in :mod:`acromion.fusion.errors`, a class has a code and facts, never a sentence.
 """
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar, TypeVar
 
-from fusion.caveats import TERM, name_facts
-from fusion.errors import Fact, FusionError
+from acromion.fusion.caveats import TERM, name_facts
+from acromion.fusion.errors import Fact, FusionError
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,13 +22,14 @@ class Outcome:
 
 BUG = Outcome(500, 3, retryable=True)
 REFUSED_BY_THE_SCIENCE = Outcome(422, 3)
-"""Outcome of every :class:`fusion.errors.FusionError`: ``fusion`` has neither HTTP nor a command line."""
+"""Outcome of every :class:`acromion.fusion.errors.FusionError`, which has neither status nor exit code."""
 
 # Codes without an exception class: nothing raises them.
 UNREADABLE_PATH = "E-FILE"
 NO_RECORDING = "E-NO-RECORDING"
 NO_SHARDS = "E-NO-SHARDS"
 NO_RESULTS = "E-NO-RESULTS"
+RESULTS_IN_USE = "E-RESULTS-IN-USE"
 CANCELLED = "E-CANCELLED"
 
 
@@ -110,6 +111,15 @@ class UnusableParticipants(
     """Rows of a participant list cannot be used.
 
     Facts of the second unusable row end in ``_2``, and so on.
+    """
+
+
+class CannotRepeat(
+    AppError, code="E-AGAIN", outcome=Outcome(422, 2), why=TERM, name="recording", more="further recordings"
+):
+    """A run cannot be repeated.
+
+    Facts of the second recording end in ``_2``, and so on.
     """
 
 
@@ -223,7 +233,7 @@ class NoSuchRange(AppError, code="E-RANGE", outcome=Outcome(416, 2), size="bytes
     """The requested byte range starts after the end of the file."""
 
 
-class CannotPair(AppError, code="E-PAIR", outcome=Outcome(422, 3), why=TERM):
+class CannotPair(AppError, code="E-PAIR", outcome=Outcome(422, 3), why=TERM, place=TERM, cure=TERM):
     """Two analyses cannot be paired."""
 
 

@@ -1,8 +1,8 @@
-"""Supported file formats, in words; :data:`fusion.readers.READERS` has the readers."""
+"""Supported file formats, in words; :data:`acromion.fusion.readers.READERS` has the readers."""
 
 from dataclasses import dataclass
 
-from fusion.plugins import find_entry_points, find_version
+from acromion.fusion.plugins import find_entry_points, find_version
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,17 +17,17 @@ from functools import partial
 from pathlib import Path, PurePath
 from typing import BinaryIO
 
-from app.errors import AppError
-from app.formats import ENDINGS
-from app.library.claims import WayIn
-from app.library.jobs import JobStore
-from app.library.results import find_or_add
-from app.library.rows import Job
-from app.request import ReportRequest, check_subject, clean_file_name
-from app.settings import Settings
-from app.store.folder import COPY_BYTES, Storage, StoredRecording
-from fusion.conventions import is_sidecar
-from fusion.errors import EmptyFile, FusionError
+from acromion.app.errors import AppError
+from acromion.app.formats import ENDINGS
+from acromion.app.library.claims import WayIn
+from acromion.app.library.jobs import JobStore
+from acromion.app.library.results import find_or_add
+from acromion.app.library.rows import Job
+from acromion.app.request import ReportRequest, check_subject, clean_file_name
+from acromion.app.settings import Settings
+from acromion.app.store.folder import COPY_BYTES, Storage, StoredRecording
+from acromion.fusion.conventions import is_sidecar
+from acromion.fusion.errors import EmptyFile, FusionError
 
 SCAN_PERIOD_S = 2.0
 STOP_LIMIT_S = 10.0

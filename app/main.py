@@ -22,10 +22,10 @@ from sqlalchemy.exc import DBAPIError
 from starlette.exceptions import HTTPException
 from starlette.routing import BaseRoute, Match
 
-from app.accounts.accounts import AccountStore
-from app.accounts.gate import Gate, read_or_create_secret
-from app.accounts.sign_in import SignIn
-from app.errors import (
+from acromion.app.accounts.accounts import AccountStore
+from acromion.app.accounts.gate import Gate, read_or_create_secret
+from acromion.app.accounts.sign_in import SignIn
+from acromion.app.errors import (
     AppError,
     DatabaseAway,
     DatabaseDamaged,
@@ -39,47 +39,47 @@ from app.errors import (
     ResultDamaged,
     WrongVerb,
 )
-from app.http.api import about, live, pairs, trust, validations, webhooks
-from app.http.api.housekeeping import reconcile, run_housekeeping, write_side_files
-from app.http.api.library import analyses, batches, mappings, recordings, uploads
-from app.http.middleware.access import CHECKED, Access
-from app.http.middleware.guard import SECURITY_HEADERS, Guard, PlainText, build_timeout_protocol
-from app.http.middleware.problems import Refusal, hide_address, respond_to_refusal, translate_error
-from app.http.pages import account, help, library, login, persons, rendering  # noqa: A004
-from app.http.pages import live as live_page
-from app.http.pages import pairs as pair_pages
-from app.http.pages import trust as trust_pages
-from app.http.pages import validations as validation_pages
-from app.http.pages.recording import analysis, columns, day, drafts, finish
-from app.http.pages.rendering import FOLDER, Assets, get_assets_path
-from app.intake import FolderWatch, Intake
-from app.library.database.connect import (
+from acromion.app.http.api import about, live, pairs, trust, validations, webhooks
+from acromion.app.http.api.housekeeping import reconcile, run_housekeeping, write_side_files
+from acromion.app.http.api.library import analyses, batches, mappings, recordings, uploads
+from acromion.app.http.middleware.access import CHECKED, Access
+from acromion.app.http.middleware.guard import SECURITY_HEADERS, Guard, PlainText, build_timeout_protocol
+from acromion.app.http.middleware.problems import Refusal, hide_address, respond_to_refusal, translate_error
+from acromion.app.http.pages import account, help, library, login, persons, rendering  # noqa: A004
+from acromion.app.http.pages import live as live_page
+from acromion.app.http.pages import pairs as pair_pages
+from acromion.app.http.pages import trust as trust_pages
+from acromion.app.http.pages import validations as validation_pages
+from acromion.app.http.pages.recording import analysis, columns, day, drafts, finish
+from acromion.app.http.pages.rendering import FOLDER, Assets, get_assets_path
+from acromion.app.intake import FolderWatch, Intake
+from acromion.app.library.database.connect import (
     bring_up_to_date,
     check_whole,
     classify_error,
     find_database_file,
     translate_start_errors,
 )
-from app.library.jobs import JobStore
-from app.live.hub import LiveHub
-from app.logs import start_logging
-from app.ops.place import warn_of_lost_secret
-from app.ops.recover import check_known
-from app.queue.pool import WorkerPool
-from app.services import Services, find_services
-from app.settings import Settings
-from app.start_checks import (
+from acromion.app.library.jobs import JobStore
+from acromion.app.live.hub import LiveHub
+from acromion.app.logs import start_logging
+from acromion.app.ops.place import warn_of_lost_secret
+from acromion.app.ops.recover import check_known
+from acromion.app.queue.pool import WorkerPool
+from acromion.app.services import Services, find_services
+from acromion.app.settings import Settings
+from acromion.app.start_checks import (
     SOCKET_PREFIX,
     check_certificate,
     check_exposure,
     check_host_names,
     check_passwords,
 )
-from app.store.folder import FolderLock, check_folder, load_extra, open_storage
-from app.store.permissions import create_file, make_folder, restrict_new_files, restrict_permissions
-from app.store.reserve import free_reserve, keep_reserve
-from app.version import software_version
-from fusion.errors import FusionError
+from acromion.app.store.folder import FolderLock, check_folder, load_extra, open_storage
+from acromion.app.store.permissions import create_file, make_folder, restrict_new_files, restrict_permissions
+from acromion.app.store.reserve import free_reserve, keep_reserve
+from acromion.app.version import software_version
+from acromion.fusion.errors import FusionError
 
 ROUTES = (
     *(module.router for module in (uploads, recordings, analyses, batches, webhooks, validations, mappings)),
@@ -250,7 +250,7 @@ def _prepare_database(settings: Settings) -> None:
     finally:
         lock.release()
     if settings.engine == "procrastinate":
-        load_extra("app.queue.cluster").install(settings.database_url)
+        load_extra("acromion.app.queue.cluster").install(settings.database_url)
 
 
 def respond_to_error(request: Request, error: Exception) -> Response:

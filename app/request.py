@@ -10,10 +10,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, Literal
 
-from fusion.clocks import parse_interval
-from fusion.conventions import ArmAxis, MethodName, Pose, PoseHeld, Side
-from fusion.diary import DiaryEntry, TaskWindow, parse_clock, plain_word
-from fusion.errors import UnusableDiary
+from acromion.fusion.clocks import parse_interval
+from acromion.fusion.conventions import HOUR_S, WHOLE_DAY_S, ArmAxis, MethodName, Pose, PoseHeld, Side
+from acromion.fusion.diary import DiaryEntry, TaskWindow, parse_clock, plain_word
+from acromion.fusion.errors import UnusableDiary
 
 Stage = Literal["preparing", "reading", "checking", "calibrating", "fusing", "counting", "rendering"]
 Language = Literal["en", "fr", "fr-CA"]
@@ -32,6 +32,8 @@ SUBJECT_HINT = f"<= {LONGEST_SUBJECT} printable characters"
 ISCO_HINT = "ISCO-08: 1-4 digits, 7115"
 WINDOW_HINT = "START_S,END_S"
 BY_DIARY = "diary"
+MAX_DIARY_BYTES = 32 << 20
+"""Maximum size of a diary; of a posture per second, it is a week."""
 SHIFT_HINT = f"HH:MM-HH:MM|{BY_DIARY}"
 SLIP_HINT = "SECONDS"
 
@@ -90,7 +92,7 @@ SIDES: Mapping[str, Side] = {
     "left": "left", "l": "left", "gauche": "left", "g": "left",
     "right": "right", "r": "right", "droit": "right", "droite": "right", "d": "right",
 }  # fmt: skip
-"""Words for an arm, as :func:`fusion.diary.plain_word` returns them."""
+"""Words for an arm, as :func:`acromion.fusion.diary.plain_word` returns them."""
 
 _CODE = re.compile(r"[a-z]{1,4}\d{1,4}", re.IGNORECASE)
 _NOT_A_PERSON = re.compile(
@@ -155,7 +157,7 @@ def check_hours(text: str) -> str:
         start, end = (parse_clock(part) for part in re.split(r"[-–]", text))
     except UnusableDiary:
         raise ValueError(SHIFT_HINT) from None
-    if "T" in start + end:
+    if "T" in start + end or start == end:
         raise ValueError(SHIFT_HINT)
     return f"{start}-{end}"
 
@@ -163,6 +165,13 @@ def check_hours(text: str) -> str:
 def check_interval(text: str) -> str:
     """Return the window of a shift as an interval of ISO 8601. Raises ValueError."""
     return str(parse_interval(text))
+
+
+def check_shift(text: str) -> str:
+    """Return "" or a shift as an interval, as hours of each day, or "diary". Raises ValueError."""
+    if not text:
+        return ""
+    return check_interval(text) if "/" in text else check_hours(text)
 
 
 def find_window_hint(pose: Pose, window_count: int, arm_axis: ArmAxis | None) -> str:
@@ -217,11 +226,25 @@ class Reference:
 LONGEST_CONCLUSION = 1000
 LABEL = frozenset(
     {
-        *("subject", "side", "job_title", "isco_code", "conclusion", "draft", "version", "changes", "reason"),
-        *("languages", "kinds", "paper", "appendix"),
+        *(
+            "subject",
+            "side",
+            "job_title",
+            "isco_code",
+            "conclusion",
+            "draft",
+            "version",
+            "changes",
+            "reason",
+        ),
+        *("languages", "kinds", "paper", "appendix", "min_hours"),
     }
 )
 """Fields of a request that name the person, arm and wording of a report; they affect no figure."""
+
+
+MIN_HOURS = WHOLE_DAY_S / HOUR_S
+"""The least analysed time of a day that counts, unless a person states another."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -251,8 +274,9 @@ class ReportRequest:
     """All settings of a report.
 
     ``source``: the file contains samples or computed angles; ``profile``: JSON of a column profile
-    (:class:`fusion.readers.ColumnProfile`), "" for none; ``joined``: paths of further files of the same shift
-    (command line only). ``calibration_windows_s``: when the pose was held, once or more; ``pose_held``:
+    (:class:`acromion.fusion.readers.ColumnProfile`), "" for none; ``joined``: paths of further files of the
+    same shift (command line only). ``calibration_windows_s``: when the pose was held, once or more;
+    ``pose_held``:
     "start" if it was held at the start of wear, "no" if the file's statement about it is wrong; ``arm_axis``:
     the sensor's axis along the arm, if no pose was held; ``slip_times_s``: when the sensor slipped, as the
     person states, ``no_slip_times_s``: when it did not. ``version`` counts the reports of one recording.
@@ -261,10 +285,12 @@ class ReportRequest:
     recording of several days; "" for all; all seconds then count from the first sample in the window. In
     the settings of a run it may also be hours (``07:00-15:30``) or "diary", which cut every recording.
     ``pose_from``: an earlier shift whose pose applies, because a person states that the sensor was not
-    removed, and ``pose_from_windows_s``: when it was held there; empty if at its start. ``conclusion``
+    removed, and ``pose_from_windows_s``: when it was held there; empty if at its start;
+    ``pose_from_no_slip_at_s``: when the sensor did not slip there. ``conclusion``
     applies to these figures only; after a correction it becomes a ``draft``. ``appendix``: the PDF has
     its appendix. ``time_zone``: the zone of clock times, "" for that of the file; ``clock_offset_s``: seconds
     to add to the device's clock. ``job_title``, ``isco_code``: the person's job, and its code of ISCO-08.
+    ``min_hours``: the least analysed time of a day that counts in the tables of a run.
 
     With a ``reference``, the request is for a comparison instead of a report.
     """
@@ -297,10 +323,12 @@ class ReportRequest:
     shift: str = ""
     pose_from: str = ""
     pose_from_windows_s: tuple[tuple[float, float], ...] = ()
+    pose_from_no_slip_at_s: tuple[float, ...] = ()
     time_zone: str = ""
     clock_offset_s: float = 0.0
     job_title: str = ""
     isco_code: str = ""
+    min_hours: float = MIN_HOURS
 
     def to_json(self) -> str:
         """Return the request as text for a job row or a settings hash."""
@@ -316,7 +344,8 @@ class ReportRequest:
             for name in ("calibration_windows_s", "pose_from_windows_s")
         )
         diary = tuple(DiaryEntry(**entry) for entry in values.pop("diary", ()))
-        for name in ("languages", "kinds", "joined", "changes", "slip_times_s", "no_slip_times_s"):
+        times = ("slip_times_s", "no_slip_times_s", "pose_from_no_slip_at_s")
+        for name in ("languages", "kinds", "joined", "changes", *times):
             if name in values:
                 values[name] = tuple(values[name])
         if reference := values.pop("reference", None):
@@ -332,7 +361,7 @@ class ReportRequest:
     def describe_settings(self) -> dict[str, object]:
         """Return the settings that distinguish versions, without languages and output formats."""
         ignored = {"file_name", "languages", "kinds", "paper", "appendix", "joined"}
-        ignored |= {"version", "changes", "reason", "draft"}
+        ignored |= {"version", "changes", "reason", "draft", "min_hours"}
         return {name: value for name, value in asdict(self).items() if name not in ignored}
 
     def describe_figures(self, *, is_capture: bool) -> dict[str, object]:
@@ -375,15 +404,18 @@ LONGEST_OFFSET_S = 172_800
 """Two days: clocks of one shift that differ by more were never set."""
 
 
+PairClockSource = Literal["devices", "signals"]
+
+
 @dataclass(frozen=True, slots=True)
 class PairRequest:
     """All settings of a report on two finished analyses.
 
     ``kind``: "pair" puts both arms of one shift on one clock; "compare" compares a day with an earlier one.
     ``offset_s``: start of the right arm's recording, in seconds after the left arm's; ``trunk_offset_s``: the
-    same for the trunk. None uses the clocks of the devices. ``same_subject``: the person states that all
-    recordings are from one person, if a subject code is missing. ``mixed_methods``: allow figures of two
-    methods, or of two versions of one.
+    same for the trunk. None uses ``clock``: the clocks of the devices, or the movement that both share.
+    ``same_subject``: the person states that all recordings are from one person, if a subject code is missing.
+    ``mixed_methods``: allow figures of two methods, or of two versions of one.
     """
 
     kind: PairKind
@@ -394,6 +426,7 @@ class PairRequest:
     paper: Paper = "a4"
     same_subject: bool = False
     mixed_methods: bool = False
+    clock: PairClockSource = "devices"
 
     @property
     def figures_name(self) -> str:
@@ -406,7 +439,8 @@ class ProfileRequest:
     """All settings of a report on several finished analyses.
 
     ``before_count``: the number of analyses, from the first, that are before a change; None without a change.
-    ``same_subject`` and ``mixed_methods``: see :class:`PairRequest`. ``has_drawings``: also write the charts
+    ``min_hours``: the least analysed time of a day that counts. ``same_subject`` and ``mixed_methods``: see
+    :class:`PairRequest`. ``has_drawings``: also write the charts
     separately as ``drawings.<language>.json`` for the page.
     """
 
@@ -417,6 +451,7 @@ class ProfileRequest:
     same_subject: bool = False
     mixed_methods: bool = False
     has_drawings: bool = False
+    min_hours: float = MIN_HOURS
 
     @property
     def kind(self) -> str:

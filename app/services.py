@@ -11,28 +11,28 @@ from fastapi import Depends, Request
 from sqlalchemy.exc import SQLAlchemyError
 from starlette.requests import HTTPConnection
 
-from app.accounts.subjects import Subject
-from app.analysis.inspecting import Inspector
-from app.errors import AppError, Busy, DatabaseAway, DiskFull, FolderUnusable, StoreAway
-from app.library.batches import BatchStore
-from app.library.claims import WayIn
-from app.library.database.connect import check_writable
-from app.library.drafts import DraftStore
-from app.library.governance import AggregateStore, ReleaseStore, RetentionStore
-from app.library.jobs import JobStore
-from app.library.listing import SavedViews
-from app.library.mappings import MappingStore
-from app.library.recordings import RecordingStore, UploadStore
-from app.library.report_cache import PairReports
-from app.library.results import ResultReader
-from app.library.side_files import SideWriter
-from app.library.webhooks import WebhookStore
-from app.live.hub import LiveHub
-from app.report.words.wording import EVERY_LANGUAGE, Language
-from app.settings import Settings
-from app.store.decoded import DecodedCache
-from app.store.folder import Storage, check_folder, open_storage
-from app.store.incoming import Incoming, UploadSlots
+from acromion.app.accounts.subjects import Subject
+from acromion.app.analysis.inspecting import Inspector
+from acromion.app.errors import AppError, Busy, DatabaseAway, DiskFull, FolderUnusable, StoreAway
+from acromion.app.library.batches import BatchStore
+from acromion.app.library.claims import WayIn
+from acromion.app.library.database.connect import check_writable
+from acromion.app.library.drafts import DraftStore
+from acromion.app.library.governance import AggregateStore, ReleaseStore, RetentionStore
+from acromion.app.library.jobs import JobStore
+from acromion.app.library.listing import SavedViews
+from acromion.app.library.mappings import MappingStore
+from acromion.app.library.recordings import RecordingStore, UploadStore
+from acromion.app.library.report_cache import PairReports
+from acromion.app.library.results import ResultReader
+from acromion.app.library.side_files import SideWriter
+from acromion.app.library.webhooks import WebhookStore
+from acromion.app.live.hub import LiveHub
+from acromion.app.report.words.wording import EVERY_LANGUAGE, Language
+from acromion.app.settings import Settings
+from acromion.app.store.decoded import DecodedCache
+from acromion.app.store.folder import Storage, check_folder, open_storage
+from acromion.app.store.incoming import Incoming, UploadSlots
 
 # Readiness: each dependency of an upload is checked separately and within a time limit.
 

@@ -6,8 +6,8 @@ from typing import Any, Literal
 from pydantic import Field, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-from app.request import Paper
-from fusion.conventions import PoseHeld
+from acromion.app.request import Paper
+from acromion.fusion.conventions import PoseHeld
 
 GIB = 1 << 30
 

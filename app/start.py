@@ -8,7 +8,7 @@ import gc
 import importlib
 import sys
 
-from app.analysis.fork_server import warm_up
+from acromion.app.analysis.fork_server import warm_up
 
 _ANALYSING = frozenset({"run", "exposure"})
 
@@ -19,7 +19,7 @@ def main() -> None:
     if asked and asked[0] in _ANALYSING and "--help" not in asked:
         warm_up()
     gc.disable()
-    command_line = importlib.import_module("app.cli")
+    command_line = importlib.import_module("acromion.app.cli")
     gc.freeze()
     gc.enable()
     command_line.main()

@@ -6,8 +6,8 @@ import ssl
 from collections.abc import Mapping
 from ipaddress import ip_address
 
-from app.errors import BadParameter, ExamplePassword, ForeignAddress
-from app.settings import Settings
+from acromion.app.errors import BadParameter, ExamplePassword, ForeignAddress
+from acromion.app.settings import Settings
 
 SOCKET_PREFIX = "unix:"
 """Prefix of a socket path that replaces a host."""

@@ -9,11 +9,11 @@ from collections.abc import Callable
 from pathlib import Path
 from statistics import median
 
-from app.accounts.accounts import AccountStore
-from app.accounts.passwords import hash_password, verify_password
-from app.accounts.sign_in import Caller, SignIn
-from app.errors import LoginRefused
-from app.settings import Settings
+from acromion.app.accounts.accounts import AccountStore
+from acromion.app.accounts.passwords import hash_password, verify_password
+from acromion.app.accounts.sign_in import Caller, SignIn
+from acromion.app.errors import LoginRefused
+from acromion.app.settings import Settings
 
 PAIRS = 100
 PASSWORD, WRONG = "seven green bicycles", "nine blue bicycles"

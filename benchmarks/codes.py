@@ -3,21 +3,22 @@
 from collections.abc import Iterator, Mapping
 from math import isfinite
 
-from app.errors import (
+from acromion.app.errors import (
     CANCELLED,
     NO_RECORDING,
     NO_RESULTS,
     NO_SHARDS,
     REFUSED_BY_THE_SCIENCE,
+    RESULTS_IN_USE,
     UNREADABLE_PATH,
     AppError,
     find_outcome,
     list_refusals,
 )
-from app.report.words.messages import describe_flag, describe_problem
-from fusion.caveats import Caveat, Grade
-from fusion.errors import FusionError
-from fusion.recording import QualityFlag
+from acromion.app.report.words.messages import describe_flag, describe_problem
+from acromion.fusion.caveats import Caveat, Grade
+from acromion.fusion.errors import DOUBLE_RECORDING, FusionError
+from acromion.fusion.recording import QualityFlag
 
 PAGE = """Made from the code: `python -m benchmarks.reference`
 
@@ -70,7 +71,15 @@ def write_document() -> str:
         others="\n".join(_describe_others(refusals)),
         bare=", ".join(
             f"`{code}` ({describe_problem(code, {}, 'en').title})"
-            for code in (UNREADABLE_PATH, NO_RECORDING, NO_SHARDS, NO_RESULTS, CANCELLED)
+            for code in (
+                UNREADABLE_PATH,
+                NO_RECORDING,
+                NO_SHARDS,
+                NO_RESULTS,
+                RESULTS_IN_USE,
+                DOUBLE_RECORDING,
+                CANCELLED,
+            )
         ),
     )
 

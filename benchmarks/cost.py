@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 
-from app.analysis.run import make_report
-from app.request import ReportRequest
-from fusion.simulation import simulate_shift, write_shift
+from acromion.app.analysis.run import make_report
+from acromion.app.request import ReportRequest
+from acromion.fusion.simulation import simulate_shift, write_shift
 
 DAY_S, MONTH_H, DAYS_KEPT = 86_400.0, 730.0, 30
 ONE_MACHINE = 1_000

@@ -1,6 +1,6 @@
 """Draw the known devices as the table of docs/reference/formats.md."""
 
-from fusion.devices import KNOWN_DEVICES
+from acromion.fusion.devices import KNOWN_DEVICES
 
 HEAD = "| device | form | unstated units | rate | axes | clock | seen in |\n|---|---|---|---|---|---|---|"
 

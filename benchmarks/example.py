@@ -10,17 +10,17 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
-from app.http.pages.help import find_example
-from app.report.export.results import encode_results, identify_report
-from app.report.findings import Findings, ReportSubject, Software, build_findings
-from app.report.render.pdf import render_first_page
-from app.report.single.report import build_report
-from app.report.words.wording import Language
-from app.version import software_revision, software_version
-from fusion.diary import read_diary
-from fusion.pipeline import analyse
-from fusion.settings import AnalysisSettings
-from fusion.simulation import simulate_shift, write_shift
+from acromion.app.http.pages.help import find_example
+from acromion.app.report.export.results import encode_results, identify_report
+from acromion.app.report.findings import Findings, ReportSubject, Software, build_findings
+from acromion.app.report.render.pdf import render_first_page
+from acromion.app.report.single.report import build_report
+from acromion.app.report.words.wording import Language
+from acromion.app.version import software_version, source_revision
+from acromion.fusion.diary import read_diary
+from acromion.fusion.pipeline import analyse
+from acromion.fusion.settings import AnalysisSettings
+from acromion.fusion.simulation import simulate_shift, write_shift
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 PICTURES: dict[Language, str] = {"en": "page1.png", "fr": "page1_fr.png"}
@@ -48,7 +48,7 @@ def analyse_example() -> Findings:
 
 def main() -> None:
     subject = ReportSubject(
-        "example.gt3x", "EXAMPLE", "right", Software(software_version(), software_revision())
+        "example.gt3x", "EXAMPLE", "right", Software(software_version(), source_revision())
     )
     path, findings = find_example(), analyse_example()
     path.parent.mkdir(exist_ok=True)

@@ -16,11 +16,11 @@ from statistics import median
 
 import numpy as np
 
+from acromion.fusion.elevation import Elevation, ElevationSegment
+from acromion.fusion.exposure.summary import summarise_exposure
+from acromion.fusion.recording import Recording, Segment
 from benchmarks.exposure_oracles import main as print_oracles
 from benchmarks.exposure_truth import main as print_truth
-from fusion.elevation import Elevation, ElevationSegment
-from fusion.exposure.summary import summarise_exposure
-from fusion.recording import Recording, Segment
 
 SHIFTS = ((1, 100), (2, 100), (4, 100), (8, 100), (24, 100), (8, 500))
 MEBIBYTE = 1024

@@ -9,24 +9,24 @@ from zoneinfo import ZoneInfo
 
 import numpy as np
 
-from benchmarks.exposure_oracles_sensor import check_properties, check_sensor
-from benchmarks.exposure_oracles_table import ALL_DAY, FloatVector, Oracle, sample, share_above, tally
-from fusion.elevation import Elevation, ElevationSegment
-from fusion.exposure.bins import find_percentiles, summarise_bins
-from fusion.exposure.metric_filter import MetricAngle, filter_angle
-from fusion.exposure.parts import split_hours
-from fusion.exposure.speeds import (
+from acromion.fusion.elevation import Elevation, ElevationSegment
+from acromion.fusion.exposure.bins import find_percentiles, summarise_bins
+from acromion.fusion.exposure.metric_filter import MetricAngle, filter_angle
+from acromion.fusion.exposure.parts import split_hours
+from acromion.fusion.exposure.speeds import (
     CycleTally,
     SpeedTally,
     count_rainflow,
     find_mean_power_frequency,
     measure_turns,
 )
-from fusion.exposure.stays import find_stays
-from fusion.exposure.summary import summarise_exposure
-from fusion.exposure.types import Exposure
-from fusion.recording import IntArray
-from fusion.runs import START, STOP, find_stays_above
+from acromion.fusion.exposure.stays import find_stays
+from acromion.fusion.exposure.summary import summarise_exposure
+from acromion.fusion.exposure.types import Exposure
+from acromion.fusion.recording import IntArray
+from acromion.fusion.runs import START, STOP, find_stays_above
+from benchmarks.exposure_oracles_sensor import check_properties, check_sensor
+from benchmarks.exposure_oracles_table import ALL_DAY, FloatVector, Oracle, sample, share_above, tally
 
 
 def swing(time_s: FloatVector) -> FloatVector:

@@ -6,16 +6,16 @@ from itertools import pairwise, permutations, product
 import numpy as np
 from scipy.stats import norm
 
+from acromion.fusion.elevation import estimate_elevation
+from acromion.fusion.exposure.metric_filter import MetricAngle
+from acromion.fusion.exposure.summary import summarise_exposure
+from acromion.fusion.exposure.types import Exposure
+from acromion.fusion.orientation.published import PublishedParameters, estimate_published
+from acromion.fusion.pose.calibrate import calibrate
+from acromion.fusion.recording import FloatArray
+from acromion.fusion.sensor.model import SensorRun
+from acromion.fusion.settings import AnalysisSettings
 from benchmarks.exposure_oracles_table import Oracle, share_above
-from fusion.elevation import estimate_elevation
-from fusion.exposure.metric_filter import MetricAngle
-from fusion.exposure.summary import summarise_exposure
-from fusion.exposure.types import Exposure
-from fusion.orientation.published import PublishedParameters, estimate_published
-from fusion.pose.calibrate import calibrate
-from fusion.recording import FloatArray
-from fusion.sensor.model import SensorRun
-from fusion.settings import AnalysisSettings
 from tests.factories import elevate, hold, move_arm, record
 
 CUBE = [

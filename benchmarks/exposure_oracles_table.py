@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.exposure.bins import CELLS, PartHistograms
-from fusion.exposure.metric_filter import MetricAngle
+from acromion.fusion.exposure.bins import CELLS, PartHistograms
+from acromion.fusion.exposure.metric_filter import MetricAngle
 
 FloatVector = NDArray[np.float64]
 ALL_DAY = np.array([0, 10**12], np.int64)

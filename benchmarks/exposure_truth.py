@@ -15,16 +15,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from acromion.fusion.elevation import Elevation, ElevationSegment
+from acromion.fusion.exposure.summary import summarise_exposure
+from acromion.fusion.exposure.types import Exposure, Interval
+from acromion.fusion.pipeline import Analysis, analyse
+from acromion.fusion.pose.rules import HELD_SIGMA_DEG
+from acromion.fusion.recording import Recording, Segment
+from acromion.fusion.settings import AnalysisSettings
+from acromion.fusion.simulation.sensor import Device
+from acromion.fusion.simulation.shift import simulate_shift
 from benchmarks.validation.worn import at_rows
-from fusion.elevation import Elevation, ElevationSegment
-from fusion.exposure.summary import summarise_exposure
-from fusion.exposure.types import Exposure, Interval
-from fusion.pipeline import Analysis, analyse
-from fusion.pose.rules import HELD_SIGMA_DEG
-from fusion.recording import Recording, Segment
-from fusion.settings import AnalysisSettings
-from fusion.simulation.sensor import Device
-from fusion.simulation.shift import simulate_shift
 from tests.simulated_shifts import play_shift
 
 DEVICES: tuple[Device, ...] = ("gt9x", "lsm9ds1")

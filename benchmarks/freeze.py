@@ -22,7 +22,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 SHARED = ROOT.parent / "shared" / "data"
-HOLD_REVISION = "import app.version\napp.version._source_files = lambda: []\n"
+HOLD_REVISION = "import acromion.app.version\napp.version._source_files = lambda: []\n"
 PASSING = frozenset({"run.json", "done.json"})
 """Files that contain the time of the run or the path of the output folder."""
 END_TIME = re.compile(rb'"endTime": "[^"]*"')
@@ -95,8 +95,8 @@ def list_shared() -> list[Path]:
 
 def digest_samples(path: Path) -> str:
     """Return the digest of a file as read (samples, segments, flags), or its error."""
-    from fusion import read_recording  # noqa: PLC0415  only here
-    from fusion.errors import FusionError  # noqa: PLC0415
+    from acromion.fusion import read_recording  # noqa: PLC0415  only here
+    from acromion.fusion.errors import FusionError  # noqa: PLC0415
 
     digest = hashlib.sha256()
     try:
@@ -161,7 +161,11 @@ def _run(command: list[str], hook: Path, work: Path) -> bytes:
     paths = os.pathsep.join((str(hook), str(ROOT)))
     environment = os.environ | {"PYTHONPATH": paths, "COLUMNS": "120", "TZ": "UTC"}
     done = subprocess.run(
-        [sys.executable, "-m", "app", *arguments], cwd=work, env=environment, capture_output=True, check=False
+        [sys.executable, "-m", "acromion", *arguments],
+        cwd=work,
+        env=environment,
+        capture_output=True,
+        check=False,
     )
     print(f"{done.returncode} {' '.join(command)}", flush=True)
     if command[0] == "run":  # its lines contain its duration

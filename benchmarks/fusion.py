@@ -15,18 +15,18 @@ import numpy as np
 import vqf
 from numpy.typing import NDArray
 
+from acromion.fusion.conventions import MethodName
+from acromion.fusion.elevation import estimate_elevation, measure_elevation
+from acromion.fusion.orientation import estimate_vertical
+from acromion.fusion.orientation.live import LiveVertical
+from acromion.fusion.orientation.published import PublishedParameters, estimate_published
+from acromion.fusion.pose.calibrate import CalibratedSamples, calibrate
+from acromion.fusion.recording import MICROSECONDS, Recording, Segment
+from acromion.fusion.sensor.model import SensorRun, view_segment
+from acromion.fusion.sensor.stillness import find_quietest_rate
+from acromion.fusion.simulation import simulate_shift
+from acromion.fusion.simulation.sensor import Device
 from benchmarks.validation.worn import at_rows
-from fusion.conventions import MethodName
-from fusion.elevation import estimate_elevation, measure_elevation
-from fusion.orientation import estimate_vertical
-from fusion.orientation.live import LiveVertical
-from fusion.orientation.published import PublishedParameters, estimate_published
-from fusion.pose.calibrate import CalibratedSamples, calibrate
-from fusion.recording import MICROSECONDS, Recording, Segment
-from fusion.sensor.model import SensorRun, view_segment
-from fusion.sensor.stillness import find_quietest_rate
-from fusion.simulation import simulate_shift
-from fusion.simulation.sensor import Device
 from tests.simulated_shifts import play_shift
 from tests.validation.broad import (
     Estimator,

@@ -18,7 +18,7 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
-from fusion.simulation import simulate_shift, write_shift
+from acromion.fusion.simulation import simulate_shift, write_shift
 from tests.docs.test_plain_words import count_idioms, count_words
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -35,6 +35,7 @@ def note(frame, event, argument):
     name = code.co_filename
     if name not in seen and code.co_flags & {inspect.CO_OPTIMIZED}:
         seen.add(name)
+        name = os.path.realpath(name)
         if name.startswith({str(ROOT)!r}):
             with open(os.path.join(folder, str(os.getpid())), "a") as file:
                 file.write(name + chr(10))
@@ -47,12 +48,13 @@ start()
 """
 """Code that every Python process of a traced command runs first (``sitecustomize``)."""
 ANALYSE = (
-    "import sys; from fusion import analyse, read_recording; analyse(read_recording(open(sys.argv[1], 'rb')))"
+    "import sys; from acromion import analyse, read_recording;"
+    "analyse(read_recording(open(sys.argv[1], 'rb')))"
 )
 CHILD = """
 import sys; from pathlib import Path
-from app.analysis.attempt import load_and_make_report
-from app.request import ReportRequest
+from acromion.app.analysis.attempt import load_and_make_report
+from acromion.app.request import ReportRequest
 load_and_make_report(Path(sys.argv[1]), ReportRequest(file_name="x.gt3x"), Path(sys.argv[2]), lambda *_: True)
 """
 UNITS = frozenset(
@@ -160,7 +162,7 @@ def trace(folder: Path, command: list[str]) -> int:
     notes = folder / "notes"
     notes.mkdir(parents=True)
     (folder / "sitecustomize.py").write_text(TRACER)
-    paths = os.pathsep.join((str(folder), str(ROOT)))
+    paths = os.pathsep.join((str(folder), str(ROOT / ".ci" / "package")))
     environment = {**os.environ, "PYTHONPATH": paths, "HOUSE_TRACE": str(notes)}
     subprocess.run(command, env=environment, check=True, capture_output=True, cwd=folder)
     passed = {line for note in notes.iterdir() for line in note.read_text().splitlines()}
@@ -188,7 +190,7 @@ def measure_chain(trees: dict[Path, ast.Module]) -> int:
 def _list_rooms(tree: ast.Module) -> Iterator[str]:
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and node.module:
-            room = _name_room(tuple(node.module.split(".")))
+            room = _name_room(tuple(node.module.removeprefix("acromion.").split(".")))
             if room is not None:
                 yield room
 

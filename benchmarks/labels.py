@@ -11,8 +11,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from app.library.batches import identify_study
-from fusion.simulation import write_recordings
+from acromion.app.library.batches import identify_study
+from acromion.fusion.simulation import write_recordings
 from tests.ways_in.servers import RunningServer
 
 ROUNDS = 10

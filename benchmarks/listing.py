@@ -15,12 +15,12 @@ from pathlib import Path
 from fastapi.testclient import TestClient
 from sqlalchemy import insert
 
-from app.http.api.library.models import write_cursor
-from app.library.database.tables import analyses, recordings
-from app.library.jobs import JobStore
-from app.main import create_app
-from app.request import ReportRequest
-from app.settings import Settings
+from acromion.app.http.api.library.models import write_cursor
+from acromion.app.library.database.tables import analyses, recordings
+from acromion.app.library.jobs import JobStore
+from acromion.app.main import create_app
+from acromion.app.request import ReportRequest
+from acromion.app.settings import Settings
 
 ROUNDS = 300
 AT_ONCE = 10_000

@@ -22,12 +22,12 @@ import psutil
 from playwright.sync_api import sync_playwright
 from websockets.asyncio.client import connect
 
-from app.live.recorder import Recorder
-from app.live.sources import ReplaySource
-from app.settings import Settings
-from fusion.live import LiveElevation
-from fusion.readers import read_recording
-from fusion.simulation import write_recordings
+from acromion.app.live.recorder import Recorder
+from acromion.app.live.sources import ReplaySource
+from acromion.app.settings import Settings
+from acromion.fusion.live import LiveElevation
+from acromion.fusion.readers import read_recording
+from acromion.fusion.simulation import write_recordings
 from tests.app.live.made import count_stored_rows
 from tests.ways_in.servers import RunningServer
 

@@ -25,7 +25,7 @@ from urllib.parse import urlsplit
 
 import httpx2
 
-from fusion.simulation import simulate_shift, write_shift
+from acromion.fusion.simulation import simulate_shift, write_shift
 from tests.ways_in.servers import RunningServer
 
 PIECE_BYTES = 1 << 20

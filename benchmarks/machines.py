@@ -13,12 +13,12 @@ import tempfile
 import time
 from pathlib import Path
 
-from app.library.jobs import JobStore
-from app.queue.cluster import install
-from app.request import ReportRequest
-from app.settings import Settings
-from app.store.folder import open_storage
-from fusion.simulation import simulate_shift, write_shift
+from acromion.app.library.jobs import JobStore
+from acromion.app.queue.cluster import install
+from acromion.app.request import ReportRequest
+from acromion.app.settings import Settings
+from acromion.app.store.folder import open_storage
+from acromion.fusion.simulation import simulate_shift, write_shift
 from tests.postgres import PostgresServer
 
 PATIENCE_S, READY_S = 1800.0, 15.0
@@ -40,7 +40,7 @@ def queue(settings: Settings, shift: Path, number: int) -> list[str]:
 
 def start_worker(settings: Settings, core: int) -> subprocess.Popen[bytes]:
     """Start a worker on one core, with one thread for the mathematics."""
-    command = [sys.executable, "-m", "app.queue.worker", "--data", str(settings.data_dir)]
+    command = [sys.executable, "-m", "acromion.app.queue.worker", "--data", str(settings.data_dir)]
     environment = os.environ | settings.as_environment() | {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
     worker = subprocess.Popen(command, env=environment, stderr=subprocess.DEVNULL)
     os.sched_setaffinity(worker.pid, {core})

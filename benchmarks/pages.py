@@ -17,13 +17,13 @@ from pathlib import Path
 from playwright.sync_api import Browser, Page, sync_playwright
 from sqlalchemy import insert
 
-from app.library.batches import join_study
-from app.library.database.tables import analyses, answers, recordings
-from app.library.jobs import JobStore
-from app.library.rows import JobState
-from app.request import ReportRequest
-from app.settings import Settings
-from fusion.simulation import write_recordings
+from acromion.app.library.batches import join_study
+from acromion.app.library.database.tables import analyses, answers, recordings
+from acromion.app.library.jobs import JobStore
+from acromion.app.library.rows import JobState
+from acromion.app.request import ReportRequest
+from acromion.app.settings import Settings
+from acromion.fusion.simulation import write_recordings
 from tests.ways_in.servers import RunningServer
 
 LIBRARY, STUDY = 10_000, 200

@@ -24,8 +24,8 @@ import numpy as np
 import psutil
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from app.version import software_revision, software_version
-from fusion.simulation import simulate_shift, write_shift
+from acromion.app.version import software_version, source_revision
+from acromion.fusion.simulation import simulate_shift, write_shift
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT.parent / "shared" / "data"
@@ -281,7 +281,7 @@ def main() -> None:
     }
     machine, versions = describe_machine(), find_versions()
     parts = tuple(measure(name, *runs[name]) for name in asked.only or runs)
-    own = f"acromion {software_version()}, revision {software_revision()}"
+    own = f"acromion {software_version()}, revision {source_revision()}"
     page = Page(datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"), own, machine, versions, parts)
     asked.output.mkdir(parents=True, exist_ok=True)
     (asked.output / "benchmark.html").write_text(render(page), "utf-8")

@@ -15,12 +15,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from fusion.devices import find_device_name
-from fusion.errors import FusionError
-from fusion.readers import ColumnProfile, propose_profile, read_recording
-from fusion.readers.source import HEAD_BYTES
-from fusion.readers.tables.columns import parse_column_name
-from fusion.recording import Recording
+from acromion.fusion.devices import find_device_name
+from acromion.fusion.errors import FusionError
+from acromion.fusion.readers import ColumnProfile, propose_profile, read_recording
+from acromion.fusion.readers.source import HEAD_BYTES
+from acromion.fusion.readers.tables.columns import parse_column_name
+from acromion.fusion.recording import Recording
 
 LICENCE, ANSWERS = "LICENCE", "answers.json"
 FOUND = Path(__file__).with_suffix(".csv")

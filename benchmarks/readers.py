@@ -61,7 +61,7 @@ def needed_columns(path: Path) -> list[str]:
 
 
 def read_ours(_: Path, content: Content, sha256: str = "") -> int:
-    from fusion.readers import read_recording  # noqa: PLC0415 (each process loads one reader only)
+    from acromion.fusion.readers import read_recording  # noqa: PLC0415 (each process loads one reader only)
 
     if isinstance(content, io.BytesIO):
         recording = read_recording(content, sha256=sha256)

@@ -14,10 +14,10 @@ from typing import Any
 import typer.core
 import typer.main
 
-from app.cli import app
-from app.main import create_app
-from app.report.export.tables import write_document as write_dictionary
-from app.settings import Settings
+from acromion.app.cli import app
+from acromion.app.main import create_app
+from acromion.app.report.export.tables import write_document as write_dictionary
+from acromion.app.settings import Settings
 from benchmarks.codes import write_document as write_codes
 from benchmarks.devices import draw_devices
 from benchmarks.public_files import COLUMNS, FOUND

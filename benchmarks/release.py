@@ -92,7 +92,10 @@ def build(root: Path, out: Path, seconds: int) -> Mapping[str, str]:
     seconds
         Since 1970: the time of every file in them (``SOURCE_DATE_EPOCH``).
     """
-    environment = os.environ | {"SOURCE_DATE_EPOCH": str(seconds)}
+    environment = os.environ | {
+        "SOURCE_DATE_EPOCH": str(seconds),
+        "ACROMION_RELEASE": read_version(root),  # read by hatch_build.py
+    }
     command = [sys.executable, "-m", "hatchling", "build", "-d", str(out)]
     subprocess.run(command, cwd=root, env=environment, check=True, capture_output=True)
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(out.iterdir())}

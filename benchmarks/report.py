@@ -15,25 +15,25 @@ import time
 from pathlib import Path
 from statistics import median
 
-from app.report.export.all import export_results
-from app.report.export.results import build_results, encode_results
-from app.report.figures import round_all
-from app.report.findings import Findings, ReportSubject, build_findings
-from app.report.products import describe_subject
-from app.report.render.html import render_html
-from app.report.render.pdf import render_pdf
-from app.report.render.write import RESULTS
-from app.report.single.report import build_report
-from app.request import ReportRequest
-from fusion.pipeline import analyse
-from fusion.readers import read_recording
-from fusion.simulation import simulate_shift, write_shift
+from acromion.app.report.export.all import export_results
+from acromion.app.report.export.results import build_results, encode_results
+from acromion.app.report.figures import round_all
+from acromion.app.report.findings import Findings, ReportSubject, build_findings
+from acromion.app.report.products import describe_subject
+from acromion.app.report.render.html import render_html
+from acromion.app.report.render.pdf import render_pdf
+from acromion.app.report.render.write import RESULTS
+from acromion.app.report.single.report import build_report
+from acromion.app.request import ReportRequest
+from acromion.fusion.pipeline import analyse
+from acromion.fusion.readers import read_recording
+from acromion.fusion.simulation import simulate_shift, write_shift
 
 _COLD = """
 import sys
 from pathlib import Path
-from app.report.products import set_report_again
-from app.request import ReportRequest
+from acromion.app.report.products import set_report_again
+from acromion.app.request import ReportRequest
 folder = Path(sys.argv[1])
 set_report_again(folder / "results.json", ReportRequest("", languages=("en",)), folder / "again")
 """

@@ -30,10 +30,10 @@ from statistics import median
 
 import numpy as np
 
+from acromion.fusion.angle_files.elevation_parquet import read_rows
+from acromion.fusion.simulation import write_recordings
+from acromion.fusion.simulation.sensor import Device
 from benchmarks.readers import header_lines
-from fusion.angle_files.elevation_parquet import read_rows
-from fusion.simulation import write_recordings
-from fusion.simulation.sensor import Device
 
 POLL_S = 0.02
 EDGES_DEG = (0, 20, 30, 45, 60, 80, 90, 120, 150, 180)
@@ -95,14 +95,15 @@ def run_once(
     watch_memory: bool = False,
     kernels: Path | None = None,
     at_once: int = 1,
+    options: Sequence[str] = (),
 ) -> Cost:
     """Run the command line on one recording or a folder, and monitor it and all its children (Linux).
 
     Measuring memory slows the process, so it has a separate run. ``kernels``: the folder of compiled code,
-    empty after an installation; by default that of the user.
+    empty after an installation; by default that of the user. ``options``: further options of the command.
     """
-    asked = ["-o", str(out), "--method", method, "-j", str(at_once)]
-    command = [sys.executable, "-m", "app", "run", str(log), *asked]
+    asked = ["-o", str(out), "--method", method, "-j", str(at_once), *options]
+    command = [sys.executable, "-m", "acromion", "run", str(log), *asked]
     environment = build_environment()
     if kernels is not None:
         environment["NUMBA_CACHE_DIR"] = str(kernels)

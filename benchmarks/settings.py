@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from app.settings import Settings
+from acromion.app.settings import Settings
 
 PAGE = """Made from the code: `python -m benchmarks.reference`
 
@@ -34,7 +34,7 @@ def write_document() -> str:
 
 
 def read_meanings() -> Iterator[tuple[list[str], str]]:
-    """Return the names and the meaning of each entry of the docstring of :class:`app.settings.Settings`."""
+    """Return the names and the meaning of each setting, from the docstring of the class."""
     attributes = inspect.cleandoc(Settings.__doc__ or "").partition("Attributes\n----------\n")[2]
     for entry in re.split(r"\n(?=\w)", attributes):
         names, _, meaning = entry.partition("\n")

@@ -32,13 +32,13 @@ import psutil
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed
 
-from app.accounts.accounts import AccountStore
-from app.accounts.subjects import ROLES
-from app.settings import Settings
+from acromion.app.accounts.accounts import AccountStore
+from acromion.app.accounts.subjects import ROLES
+from acromion.app.settings import Settings
+from acromion.fusion.simulation import simulate_shift, write_shift
 from benchmarks.fuzz.outcome import damage
 from benchmarks.fuzz.seeds import SEEDS
 from benchmarks.live import CHUNK_ROWS, HEADER, RATE_HZ, write_rows
-from fusion.simulation import simulate_shift, write_shift
 from tests.badfiles.expected import BAD_FILES
 from tests.badfiles.ways_in import content_of
 from tests.fusion.readers.cwa.cwa_builder import log_of
@@ -258,7 +258,7 @@ def sample_memory(server: RunningServer, log: Log) -> None:
     main = psutil.Process(server.process.pid)
     for process in [main, *main.children(recursive=True)]:
         with suppress(psutil.Error):
-            is_worker = "app.queue.worker" in " ".join(process.cmdline())
+            is_worker = "acromion.app.queue.worker" in " ".join(process.cmdline())
             kind = "server" if process == main else "workers" if is_worker else "others"
             parts[kind] += round(process.memory_full_info().pss / 1e6)
             parts["processes"] += 1

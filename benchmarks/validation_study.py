@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 import typer
 
-from app.cli import app
-from fusion.simulation import SimulatedShift, write_shift
-from fusion.simulation.sensor import Device
+from acromion.app.cli import app
+from acromion.fusion.simulation import SimulatedShift, write_shift
+from acromion.fusion.simulation.sensor import Device
 from tests.simulated_mvnx import write_mvnx
 from tests.simulated_shifts import play_shift
 from tests.simulated_tasks import LOWERING_S, TITLES, simulate_session

@@ -1,8 +1,8 @@
 """All caveat codes, each with its grade and its facts, in the order of the list in the docs.
 
-A caveat qualifies a result; an error (:mod:`fusion.errors`) means that there is no result.
-:class:`fusion.recording.QualityFlag` is one caveat of one recording. ``app/report/words`` has the texts under
-the same code. The table in ``docs/reference/codes.md`` is generated from this module.
+A caveat qualifies a result; an error (:mod:`acromion.fusion.errors`) means that there is no result.
+:class:`acromion.fusion.recording.QualityFlag` is one caveat of one recording. ``app/report/words`` has the
+texts under the same code. The table in ``docs/reference/codes.md`` is generated from this module.
 """
 
 from collections.abc import Mapping

@@ -10,10 +10,12 @@ from difflib import get_close_matches
 from functools import cache
 from zoneinfo import ZoneInfo, available_timezones
 
-from fusion.errors import UnusableClock
+from acromion.fusion.errors import UnusableClock, UnusableShift
 
 ZONE_HINT = "Europe/Paris, America/Toronto, UTC-05:00"
-OFFSET_HINT = "-1h02m, -1:02:00, -3720 (s)"
+OFFSET_HINT = "-1h02m, -1:02:00, -3720 (s), >= 100 h: 4d4h"
+MOST_HOURS = 100
+"""A correction of so many hours must be written in days: "1000:00:00" is a slip for "10:00:00"."""
 FIRST_PLAUSIBLE_YEAR = 2008
 LAST_PLAUSIBLE_YEAR = 2060
 DAY_US = 86_400_000_000
@@ -88,30 +90,37 @@ def format_offset(offset_s: int) -> str:
 def parse_clock_offset(text: str) -> float:
     """Return the seconds to add to a device's clock: ``-1h02m``, ``-1:02:00``, ``-1:02`` (h:min), ``-3720``.
 
+    From 100 h, days must be written (``4d4h``): a clock can be wrong by years, but "1000:00:00" is a slip.
+
     Raises ValueError.
     """
     plain = text.strip().replace("\u2212", "-").replace("\u202f", " ").replace("\u00a0", " ")
     sign = -1.0 if plain.startswith("-") else 1.0
     plain = plain[1:].strip() if plain[:1] in {"+", "-"} else plain
-    if re.fullmatch(r"\d+(?:\.\d+)?", plain):
-        return sign * float(plain)
-    if found := _COLONS.fullmatch(plain):
-        hours, minutes, seconds = found.groups()
-        return sign * (int(hours) * 3600 + int(minutes) * 60 + float(seconds or 0))
-    found = _UNITS.fullmatch(plain)
-    if found is None or not any(found.groups()):
+    parts: tuple[str | None, ...] = (None, None, None, plain)
+    if not re.fullmatch(r"\d+(?:\.\d+)?", plain):
+        found = _COLONS.fullmatch(plain)
+        parts = (None, *found.groups()) if found else getattr(_UNITS.fullmatch(plain), "groups", tuple)()
+    offset_s = sum(float(part or 0) * unit_s for part, unit_s in zip(parts, _UNIT_S, strict=False))
+    if not any(parts) or (not parts[0] and offset_s >= MOST_HOURS * 3600):
         raise ValueError(OFFSET_HINT)
-    return sign * sum(float(part or 0) * unit_s for part, unit_s in zip(found.groups(), _UNIT_S, strict=True))
+    return sign * offset_s
 
 
 def format_clock_offset(offset_s: float) -> str:
-    """Format a correction as ``-1:02:00`` (h:min:s), which :func:`parse_clock_offset` reads; "" for none."""
+    """Format a correction as ``-1:02:00`` (h:min:s), from 100 h with days; "" for none.
+
+    :func:`parse_clock_offset` reads it.
+    """
     if not offset_s:
         return ""
     minutes, seconds = divmod(round(abs(offset_s), 3), 60)
     fraction = f"{seconds % 1:.3f}".lstrip("0").rstrip("0").rstrip(".")
     sign = "-" if offset_s < 0 else "+"
-    return f"{sign}{minutes // 60:.0f}:{minutes % 60:02.0f}:{int(seconds):02d}{fraction}"
+    hours, rest = divmod(int(minutes), 60)
+    if hours >= MOST_HOURS:
+        return f"{sign}{hours // 24}d{hours % 24}h{rest}m{int(seconds)}{fraction}s"
+    return f"{sign}{hours}:{rest:02d}:{int(seconds):02d}{fraction}"
 
 
 def is_clock_set(start: datetime) -> bool:
@@ -145,6 +154,12 @@ def find_instants(moment: datetime, zone: tzinfo) -> tuple[datetime, ...]:
     instants = {moment.replace(tzinfo=zone, fold=fold).astimezone(UTC) for fold in (0, 1)}
     shown = (one.astimezone(zone) for one in sorted(instants))
     return tuple(one for one in shown if one.replace(tzinfo=None, fold=0) == moment.replace(fold=0))
+
+
+def is_repeated(moment: datetime) -> bool:
+    """Return whether the zone of a time shows it twice, because its clocks are set back."""
+    zone = moment.tzinfo
+    return zone is not None and len(find_instants(moment.replace(tzinfo=None), zone)) > 1
 
 
 def in_zone(start: datetime | None, time_zone: str | None) -> datetime | None:
@@ -219,8 +234,7 @@ INTERVAL_HINT = "2026-03-02T07:00/2026-03-02T15:30"
 class ShiftWindow:
     """A window of clock time.
 
-    ``start``, ``end``: with an offset from UTC only if the recording's clock has one; without one, they are
-    on the recording's clock.
+    ``start``, ``end``: without an offset from UTC, they are on the recording's clock.
     """
 
     start: datetime
@@ -228,7 +242,9 @@ class ShiftWindow:
 
     def __post_init__(self) -> None:
         """Raise ValueError if the window is empty."""
-        if (self.start.tzinfo is None) is not (self.end.tzinfo is None) or self.start >= self.end:
+        if (self.start.tzinfo is None) is not (self.end.tzinfo is None) or measure_us(
+            self.start, self.end
+        ) <= 0:
             raise ValueError(INTERVAL_HINT)
 
     def __str__(self) -> str:
@@ -236,8 +252,21 @@ class ShiftWindow:
         return f"{self.start.isoformat()}/{self.end.isoformat()}"
 
     def place(self, start: datetime) -> tuple[int, int]:
-        """Return the window in microseconds from the first sample of a recording that starts at ``start``."""
-        return measure_us(start, self.start), measure_us(start, self.end)
+        """Return the window in microseconds from the first sample of a recording that starts at ``start``.
+
+        Raises UnusableShift: the zone of the recording has its start or end twice or never.
+        """
+        first_us, stop_us = (self._place(moment, start) for moment in (self.start, self.end))
+        return first_us, stop_us
+
+    def _place(self, moment: datetime, start: datetime) -> int:
+        if start.tzinfo is None or moment.tzinfo is not None:
+            return measure_us(start, moment)
+        instants = find_instants(moment, start.tzinfo)
+        if len(instants) != 1:
+            why, cure = ("twice", "shift offset") if instants else ("never", "shift never")
+            raise UnusableShift(why=why, cure=cure, window=str(self), value=f"{moment:%Y-%m-%d %H:%M:%S}")
+        return measure_us(start, instants[0])
 
 
 def move_window(window: ShiftWindow, stated: datetime, device: datetime) -> ShiftWindow:

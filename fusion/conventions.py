@@ -11,7 +11,8 @@ METHOD_VERSION = "6"
 Pose = Literal["n-pose", "side-lean", "two-point"]
 NPOSE_ERROR_DEG = 15
 """The n-pose takes the arm along the body as 0 deg, so a raised arm may read too low by up to this."""
-Side = Literal["left", "right"]
+Side = Literal["left", "right", "trunk"]
+"""Where the sensor was worn; a recording of the trunk has no figures of an arm."""
 ArmAxis = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 """The sensor axis that was strapped along the upper arm, towards the shoulder."""
 MAIN_THRESHOLD_DEG = 60
@@ -109,3 +110,27 @@ SIDECAR = re.compile(r"(?:^|/)(?:__MACOSX/|\.[^./]|~\$|(?:desktop\.ini|thumbs\.d
 def is_sidecar(path: str) -> bool:
     """Return whether a path with `/` is a file that macOS, Windows or Office puts beside others."""
     return bool(SIDECAR.search(path))
+
+
+# The length of a day that counts.
+
+
+HOUR_S = 3600.0
+WHOLE_DAY_S = 4 * 3600.0
+"""Least analysed time for a comparison with a value for a whole working day (A15)."""
+LONGEST_DAY_S = 86_400.0
+
+
+def judge_length(
+    duration_s: float, analysed_s: float, least_s: float = WHOLE_DAY_S
+) -> Literal["short", "long"] | None:
+    """Return why a recording does not count as a day; None if it counts."""
+    if duration_s > LONGEST_DAY_S:
+        return "long"
+    return "short" if analysed_s < least_s else None
+
+
+FORMULA_START = "(^|[;,\t\r\n\u007c])([\"' ]*)"
+"""The start of a cell, or of a cell in another dialect, with its quotation marks: a regular expression."""
+FORMULA_SIGN = "(?=[=+\\-@\t\r\x00\uff1d\uff0b\uff0d\uff20])"
+"""Before a sign that a spreadsheet reads as a formula; the wide forms are on Asian keyboards."""

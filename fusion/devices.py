@@ -17,7 +17,7 @@ Form = Literal["binary", "table", "zip", "capture"]
 class KnownDevice:
     """A device, or a program that exports its recordings.
 
-    ``device``: the value of :attr:`fusion.recording.Recording.device`.
+    ``device``: the value of :attr:`acromion.fusion.recording.Recording.device`.
     ``name``: the maker's name for it; the same in every language.
     ``form``: "binary", "table", "zip" of two tables, or "capture" of precomputed angles.
     ``header``, ``above``: patterns of the header line and of the lines above it, ignoring case; one match is

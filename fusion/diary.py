@@ -19,6 +19,8 @@ These layouts of other programs are also read:
 - Acti4's setup: a sheet for each ID, with Type, Weekday, Start, Stop. "E" is time not worn if the code says
   so of the arm; "F" (reference) and "G" (synchronization) are not read.
 - ActiLife's log diary: Subject Name, On Date, On Time, Off Date, Off Time, Category.
+- The activity per second of ActiPASS (DateTime, Activity, Steps, SVM, ...) and of acti-motus (datetime,
+  activity) becomes rows of the kind "posture".
 """
 
 import csv
@@ -26,15 +28,24 @@ import io
 import re
 import unicodedata
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import date, datetime, time, timedelta
-from itertools import islice, pairwise
+from itertools import chain, islice, pairwise
 from math import isfinite
-from typing import Literal, get_args
+from typing import BinaryIO, Literal, get_args
 
-from fusion.conventions import PoseHeld, check_choice
-from fusion.errors import UnusableDiary, UnusableTasks, join_facts, split_facts
-from fusion.workbook import is_workbook, read_workbook
+from acromion.fusion.conventions import PoseHeld, check_choice
+from acromion.fusion.errors import (
+    MOST_ROWS_NAMED,
+    Fact,
+    UnusableDiary,
+    UnusablePostures,
+    UnusableTasks,
+    join_facts,
+    split_facts,
+)
+from acromion.fusion.workbook import is_workbook, read_workbook
 
 # Small tables that people type, such as diaries and participant lists: any delimiter, two encodings.
 
@@ -47,19 +58,50 @@ def decode_text(content: bytes) -> str:
         return content.decode("cp1252", errors="replace")
 
 
-def read_rows(text: str) -> Iterator[tuple[int, list[str]]]:
-    """Yield the non-empty rows with their line number from 1; skip comment lines that start with #.
+class OpenQuoteError(csv.Error):
+    """A quotation mark without its second one, so that the next lines would be part of its cell."""
 
-    Lines may end as on any system, including old Macs. A cell may be as long as the file.
+    def __init__(self, line: int, text: str) -> None:
+        super().__init__(line, text)
+        self.facts: dict[str, Fact] = {"line": line, "why": "open quote", "value": text[:LONGEST_LABEL]}
+
+
+def read_rows(text: str) -> Iterator[tuple[int, list[str]]]:
+    """Yield the non-empty rows with their first line, from 1; skip comment lines that start with #.
+
+    Lines may end as on any system, including old Macs. A cell may be as long as the file, and have several
+    lines in quotation marks.
+
+    Raises OpenQuoteError.
     """
-    first = next((line for line in text.splitlines() if line.strip() and not line.startswith("#")), "")
+    lines = io.StringIO(text, newline=None)
+    first = next((line for line in lines if line.strip() and not line.startswith("#")), "")
     delimiter = max((";", "\t", ","), key=first.count)
     csv.field_size_limit(max(csv.field_size_limit(), len(text)))
-    reader = csv.reader(io.StringIO(text, newline=None), delimiter=delimiter)
+    taken: list[str] = []
+
+    def take() -> Iterator[str]:
+        for line in io.StringIO(text, newline=None):
+            taken.append(line)
+            yield line
+
+    reader = csv.reader(take(), delimiter=delimiter)
     for cells in reader:
+        line = reader.line_num - len(taken) + 1
+        if len(taken) > 1:
+            _refuse_open_quote(taken, line, delimiter)
+        taken.clear()
         stripped = [cell.strip() for cell in cells]
         if any(stripped) and not stripped[0].startswith("#"):
-            yield reader.line_num, stripped
+            yield line, stripped
+
+
+def _refuse_open_quote(lines: Sequence[str], line: int, delimiter: str) -> None:
+    """Refuse a row of several lines that does not end with the second quotation mark of its last cell."""
+    try:
+        next(csv.reader(lines, delimiter=delimiter, strict=True))
+    except csv.Error:
+        raise OpenQuoteError(line, lines[0].strip()) from None
 
 
 def plain_word(word: str) -> str:
@@ -79,12 +121,21 @@ def parse_pose_held(text: str) -> PoseHeld:
     return held
 
 
-Kind = Literal["shift", "work", "pose", "task", "seated", "supported", "break", "outside", "not_worn", "mark"]
+Kind = Literal[
+    "shift", "work", "pose", "task", "seated", "upright", "supported", "break", "outside", "not_worn",
+    "posture", "mark",
+]  # fmt: skip
 KINDS: tuple[Kind, ...] = get_args(Kind)
 """In order of precedence, lowest first: a break within a task interrupts the task.
 
-A "pose" is the time of the calibration pose, and a "mark" is one moment; neither divides the day.
+A "pose" is the time of the calibration pose, and a "mark" is one moment; neither divides the day. A "posture"
+has one of :data:`POSTURES` as its label. It divides the figures by posture only, so that it leaves the tasks
+whole.
 """
+POSTURES: tuple[Kind, ...] = ("seated", "upright")
+"""Kinds that state the posture, and the labels of a "posture"; lying counts as seated."""
+NAMED: tuple[Kind, ...] = ("task", *POSTURES, "supported")
+"""Kinds whose time is counted under a separate name."""
 
 COLUMNS = {
     "start": "start", "from": "start", "time": "start", "begin": "start",
@@ -107,11 +158,14 @@ WORDS: dict[str, Kind] = {
     "pose": "pose", "calibration": "pose", "etalonnage": "pose",
     "task": "task", "tache": "task",
     "seated": "seated", "sitting": "seated", "assis": "seated", "assise": "seated",
+    "upright": "upright", "standing": "upright", "walking": "upright",
+    "debout": "upright", "marche": "upright",
     "supported": "supported", "appuye": "supported", "soutenu": "supported",
     "break": "break", "lunch": "break", "pause": "break", "repas": "break", "diner": "break",
     "outside": "outside", "off": "outside", "hors poste": "outside", "hors": "outside",
     "leisure": "outside", "loisirs": "outside", "sleep": "outside", "sommeil": "outside",
     "not worn": "not_worn", "nonwear": "not_worn", "non porte": "not_worn", "retire": "not_worn",
+    "posture": "posture",
     "mark": "mark", "marque": "mark", "repere": "mark", "symptom": "mark", "symptome": "mark",
     "pain": "mark", "douleur": "mark",
 }  # fmt: skip
@@ -122,6 +176,7 @@ YES_NO = {"yes": True, "y": True, "1": True, "true": True, "oui": True, "o": Tru
           "no": False, "n": False, "0": False, "false": False, "non": False}  # fmt: skip
 LONGEST_LABEL = 200
 MOST_ROWS = 10_000
+HEAD_BYTES = 1 << 16
 HEADER_ROWS = 20
 """The header is in one of so many rows: above it may be a title, or Acti4's list of sensors."""
 LONGEST_NIGHT_H = 16
@@ -158,7 +213,8 @@ class DiaryEntry:
 
     ``start``, ``end``: a number is seconds from the first sample; text is a clock time, ``"07:58:00"`` or
     ``"2026-03-02T07:58:00"``. An ``end`` of None lasts until the next row begins.
-    ``kind``: "work", "break" and so on: one of :data:`fusion.diary.Kind`. A "mark" is one moment, its start.
+    ``kind``: "work", "break" and so on: one of :data:`acromion.fusion.diary.Kind`. A "mark" is one moment,
+    its start.
     ``label``: the person's own name for it.
     ``left_out``: whether its time is excluded from the denominator; None: the default of its kind.
     ``line``: line number in the file, from 1; 0 if the row is not from a file.
@@ -176,6 +232,8 @@ class DiaryEntry:
     def __post_init__(self) -> None:
         """Raise ValueError with the allowed values if the kind is unknown."""
         check_choice("kind", self.kind, KINDS)
+        if self.kind == "posture":
+            check_choice("label", self.label, POSTURES)
 
 
 Row = DiaryEntry | tuple[int, float | str, str]
@@ -190,8 +248,16 @@ def read_diary(content: bytes) -> tuple[DiaryEntry, ...]:
     Raises UnusableDiary: with every line that cannot be used, the reasons and the remedies.
     """
     if not is_workbook(content):
-        return _read_table(list(islice(read_rows(decode_text(content)), HEADER_ROWS + MOST_ROWS)))
+        try:
+            every = read_rows(decode_text(content))
+            first = list(islice(every, HEADER_ROWS + MOST_ROWS))
+            return _read_activities(chain(first, every)) if _is_activities(first) else _read_table(first)
+        except OpenQuoteError as error:
+            raise UnusableDiary(**error.facts, cure="open quote") from None
     sheets = read_workbook(content)
+    activities = next(filter(_is_activities, sheets.values()), None)
+    if activities:
+        return _read_activities(activities)
     diaries = {name: rows for name, rows in sheets.items() if _find_header(rows) is not None}
     if len(diaries) < 2:
         found = *diaries.values(), *filter(None, sheets.values()), []
@@ -205,6 +271,18 @@ def read_diary(content: bytes) -> tuple[DiaryEntry, ...]:
             row_errors += (UnusableDiary(**facts, sheet=name) for facts in split_facts(error.facts))
     refuse_slips(row_errors)
     return tuple(entries)
+
+
+def is_diary(file: BinaryIO) -> bool:
+    """Return whether a file begins as a diary or a table of activities; leaves it rewound."""
+    head = file.read(HEAD_BYTES)
+    file.seek(0)
+    if is_workbook(head):
+        return True
+    rows: list[tuple[int, list[str]]] = []
+    with suppress(csv.Error):  # also a quotation mark that is open because the head ends there
+        rows.extend(islice(read_rows(decode_text(head)), HEADER_ROWS))
+    return _is_activities(rows) or _find_header(rows) is not None
 
 
 def _find_header(rows: Sequence[tuple[int, list[str]]]) -> int | None:
@@ -269,12 +347,12 @@ def _read_each(
 
 
 def refuse_slips(row_errors: Sequence[UnusableDiary]) -> None:
-    """Raise one error for all rows that cannot be used.
+    """Raise one error for all rows that cannot be used, of the kind of the first.
 
     Raises UnusableDiary: if there is at least one such row.
     """
     if row_errors:
-        raise UnusableDiary(**join_facts([error.facts for error in row_errors]))
+        raise type(row_errors[0])(**join_facts([error.facts for error in row_errors]))
 
 
 def _name_columns(cells: Sequence[str]) -> list[str]:
@@ -390,6 +468,10 @@ def _read_row(line: int, row: Mapping[str, str]) -> Iterable[Row]:
         raise UnusableDiary(line=line, why="yes or no", cure="yes or no", value=left_out[:LONGEST_LABEL])
     is_left_out = YES_NO[plain_word(left_out)] if left_out else None
     label = (row.get("label") or (code[3] if code else event))[:LONGEST_LABEL]
+    if kind == "posture":
+        label = WORDS.get(plain_word(label), "")
+        if label not in POSTURES:
+            raise UnusableDiary(line=line, why="kind", cure="posture", value=row.get("label", ""))
     return (DiaryEntry(start, end, kind, label, is_left_out, line, file),)
 
 
@@ -469,6 +551,99 @@ def _set_ends(rows: Sequence[Row]) -> tuple[DiaryEntry, ...]:
     return tuple(entries)
 
 
+# The activity per second that ActiPASS and acti-motus derive from a sensor on the thigh.
+
+ACTIVITY_CODES = ("nw", "lie", "sit", "stand", "move", "walk", "run", "stair", "cycle", "other", "slpibd",
+                  "liestill", "kneel")  # fmt: skip
+"""The activity by its number in ActiPASS, from 0."""
+ACTIPASS_COLUMNS = {"svm", "timeinbed", "sleepinterval"}
+"""Columns of ActiPASS only: acti-motus has other numbers for its activities."""
+ACTIVITIES: Mapping[str, str] = {
+    **dict.fromkeys(("lie", "sit", "slpibd", "liestill"), "seated"),
+    **dict.fromkeys(("stand", "move", "walk", "run", "stair"), "upright"),
+    **dict.fromkeys(("shuffle", "slow walk", "fast walk", "stairs", "squat"), "upright"),
+    **dict.fromkeys(("nw", "non wear", "cycle", "bicycle", "row", "other", "kneel", ""), ""),
+}
+"""The posture in each activity: on the feet is upright (as in acti-motus); cycling and kneeling have none."""
+DAY_NUMBER = re.compile(r"[67][0-9]{5}(?:[.,][0-9]+)?")
+"""MATLAB's number of a day, in which ActiPASS writes the time: day 1 is 1 January of year 0."""
+DAYS_BEFORE_YEAR_1 = 366
+MATLAB_TIME = re.compile(r"[0-9]{2}-[A-Za-z]{3}-[0-9]{4} [0-9:]{8}")
+EPOCH = timedelta(seconds=1)
+
+
+def _is_activities(rows: Sequence[tuple[int, list[str]]]) -> bool:
+    return bool(rows) and {"datetime", "activity"} <= set(map(plain_word, rows[0][1]))
+
+
+def _read_activities(rows: Iterable[tuple[int, list[str]]]) -> tuple[DiaryEntry, ...]:
+    """Return the postures of a table of activities; a second without a row, or not worn, has no posture.
+
+    Raises UnusablePostures with every line whose time or activity cannot be read, or is not after the one
+    before.
+    """
+    rows = iter(rows)
+    names = [plain_word(cell) for cell in next(rows)[1]]
+    place, is_numbered = (names.index("datetime"), names.index("activity")), ACTIPASS_COLUMNS & set(names)
+    bouts: list[DiaryEntry] = []
+    row_errors: list[UnusableDiary] = []
+    begin = end = before = None
+    posture, first_line, unnamed = "", 0, 0
+
+    def finish() -> None:
+        if posture and begin and end:
+            bouts.append(DiaryEntry(begin.isoformat(), end.isoformat(), "posture", posture, line=first_line))
+
+    for line, cells in rows:
+        text, activity = (cells[k] if k < len(cells) else "" for k in place)
+        word = plain_word(activity)
+        if is_numbered and word.isdecimal() and int(word) < len(ACTIVITY_CODES):
+            word = ACTIVITY_CODES[int(word)]
+        try:
+            if word not in ACTIVITIES:
+                raise UnusablePostures(
+                    line=line, why="activity", cure="activity", value=activity[:LONGEST_LABEL]
+                )
+            moment = _read_second(line, text)
+            if before is not None and moment <= before:
+                raise UnusablePostures(
+                    line=line, why="not later", cure="not later", value=text[:LONGEST_LABEL]
+                )
+        except UnusablePostures as error:
+            if len(row_errors) < MOST_ROWS_NAMED:
+                row_errors.append(error)
+            else:
+                unnamed += 1
+            continue
+        if before is None or end is None or ACTIVITIES[word] != posture or moment > end + EPOCH / 2:
+            end = min(end, moment) if end else None
+            finish()
+            begin, posture, first_line = moment, ACTIVITIES[word], line
+        before, end = moment, moment + EPOCH
+    finish()
+    if unnamed:
+        row_errors[-1].facts["more"] = unnamed
+    refuse_slips(row_errors)
+    if not bouts or len(bouts) > MOST_ROWS:
+        why = "too many rows" if bouts else "no postures"
+        raise UnusablePostures(line=1, why=why, cure="activity", value=str(MOST_ROWS) if bouts else "")
+    return tuple(bouts)
+
+
+def _read_second(line: int, text: str) -> datetime:
+    """Parse the time of an activity, to the millisecond. Raises UnusablePostures."""
+    try:
+        if DAY_NUMBER.fullmatch(text):
+            days = float(text.replace(",", ".")) - DAYS_BEFORE_YEAR_1
+            since = timedelta(milliseconds=round((days - 1) * 86_400_000))
+            return datetime.combine(date.min, time()) + since
+        if MATLAB_TIME.fullmatch(text):
+            return datetime.strptime(text, "%d-%b-%Y %H:%M:%S")  # noqa: DTZ007  local time
+        return datetime.fromisoformat(text)
+    except (ValueError, OverflowError):
+        raise UnusablePostures(line=line, why="time", cure="second", value=text[:LONGEST_LABEL]) from None
+
+
 # The task list: a CSV with the columns ``name,start_s,end_s`` and optionally ``paper_task``.
 #
 # Times are seconds of the recording's clock, or of the reference's clock if the column ``clock`` contains
@@ -493,7 +668,10 @@ class TaskWindow:
 
 def read_tasks(content: bytes) -> tuple[TaskWindow, ...]:
     """Parse the task list; raises UnusableTasks."""
-    rows = list(read_rows(decode_text(content)))
+    try:
+        rows = list(read_rows(decode_text(content)))
+    except OpenQuoteError as error:
+        raise UnusableTasks(line=error.facts["line"], why="open quote") from None
     names = [cell.lower() for cell in rows[0][1]] if rows else []
     if not set(NEEDED_BY_TASKS) <= set(names):
         raise UnusableTasks(line=1, why="task-columns")

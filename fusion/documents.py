@@ -2,7 +2,7 @@
 
 import re
 
-from fusion.errors import UnknownFormat
+from acromion.fusion.errors import UnknownFormat
 
 HEAD_BYTES = 65_536
 DOCUMENTS = tuple(

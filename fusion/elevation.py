@@ -8,18 +8,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.conventions import METHOD_VERSION, MethodName
-from fusion.numba_kernels import kernel, njit
-from fusion.orientation.live import LiveParameters, LiveVertical
-from fusion.orientation.published import PublishedParameters, estimate_published
-from fusion.orientation.smoothed import SmoothedParameters, UncertaintySettings, estimate_sigma, smooth_nodes
-from fusion.pose.calibrate import CalibratedSamples
-from fusion.pose.rules import AxisPart, Reading
-from fusion.recording import MICROSECONDS, BoolArray, Float64Array, FloatArray, Segment
-from fusion.sensor.gyroscope import BiasSettings, GyroScaleSettings
-from fusion.sensor.model import Nodes, propagate_vertical, view_segment
-from fusion.sensor.self_calibration import AccelerometerSettings
-from fusion.sensor.stillness import StillRules
+from acromion.fusion.conventions import METHOD_VERSION, MethodName
+from acromion.fusion.numba_kernels import kernel, njit
+from acromion.fusion.orientation.live import LiveParameters, LiveVertical
+from acromion.fusion.orientation.published import PublishedParameters, estimate_published
+from acromion.fusion.orientation.smoothed import (
+    SmoothedParameters,
+    UncertaintySettings,
+    estimate_sigma,
+    smooth_nodes,
+)
+from acromion.fusion.pose.calibrate import CalibratedSamples
+from acromion.fusion.pose.rules import AxisPart, Reading
+from acromion.fusion.recording import MICROSECONDS, BoolArray, Float64Array, FloatArray, Segment
+from acromion.fusion.sensor.gyroscope import BiasSettings, GyroScaleSettings
+from acromion.fusion.sensor.model import Nodes, propagate_vertical, view_segment
+from acromion.fusion.sensor.self_calibration import AccelerometerSettings
+from acromion.fusion.sensor.stillness import StillRules
 
 # Rows of the angle: at most 100 per second, averaged from the samples around them.
 #
@@ -127,6 +132,25 @@ def read_rows(vertical: Vertical, rows: AngleRows, first: int, stop: int) -> Flo
     return out
 
 
+BLOCK_S, BLOCKS_AT_ONCE = 0.1, 16_384
+
+
+def average_acceleration(segment: Segment, row_count: int) -> tuple[int, Float64Array]:
+    """Return how many rows make a block of about 0.1 s, and the mean magnitude over each block, g.
+
+    ``row_count``: rows of the angle over the segment, each of one or more samples.
+    """
+    per_row = max(len(segment) / max(row_count, 1), 1.0)
+    block = max(1, round(segment.rate_hz / per_row * BLOCK_S))
+    edges = np.rint(np.append(np.arange(0, row_count, block), row_count) * per_row).astype(np.int64)
+    means = np.empty(len(edges) - 1)
+    for first in range(0, len(means), BLOCKS_AT_ONCE):
+        near = edges[first : first + BLOCKS_AT_ONCE + 1]
+        size_g = np.linalg.norm(segment.acc_g[near[0] : near[-1]].astype(np.float64), axis=1)
+        means[first : first + len(near) - 1] = np.add.reduceat(size_g, near[:-1] - near[0]) / np.diff(near)
+    return block, means
+
+
 @kernel
 def _average(vertical: Any, places: Any, reach: float, out: Any) -> None:  # pragma: no cover
     """Compute the mean direction around each place, in samples.
@@ -170,17 +194,18 @@ class ElevationSegment:
     """Elevation over one unbroken run.
 
     ``start_us``, ``rate_hz``: time of the first row, microseconds from the recording's first sample; rows per
-    second, at most about 100 if the angle was fused from samples (:mod:`fusion.elevation`).
+    second, at most about 100 if the angle was fused from samples (:mod:`acromion.fusion.elevation`).
     ``elevation_deg``: shape (n,), float32. 0 hanging, 90 level, 180 overhead. Before the metric filter.
     ``valid``: shape (n,). Whether every sample of the row is fused and trusted. The diary has no effect:
     breaks stay valid.
     ``vertical``: shape (n, 3), float32, read by slices of rows: unit vector to the zenith in the sensor
     frame; None for an angle series. Computed again on each read, except that it is stored if a row has
-    several samples (:class:`fusion.elevation.VerticalOnDemand`).
+    several samples (:class:`acromion.fusion.elevation.VerticalOnDemand`).
     ``sigma_deg``: shape (seconds,), float32: standard deviation of the angle in each second of the segment,
-    without the error of the pose (:mod:`fusion.orientation.smoothed`); None if the method does not estimate
-    it.
-    ``bridged``: as in :class:`fusion.recording.Segment`: row ranges [first, stop) without measured samples.
+    without the error of the pose (:mod:`acromion.fusion.orientation.smoothed`); None if the method does not
+    estimate it.
+    ``bridged``: as in :class:`acromion.fusion.recording.Segment`: row ranges [first, stop) without measured
+    samples.
     """
 
     start_us: int

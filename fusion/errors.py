@@ -1,7 +1,7 @@
 """Reasons why no result can be reported.
 
-An error means that there is no result. A caveat (:mod:`fusion.caveats`) qualifies a result. Any other
-exception is a bug. An error has a fixed code and facts but no sentence: ``app/report/words`` has the
+An error means that there is no result. A caveat (:mod:`acromion.fusion.caveats`) qualifies a result. Any
+other exception is a bug. An error has a fixed code and facts but no sentence: ``app/report/words`` has the
 sentences by code. The table in ``docs/reference/codes.md`` is generated from this module.
 
     FusionError
@@ -15,7 +15,7 @@ sentences by code. The table in ``docs/reference/codes.md`` is generated from th
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
-from fusion.caveats import TERM, name_facts
+from acromion.fusion.caveats import TERM, name_facts
 
 Fact = str | int | float
 PLACE = name_facts(
@@ -27,6 +27,8 @@ PLACE = name_facts(
 """The place in the file; any error may include it."""
 
 
+DOUBLE_RECORDING = "E-DOUBLE"
+"""The code of a recording whose bytes or samples are those of another; it has not failed."""
 MOST_ROWS_NAMED = 20
 
 
@@ -78,6 +80,16 @@ class FusionError(Exception):
     def __init__(self, **facts: Fact) -> None:
         super().__init__(self.code, facts)
         self.facts = facts
+
+    def __reduce__(self) -> tuple[object, tuple[object, ...]]:
+        """Copy the error to another process with its facts."""
+        return _restore, (type(self), self.facts)
+
+
+def _restore(kind: type[FusionError], facts: Mapping[str, Fact]) -> FusionError:
+    error = kind.__new__(kind)
+    FusionError.__init__(error, **facts)
+    return error
 
 
 class UnreadableFile(FusionError, code="E-UNREADABLE"):
@@ -213,8 +225,15 @@ class NoSamples(DamagedFile, code="E-NO-SAMPLES"):
     """A header without a sample after it."""
 
 
-class UnusableShift(UnreadableFile, code="E-SHIFT", why=TERM, window="interval, ISO 8601"):
-    """The recording has no clock, or no sample in the window of the shift."""
+class UnusableShift(
+    UnreadableFile,
+    code="E-SHIFT",
+    why=TERM,
+    cure=TERM,
+    window="interval, ISO 8601",
+    value="clock time of the shift",
+):
+    """The recording has no clock or no sample in the shift, or its clock has an end of it twice or never."""
 
 
 class UnreadableRows(DamagedFile, code="E-ROW", k="lines"):
@@ -296,22 +315,27 @@ class WrongAngle(UnusableRecording, code="E-ANGLE", value="deg"):
     """An elevation outside 0 to 180 deg."""
 
 
-class UnusableDiary(
-    FusionError,
-    code="E-DIARY",
-    why=TERM,
-    cure=TERM,
-    value="as written",
-    text="as written",
-    other="line of a second row",
-    diary="name of the file",
-    sheet="name of the sheet",
-    more="rows not listed",
-):
+_OF_ROWS = {
+    "why": TERM,
+    "cure": TERM,
+    "value": "as written",
+    "text": "as written",
+    "other": "line of a second row",
+    "diary": "name of the file",
+    "sheet": "name of the sheet",
+    "more": "rows not listed",
+}
+
+
+class UnusableDiary(FusionError, code="E-DIARY", **_OF_ROWS):
     """Rows of the diary cannot be used.
 
     The facts of the second such row end in ``_2``, and so on.
     """
+
+
+class UnusablePostures(UnusableDiary, code="E-POSTURE", **_OF_ROWS):
+    """Rows of a file of postures, or the recording of the thigh that they come from, cannot be used."""
 
 
 class UnusableClock(
@@ -341,6 +365,8 @@ class NotAligned(
     least_s="s",
     best="score of the best shift",
     rival="of another",
+    margin_s="s",
+    most_s="s",
 ):
     """No clock shift is a clear match."""
 

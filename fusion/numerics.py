@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fusion.recording import Float64Array
+from acromion.fusion.recording import Float64Array
 
 # Angles and rotations between directions.
 

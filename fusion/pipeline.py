@@ -3,17 +3,18 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import BinaryIO, Literal
+from datetime import datetime
+from typing import TYPE_CHECKING, BinaryIO, Literal
 
-from fusion.angle_files import AngleFile, calibrate_alone, resample_file
-from fusion.angle_files.angle_series import read_angle_series
-from fusion.caveats import Caveat
-from fusion.clocks import correct_start
-from fusion.conventions import is_npose
-from fusion.elevation import Elevation, apply_reading, estimate_elevation
-from fusion.errors import UnknownAxis
-from fusion.exposure.parts import DayDivision, snap_periods
-from fusion.exposure.periods import (
+from acromion.fusion.angle_files import AngleFile, calibrate_alone, resample_file
+from acromion.fusion.angle_files.angle_series import read_angle_series
+from acromion.fusion.caveats import Caveat
+from acromion.fusion.clocks import correct_start
+from acromion.fusion.conventions import is_npose
+from acromion.fusion.elevation import Elevation, apply_reading, estimate_elevation
+from acromion.fusion.errors import UnknownAxis
+from acromion.fusion.exposure.parts import DayDivision, snap_periods
+from acromion.fusion.exposure.periods import (
     Placed,
     divide_day,
     drop_poses,
@@ -21,12 +22,19 @@ from fusion.exposure.periods import (
     find_left_out,
     place_diary,
 )
-from fusion.exposure.summary import remove_short_ranges, summarise_exposure, widen_intervals
-from fusion.exposure.types import Exposure
-from fusion.pose.calibrate import CalibratedSamples, Calibration, calibrate, reduce_recording
-from fusion.pose.rules import AxisPart
-from fusion.quality import Quality, TimeAccount
-from fusion.quality.time_account import (
+from acromion.fusion.exposure.plots import draw_day
+from acromion.fusion.exposure.summary import remove_short_ranges, summarise_exposure, widen_intervals
+from acromion.fusion.exposure.types import Exposure
+from acromion.fusion.pose.calibrate import (
+    CalibratedSamples,
+    Calibration,
+    calibrate,
+    check_window,
+    reduce_recording,
+)
+from acromion.fusion.pose.rules import AxisPart
+from acromion.fusion.quality import Quality, TimeAccount
+from acromion.fusion.quality.time_account import (
     account_time,
     check_minimum_duration,
     count_holes_us,
@@ -36,7 +44,7 @@ from fusion.quality.time_account import (
     make_disjoint,
     propose_nonwear,
 )
-from fusion.quality.verdict import (
+from acromion.fusion.quality.verdict import (
     assess_quality,
     flag_accelerometer_drift,
     flag_gyro_drift,
@@ -46,10 +54,13 @@ from fusion.quality.verdict import (
     flag_untrusted_pose,
     flag_upside_down,
 )
-from fusion.readers import RecordingFile, read_recording
-from fusion.readers.time.clock import set_clock
-from fusion.recording import MICROSECONDS, QualityFlag, Recording, Span, flag_spans
-from fusion.settings import DEFAULT_SETTINGS, AnalysisSettings
+from acromion.fusion.readers import RecordingFile, read_recording
+from acromion.fusion.readers.time.clock import set_clock
+from acromion.fusion.recording import MICROSECONDS, QualityFlag, Recording, Span, flag_spans, join_overlapping
+from acromion.fusion.settings import DEFAULT_SETTINGS, AnalysisSettings
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Step = Literal["checking", "calibrating", "fusing", "counting"]
 
@@ -93,6 +104,21 @@ class Analysis:
             f"quality {self.quality.verdict})"
         )
 
+    def plot(self) -> "Figure":
+        """Draw the day.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            P10 to P90 and the median of each minute; excluded time is hatched.
+
+        Raises
+        ------
+        ModuleNotFoundError
+            matplotlib is not installed.
+        """
+        return draw_day(self.exposure.minutes, self.recording.start, self.exclusions)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FusedRecording:
@@ -123,7 +149,7 @@ def analyse(
     Parameters
     ----------
     recording
-        The result of :func:`fusion.read_recording`, or a path or file to read with it.
+        The result of :func:`acromion.read_recording`, or a path or file to read with it.
     settings
         Method, pose, calibration windows and diary; the defaults if omitted.
     on_step
@@ -136,11 +162,11 @@ def analyse(
 
     Raises
     ------
-    fusion.errors.UnreadableFile
+    acromion.fusion.errors.UnreadableFile
         The file is not a readable recording.
-    fusion.errors.UnusableRecording
+    acromion.fusion.errors.UnusableRecording
         No angle can be trusted (too short, no usable calibration), or a stated clock cannot be right.
-    fusion.errors.UnusableDiary
+    acromion.fusion.errors.UnusableDiary
         A row of the diary cannot be placed on the recording.
     OSError
         The path cannot be opened.
@@ -184,6 +210,20 @@ def analyse(
     )
 
 
+def check_stated_times(
+    settings: AnalysisSettings, start: datetime | None, duration_us: int
+) -> tuple[QualityFlag, ...]:
+    """Return the caveats of the diary, from the start and duration of a recording alone.
+
+    Raises UnusableDiary or UnusableCalibration as the analysis of the recording would.
+    """
+    poses_s = find_diary_poses(settings.diary, start, duration_us)
+    is_known = settings.calibration_windows_s or settings.arm_axis
+    for window_s in join_overlapping(settings.calibration_windows_s if is_known else poses_s):
+        check_window(window_s, duration_us)
+    return place_diary(drop_poses(settings.diary), start, duration_us).flags
+
+
 def apply_file_settings(recording: Recording, settings: AnalysisSettings) -> AnalysisSettings:
     """Use the poses of the diary, or the pose or axis that the file states, if the person gives neither."""
     poses_s = find_diary_poses(settings.diary, recording.start, recording.duration_us)
@@ -193,8 +233,6 @@ def apply_file_settings(recording: Recording, settings: AnalysisSettings) -> Ana
         windows_s = settings.calibration_windows_s if is_known else poses_s
         settings = replace(settings, diary=diary, calibration_windows_s=windows_s)
     if settings.calibration_windows_s or settings.arm_axis or settings.pose == "two-point":
-        return settings
-    if settings.carried:
         return settings
     if recording.arm_axis is not None:
         return replace(settings, arm_axis=recording.arm_axis)
@@ -255,12 +293,13 @@ class _Day:
 def _divide(recording: Recording, elevation: Elevation, exclusions: tuple[Span, ...], placed: Placed) -> _Day:
     """Exclude the diary's breaks from the counted angle; if two reasons overlap, the diary's is reported."""
     if not placed.periods:
-        return _Day(DayDivision(marks=placed.marks), exclusions, elevation)
+        return _Day(DayDivision(marks=placed.marks, postures=placed.postures), exclusions, elevation)
     periods = snap_periods(placed.periods, elevation.segments)
     pieces = divide_day(periods, recording.duration_us)
     left_out = find_left_out(pieces)
     every = make_disjoint((*exclusions, *left_out), recording.duration_us)
-    return _Day(DayDivision(periods, pieces, placed.marks), every, leave_out(elevation, left_out))
+    division = DayDivision(periods, pieces, placed.marks, placed.postures)
+    return _Day(division, every, leave_out(elevation, left_out))
 
 
 def _divide_time(

@@ -1,4 +1,4 @@
-"""Compile the kernels of an analysis once after an installation: ``python -m fusion.prepare``.
+"""Compile the kernels of an analysis once after an installation: ``python -m acromion.fusion.prepare``.
 
 The first analysis compiles each kernel when it reaches it, from reading to counting. This module compiles on
 a synthetic recording in the opposite order. With two cores they meet in the middle, and the first analysis
@@ -9,13 +9,13 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from fusion.conventions import MethodName
-from fusion.elevation import Elevation, ElevationSegment, describe_method
-from fusion.exposure.summary import summarise_exposure
-from fusion.numba_kernels import mark_prepared
-from fusion.pipeline import analyse, fuse_recording
-from fusion.recording import MICROSECONDS, Recording, Segment
-from fusion.settings import AnalysisSettings
+from acromion.fusion.conventions import MethodName
+from acromion.fusion.elevation import Elevation, ElevationSegment, describe_method
+from acromion.fusion.exposure.summary import summarise_exposure
+from acromion.fusion.numba_kernels import mark_prepared
+from acromion.fusion.pipeline import analyse, fuse_recording
+from acromion.fusion.recording import MICROSECONDS, Recording, Segment
+from acromion.fusion.settings import AnalysisSettings
 
 RATE_HZ = 100.0
 DURATION_S = 1200

@@ -10,8 +10,8 @@ from typing import Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.caveats import Caveat
-from fusion.conventions import ArmAxis, PoseHeld
+from acromion.fusion.caveats import Caveat
+from acromion.fusion.conventions import ArmAxis, PoseHeld
 
 LONGEST_BRIDGE_US = 50_000
 
@@ -32,7 +32,8 @@ UnitSource = Literal["", "header", "stated"]
 class QualityFlag:
     """A caveat about the results: one line of the data-quality box.
 
-    ``code``: a :class:`fusion.caveats.Caveat`; plain text from a reader plug-in, or from a stored report.
+    ``code``: a :class:`acromion.fusion.caveats.Caveat`; plain text from a reader plug-in, or from a stored
+    report.
     ``count``: how many times it was found.
     ``seconds``: total duration.
     ``first_s``, ``last_s``: seconds from the first sample; None if the caveat has no place.
@@ -134,7 +135,8 @@ class Segment:
 class Recording:
     """The content of a file: segments in time order, and the known absences between them.
 
-    ``device``: one of :data:`fusion.devices.KNOWN_DEVICES`, "angles", "other", or a plug-in's own name.
+    ``device``: one of :data:`acromion.fusion.devices.KNOWN_DEVICES`, "angles", "other", or a plug-in's own
+    name.
     ``sha256``: of the file's bytes, hexadecimal.
     ``start``: the device's clock at the first sample, converted only to a zone that a person states. Aware
     if the file states its offset from UTC, naive if it does not, None if there is no clock.

@@ -7,8 +7,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fusion.numba_kernels import inner, kernel
-from fusion.recording import MICROSECONDS, BoolArray, Float64Array, IntArray, Span
+from acromion.fusion.numba_kernels import inner, kernel
+from acromion.fusion.recording import MICROSECONDS, BoolArray, Float64Array, IntArray, Span
 
 # Runs of marked rows, and of rows above a threshold with hysteresis.
 
@@ -179,7 +179,7 @@ def find_parts(edges: IntArray, values: ArrayLike) -> IntArray:
 
 @kernel
 def add_spans(stays, worth, part_rows, sums):  # type: ignore[no-untyped-def]
-    """Add the value of each stay's rows (:mod:`fusion.runs`) to its level, shape (t, p)."""
+    """Add the value of each stay's rows (:mod:`acromion.fusion.runs`) to its level, shape (t, p)."""
     for k in range(len(stays)):
         add_rows(stays[k, START], stays[k, STOP], worth, part_rows, sums[stays[k, LEVEL]])
 

@@ -24,8 +24,8 @@ BOTH_ACCELEROMETERS = StillLimit(1.0, 0.02)
 """To compare the two accelerometers of a GT9X Link, second by second."""
 
 MOMENT = StillLimit(1.5, 0.02, 1.4)
-"""For the calibration of the sensor (:mod:`fusion.sensor`); applies to all three axes together, so that the
-strapping direction does not matter. The gyroscope limit keeps slow turns out of its offset.
+"""For the calibration of the sensor (:mod:`acromion.fusion.sensor`); applies to all three axes together, so
+that the strapping direction does not matter. The gyroscope limit keeps slow turns out of its offset.
 """
 
 POSE = StillLimit(5.0, 0.01, 5.0)

@@ -15,7 +15,7 @@ from typing import Any
 
 from defusedxml.ElementTree import iterparse
 
-from fusion.errors import UnusableDiary
+from acromion.fusion.errors import UnusableDiary
 
 ZIP, OLE = b"PK\x03\x04", b"\xd0\xcf\x11\xe0"
 """First bytes of a workbook; OLE is the old format (.xls), and any format with a password."""

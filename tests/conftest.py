@@ -12,7 +12,7 @@ import pytest
 from hypothesis import settings
 from playwright.sync_api import Browser, sync_playwright
 
-from fusion.simulation import simulate_shift, write_shift
+from acromion.fusion.simulation import simulate_shift, write_shift
 from tests import ROOT
 from tests.postgres import BINARIES, PostgresServer
 from tests.swift import SwiftServer, find_programs

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fusion.orientation.smoothed import smooth_nodes
-from fusion.recording import Float64Array
-from fusion.sensor.gyroscope import estimate_gyro_bias_track, reduce_about_start
-from fusion.sensor.model import (
+from acromion.fusion.orientation.smoothed import smooth_nodes
+from acromion.fusion.recording import Float64Array
+from acromion.fusion.sensor.gyroscope import estimate_gyro_bias_track, reduce_about_start
+from acromion.fusion.sensor.model import (
     NODE_RATE_HZ,
     GyroBias,
     SensorRun,
@@ -16,7 +16,7 @@ from fusion.sensor.model import (
     propagate_vertical,
     reduce_to_nodes,
 )
-from fusion.sensor.stillness import QuietTable, find_still_moments, reduce_run
+from acromion.fusion.sensor.stillness import QuietTable, find_still_moments, reduce_run
 
 
 @dataclass(frozen=True, slots=True, eq=False)

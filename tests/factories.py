@@ -8,10 +8,10 @@ from datetime import datetime
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.elevation import Elevation, ElevationSegment
-from fusion.recording import MICROSECONDS, Recording, Segment
-from fusion.simulation.activities import Choreography
-from fusion.simulation.body import Body, Channel, compute_readings, play
+from acromion.fusion.elevation import Elevation, ElevationSegment
+from acromion.fusion.recording import MICROSECONDS, Recording, Segment
+from acromion.fusion.simulation.activities import Choreography
+from acromion.fusion.simulation.body import Body, Channel, compute_readings, play
 
 START = datetime(2026, 3, 2, 7, 0, 0)  # noqa: DTZ001 - a device's own clock, which has no zone
 

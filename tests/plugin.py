@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fusion.readers import read_recording
-from fusion.simulation import write_recordings
+from acromion.fusion.readers import read_recording
+from acromion.fusion.simulation import write_recordings
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "write-a-reader.md"

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fusion.recording import Float64Array
+from acromion.fusion.recording import Float64Array
 
 FRAME = (
     '<frame time="{ms}" index="{index}" tc="00:00:00:00" ms="{epoch}" type="{kind}">'

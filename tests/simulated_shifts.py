@@ -6,9 +6,9 @@ from datetime import datetime
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.recording import Float64Array
-from fusion.simulation import SimulatedShift
-from fusion.simulation.sensor import CALIBRATION_K, KNOT_S, SensorErrors, draw_mounting
+from acromion.fusion.recording import Float64Array
+from acromion.fusion.simulation import SimulatedShift
+from acromion.fusion.simulation.sensor import CALIBRATION_K, KNOT_S, SensorErrors, draw_mounting
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,10 +10,10 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from fusion.simulation.activities import HANGING, Choreography, hold_still, rest, tremble
-from fusion.simulation.body import Channel
-from fusion.simulation.sensor import Device
-from fusion.simulation.shift import PlannedActivity, SimulatedShift, wear_sensor
+from acromion.fusion.simulation.activities import HANGING, Choreography, hold_still, rest, tremble
+from acromion.fusion.simulation.body import Channel
+from acromion.fusion.simulation.sensor import Device
+from acromion.fusion.simulation.shift import PlannedActivity, SimulatedShift, wear_sensor
 
 Task = Callable[[Choreography, np.random.Generator], None]
 

@@ -12,8 +12,8 @@ from zipfile import ZIP_STORED, ZipFile
 
 import numpy as np
 
-from fusion.simulation.files import ROW, frame_record, write_shift
-from fusion.simulation.shift import simulate_shift
+from acromion.fusion.simulation.files import ROW, frame_record, write_shift
+from acromion.fusion.simulation.shift import simulate_shift
 
 DAYS = tuple(datetime(2026, 3, day, 7) for day in (2, 3, 4, 5, 6))  # noqa: DTZ001  the device's clock
 MINUTES = 20

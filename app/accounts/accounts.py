@@ -28,16 +28,22 @@ from sqlalchemy import (
 )
 from sqlalchemy.exc import IntegrityError
 
-from app.accounts.subjects import PERMISSIONS, ROLES, Permission, Role, Subject, collect_permissions
-from app.errors import AccountsLost, BadParameter, NotHere, NotPermitted
-from app.library.audit_log import NOBODY, Act, record
-from app.library.database.connect import READ_ONLY, connect, find_database_file, lock_tables, open_database
-from app.library.database.tables import known_browsers, people, sessions, tickets, tokens
-from app.library.rows import format_now
-from app.settings import Settings
-from app.store.folder import sync_folder
-from app.store.permissions import create_file, make_folder
-from app.store.server_secret import ServerSecret
+from acromion.app.accounts.subjects import PERMISSIONS, ROLES, Permission, Role, Subject, collect_permissions
+from acromion.app.errors import AccountsLost, BadParameter, NotHere, NotPermitted
+from acromion.app.library.audit_log import NOBODY, Act, record
+from acromion.app.library.database.connect import (
+    READ_ONLY,
+    connect,
+    find_database_file,
+    lock_tables,
+    open_database,
+)
+from acromion.app.library.database.tables import known_browsers, people, sessions, tickets, tokens
+from acromion.app.library.rows import format_now
+from acromion.app.settings import Settings
+from acromion.app.store.folder import sync_folder
+from acromion.app.store.permissions import create_file, make_folder
+from acromion.app.store.server_secret import ServerSecret
 
 
 def hash_secret(secret: str) -> str:

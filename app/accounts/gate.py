@@ -11,10 +11,10 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from app.accounts.accounts import AccountStore
-from app.accounts.subjects import AT_THE_MACHINE, MACHINE, Subject
-from app.errors import StartSecretUnusable
-from app.store.permissions import FILE_MODE, create_file
+from acromion.app.accounts.accounts import AccountStore
+from acromion.app.accounts.subjects import AT_THE_MACHINE, MACHINE, Subject
+from acromion.app.errors import StartSecretUnusable
+from acromion.app.store.permissions import FILE_MODE, create_file
 
 FILE_NAME = "secret"
 SECRET_BYTES = 32

@@ -19,7 +19,7 @@ import segno
 from argon2 import PasswordHasher, Type
 from argon2.exceptions import VerificationError
 
-from app.errors import WeakPassword
+from acromion.app.errors import WeakPassword
 
 LEAST, MOST = 12, 128
 LEAST_OWN = 4

@@ -21,11 +21,11 @@ from joserfc import jwt
 from joserfc.errors import JoseError
 from joserfc.jwk import KeySet
 
-from app.accounts.accounts import AccountStore, Person
-from app.accounts.sign_in import TicketStore
-from app.accounts.subjects import ROLES
-from app.errors import NotPermitted, ProviderRefused, TicketSpent
-from app.settings import Settings
+from acromion.app.accounts.accounts import AccountStore, Person
+from acromion.app.accounts.sign_in import TicketStore
+from acromion.app.accounts.subjects import ROLES
+from acromion.app.errors import NotPermitted, ProviderRefused, TicketSpent
+from acromion.app.settings import Settings
 
 TERM_S = 10 * 60.0
 TIMEOUT_S = 10.0

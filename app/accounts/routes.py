@@ -2,10 +2,11 @@
 
 A line has method, path and act. ``public`` routes are open to everyone. A WebSocket has the method ``WS``. If
 the trash is turned off, deleting also needs ``erase``
-(:func:`app.http.api.library.recordings.check_may_erase`).
+(:func:`acromion.app.http.api.library.recordings.check_may_erase`).
 
-The act is what the response adds to the audit log (:mod:`app.http.middleware.access`). ``rows``: the change
-itself adds its lines, in its own transaction. ``none``: no personal data is read except one's own draft.
+The act is what the response adds to the audit log (:mod:`acromion.app.http.middleware.access`). ``rows``: the
+change itself adds its lines, in its own transaction. ``none``: no personal data is read except one's own
+draft.
 
 ``again``: the person must confirm the password first: to erase, to export the data of many recordings, to
 create lasting access to the data (a token, a webhook), or to manage accounts. The files of one recording,
@@ -17,8 +18,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal, cast
 
-from app.accounts.subjects import Permission
-from app.library.audit_log import ACTS, Act
+from acromion.app.accounts.subjects import Permission
+from acromion.app.library.audit_log import ACTS, Act
 
 Needed = Permission | Literal["public"]
 
@@ -111,6 +112,7 @@ _ROUTES: Mapping[Needed, str] = {
         GET    /api/v1/analyses/{analysis_id}/report.pdf                  file.exported
         GET    /api/v1/analyses/{analysis_id}/answer.txt                  file.exported
         GET    /api/v1/analyses/{analysis_id}/settings.yaml               file.exported
+        GET    /api/v1/batches                                            list.read
         GET    /api/v1/batches/{batch_id}                                 list.read
         GET    /api/v1/validations/{validation_id}                        report.read
         GET    /api/v1/columns                                            list.read
@@ -193,7 +195,11 @@ _ROUTES: Mapping[Needed, str] = {
         GET    /api/v1/analyses/{analysis_id}/fhir.json                   file.exported
         GET    /api/v1/analyses/{analysis_id}/datapackage.json            file.exported
         GET    /api/v1/analyses/{analysis_id}/bundle.zip                  file.exported
+        GET    /api/v1/analyses/{analysis_id}/hours.csv                   file.exported
         GET    /api/v1/analyses/{analysis_id}/periods.csv                 file.exported
+        GET    /api/v1/analyses/{analysis_id}/tasks.csv                   file.exported
+        GET    /api/v1/analyses/{analysis_id}/postures.csv                file.exported
+        GET    /api/v1/analyses/{analysis_id}/marks.csv                   file.exported
         GET    /api/v1/analyses/{analysis_id}/elevation.csv.gz            file.exported
         GET    /api/v1/analyses/{analysis_id}/summary.csv                 file.exported
         GET    /api/v1/analyses/{analysis_id}/summary_fr.csv              file.exported

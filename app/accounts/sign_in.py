@@ -19,7 +19,7 @@ from typing import Any, Literal
 
 from sqlalchemy import ColumnElement, Connection, delete, func, insert, or_, select, update
 
-from app.accounts.accounts import (
+from acromion.app.accounts.accounts import (
     AccountDatabase,
     AccountStore,
     Person,
@@ -27,13 +27,20 @@ from app.accounts.accounts import (
     normalise_login,
     record_act,
 )
-from app.accounts.subjects import Subject
-from app.errors import LoginRefused, SecondFactorLost, SecretUnreadable, TicketSpent, TooManyTries
-from app.library.audit_log import NOBODY, get_actor
-from app.library.database.tables import known_browsers, link_uses, people, recovery_codes, tickets, tries
-from app.library.rows import format_now
-from app.settings import Settings
-from app.store.folder import load_extra
+from acromion.app.accounts.subjects import Subject
+from acromion.app.errors import LoginRefused, SecondFactorLost, SecretUnreadable, TicketSpent, TooManyTries
+from acromion.app.library.audit_log import NOBODY, get_actor
+from acromion.app.library.database.tables import (
+    known_browsers,
+    link_uses,
+    people,
+    recovery_codes,
+    tickets,
+    tries,
+)
+from acromion.app.library.rows import format_now
+from acromion.app.settings import Settings
+from acromion.app.store.folder import load_extra
 
 # Stored credentials.
 
@@ -583,7 +590,7 @@ class SignIn:
 
     @property
     def _passwords(self) -> ModuleType:
-        return load_extra("app.accounts.passwords", EXTRA)
+        return load_extra("acromion.app.accounts.passwords", EXTRA)
 
     def _take(self, found: Credentials | None, caller: Caller, *of_person: Budget) -> Sequence[Budget]:
         """Count an attempt, for a known browser only against that browser. Raises TooManyTries."""

@@ -20,8 +20,14 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from app.analysis.fork_server import NotStarted, choose_context, end_child, report_preparing, start_child
-from app.errors import (
+from acromion.app.analysis.fork_server import (
+    NotStarted,
+    choose_context,
+    end_child,
+    report_preparing,
+    start_child,
+)
+from acromion.app.errors import (
     AppError,
     AttemptFailed,
     Crashed,
@@ -31,14 +37,20 @@ from app.errors import (
     OutOfTime,
     RecordedProblem,
 )
-from app.logs import start_logging
-from app.request import OnStage, ReportRequest, Stage
-from app.store.folder import NOTHING_KNOWN, KnownFiles, ResultFile, describe_files, translate_disk_full
-from fusion.errors import Fact, FusionError
+from acromion.app.logs import start_logging
+from acromion.app.request import OnStage, ReportRequest, Stage
+from acromion.app.store.folder import (
+    NOTHING_KNOWN,
+    KnownFiles,
+    ResultFile,
+    describe_files,
+    translate_disk_full,
+)
+from acromion.fusion.errors import Fact, FusionError
 
 if TYPE_CHECKING:  # a child also loads this module, and does not need pydantic
-    from app.report.findings import ReleaseStamp
-    from app.settings import Settings
+    from acromion.app.report.findings import ReleaseStamp
+    from acromion.app.settings import Settings
 
 if sys.platform != "win32":
     import resource
@@ -112,6 +124,13 @@ class Unstarted:
 Outcome = Finished | Refused | Died | Stopped | Unstarted
 
 
+def load_and_call(
+    module: str, function: str, recording_path: Path, request: ReportRequest, out: Path, on_stage: OnStage
+) -> None:
+    """Call a function of a module that only the child process loads."""
+    getattr(importlib.import_module(module), function)(recording_path, request, out, on_stage)
+
+
 def load_and_make_report(
     recording_path: Path,
     request: ReportRequest,
@@ -121,11 +140,13 @@ def load_and_make_report(
 ) -> None:
     """Make a report; the child process loads ``fusion`` only here."""
     if request.reference is not None:
-        importlib.import_module("app.analysis.validate").make_validation(
+        importlib.import_module("acromion.app.analysis.validate").make_validation(
             recording_path, request, out, on_stage, has_curves=known.cache is not None
         )
     else:
-        importlib.import_module("app.analysis.run").make_report(recording_path, request, out, on_stage, known)
+        importlib.import_module("acromion.app.analysis.run").make_report(
+            recording_path, request, out, on_stage, known
+        )
 
 
 def load_and_set_again(
@@ -137,12 +158,21 @@ def load_and_set_again(
 ) -> None:
     """Write a report with another label, or with its release, from the results of a finished analysis."""
     on_stage("rendering", 0.0)
-    importlib.import_module("app.report.products").set_report_again(results, request, out, release)
+    importlib.import_module("acromion.app.report.products").set_report_again(results, request, out, release)
 
 
 def load_and_measure(recording_path: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
     """Write when a recording starts and ends; the child process loads ``fusion`` only here."""
-    importlib.import_module("app.analysis.inspect").write_extent(recording_path, request, out, on_stage)
+    importlib.import_module("acromion.app.analysis.inspect").write_extent(
+        recording_path, request, out, on_stage
+    )
+
+
+def load_and_check(recording_path: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Check the stated times of a request; the child process loads ``fusion`` only here."""
+    importlib.import_module("acromion.app.analysis.run").write_time_check(
+        recording_path, request, out, on_stage
+    )
 
 
 def choose_limits(settings: "Settings", size_bytes: int) -> Limits:
@@ -246,7 +276,7 @@ def prepare_child(limits: Limits, level: int, *, gives_way: bool) -> None:
     threading.Thread(target=_exit_with_parent, daemon=True).start()
     _apply_limits(limits)
     start_logging(logging.WARNING)
-    logging.getLogger("app").setLevel(level)  # only ours: a library's messages may contain a file name
+    logging.getLogger("acromion").setLevel(level)  # only ours: a library's messages may contain a file name
     if gives_way and sys.platform != "win32":
         os.nice(NICENESS)
 

@@ -24,9 +24,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # the command line starts the fork server before it loads anything else
-    from app.request import OnStage, Stage
+    from acromion.app.request import OnStage, Stage
 
-MODULES = ("app.analysis.attempt", "app.analysis.run", "app.analysis.inspect", "app.live.child")
+MODULES = (
+    "acromion.app.analysis.attempt",
+    "acromion.app.analysis.run",
+    "acromion.app.analysis.inspect",
+    "acromion.app.live.child",
+)
 
 
 def load() -> None:
@@ -40,7 +45,7 @@ def load() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # numpy's matrices here are small; threads wait busily
     for name in MODULES:
         importlib.import_module(name)
-    importlib.import_module("fusion.numba_kernels").make_ready()
+    importlib.import_module("acromion.fusion.numba_kernels").make_ready()
     gc.freeze()
     gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
     gc.enable()
@@ -50,7 +55,7 @@ def load() -> None:
 OBJECTS_BETWEEN_COLLECTIONS = 50_000
 """A child lives for seconds: with Python's 700 it would run hundreds of collections."""
 
-PRELOAD = "app.analysis.preloaded"
+PRELOAD = "acromion.app.analysis.preloaded"
 """The module that the fork server loads first."""
 
 TICK_S = 1.0
@@ -142,8 +147,9 @@ def _killing_hung_server() -> Iterator[None]:
 
 
 # The kernels are compiled once after installation, beside the first analysis; people see its progress. The
-# fork server starts a process that compiles in reverse order of use (:mod:`fusion.prepare`), while the first
-# analysis compiles the kernels it needs. Until both have met, every stage is reported as "preparing".
+# fork server starts a process that compiles in reverse order of use (:mod:`acromion.fusion.prepare`), while
+# the first analysis compiles the kernels it needs. Until all are compiled, every stage is reported as
+# "preparing".
 
 
 REPORT_PERIOD_S = 0.5
@@ -154,7 +160,7 @@ def prepare_beside() -> None:
     """Compile in a separate process if needed, and return at once.
 
     The process is the grandchild of a fork, so that no process waits for it; it outlives this one. Call this
-    before any thread has started, with :mod:`fusion.numba_kernels` loaded.
+    before any thread has started, with :mod:`acromion.fusion.numba_kernels` loaded.
     """
     if not hasattr(os, "fork") or _measure_progress() >= 1.0:
         return
@@ -168,15 +174,15 @@ def prepare_beside() -> None:
             nothing = os.open(os.devnull, os.O_RDWR)
             for stream in range(3):  # close inherited output: a reader may wait for its end
                 os.dup2(nothing, stream)
-            folder: Path = importlib.import_module("fusion.numba_kernels").make_kernel_folder()
+            folder: Path = importlib.import_module("acromion.fusion.numba_kernels").make_kernel_folder()
             if _lock_preparation(folder):
-                importlib.import_module("fusion.prepare").prepare()
+                importlib.import_module("acromion.fusion.prepare").prepare()
     finally:
         os._exit(0)
 
 
 def _measure_progress() -> float:
-    progress: float = importlib.import_module("fusion.numba_kernels").measure_progress()
+    progress: float = importlib.import_module("acromion.fusion.numba_kernels").measure_progress()
     return progress
 
 

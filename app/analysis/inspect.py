@@ -9,29 +9,29 @@ from typing import Any
 
 import numpy as np
 
-from app.request import BY_DIARY, OnStage, ReportRequest
-from app.store.decoded import hash_entry_key
-from app.store.folder import NOTHING_KNOWN, KnownFiles, hash_file
-from app.version import identify_engine
-from fusion.angle_files import AngleFile, read_angle_file, recognise_layout, resample_file
-from fusion.caveats import Caveat
-from fusion.clocks import ShiftWindow, correct_start, move_window, parse_interval
-from fusion.errors import FailedReader, FusionError, UnusableShift
-from fusion.pose.calibrate import propose_poses
-from fusion.quality.time_account import find_exclusions, propose_nonwear
-from fusion.readers import (
+from acromion.app.request import BY_DIARY, OnStage, ReportRequest
+from acromion.app.store.decoded import hash_entry_key
+from acromion.app.store.folder import NOTHING_KNOWN, KnownFiles, hash_file
+from acromion.app.version import identify_engine
+from acromion.fusion.angle_files import AngleFile, read_angle_file, recognise_layout, resample_file
+from acromion.fusion.caveats import Caveat
+from acromion.fusion.clocks import ShiftWindow, correct_start, move_window, parse_interval
+from acromion.fusion.errors import FailedReader, FusionError, UnusableShift
+from acromion.fusion.pose.calibrate import propose_poses
+from acromion.fusion.quality.time_account import find_exclusions, propose_nonwear
+from acromion.fusion.readers import (
     identify_header,
     join_recordings,
     measure_extent,
     parse_profile,
     read_recording,
 )
-from fusion.readers.preview import MAX_GAPS, inspect_recording, preview_head
-from fusion.readers.tables.profile import propose_file_profile
-from fusion.readers.time.clock import set_clock
-from fusion.readers.time.window import cut_recording
-from fusion.recording import MICROSECONDS, Recording, find_missing, find_uncovered
-from fusion.shifts import propose
+from acromion.fusion.readers.preview import MAX_GAPS, inspect_recording, preview_head
+from acromion.fusion.readers.tables.profile import propose_file_profile
+from acromion.fusion.readers.time.clock import set_clock
+from acromion.fusion.readers.time.window import cut_recording
+from acromion.fusion.recording import MICROSECONDS, Recording, find_missing, find_uncovered
+from acromion.fusion.shifts import propose
 
 _FAILED = "the reader plug-in %s %s failed: %s"
 
@@ -68,12 +68,15 @@ def read_on_stated_clock(recording_path: Path, request: ReportRequest, known: Kn
     window = find_window(request)
     if window is None or not (request.time_zone or request.clock_offset_s):
         return read_joined(recording_path, request, known)
-    device, _, _ = _measure(recording_path, replace(request, shift=""))
+    device, _, _ = measure_recording(recording_path, replace(request, shift=""))
     stated = correct_start(device, request.time_zone, request.clock_offset_s)
     if device is None or stated is None:
         raise UnusableShift(why="no clock", window=request.shift)
     on_device = replace(request, shift=str(move_window(window, stated, device)))
-    recording = read_joined(recording_path, on_device, known)
+    try:
+        recording = read_joined(recording_path, on_device, known)
+    except UnusableShift as refusal:  # name the hours by the stated clock
+        raise UnusableShift(**refusal.facts | {"window": request.shift}) from None
     return set_clock(recording, request.time_zone, request.clock_offset_s, device)
 
 
@@ -92,8 +95,8 @@ def find_window(request: ReportRequest) -> ShiftWindow | None:
 def read_file(path: Path, request: ReportRequest, sha256: str = "") -> Recording:
     """Read the file of a request; log every failed plug-in on one line, with its traceback at INFO level.
 
-    Raises fusion.errors.FusionError as :func:`fusion.readers.read_recording`; for a table its facts identify
-    the header.
+    Raises acromion.fusion.errors.FusionError as :func:`acromion.fusion.readers.read_recording`; for a table
+    its facts identify the header.
     """
     profile = parse_profile(request.profile) if request.profile else None
     window = find_window(request)
@@ -125,19 +128,28 @@ DAY_US = 86_400 * MICROSECONDS
 
 
 def inspect_file(
-    path: Path, rate_hz: float | None = None, profile: str = "", file_name: str = ""
+    path: Path,
+    rate_hz: float | None = None,
+    profile: str = "",
+    file_name: str = "",
+    *,
+    time_zone: str = "",
+    clock_offset_s: float = 0.0,
 ) -> dict[str, Any]:
     """Read the file and describe its content, with proposed calibration windows.
 
-    ``profile``: JSON of a column profile, "" for none. ``file_name``: "" uses the name in the path.
+    ``profile``: JSON of a column profile, "" for none. ``file_name``: "" uses the name in the path. Clock
+    times are by the stated zone and correction.
 
-    Raises fusion.errors.FusionError if the file is not a recording.
+    Raises acromion.fusion.errors.FusionError if the file is not a recording, or the stated clock cannot be
+    right.
     """
     name = file_name or path.name
     with path.open("rb") as file:
         if recognise_layout(file, name) == "mvnx":
             return {"file": name} | _inspect_capture(read_angle_file(file, name))
     recording = read_file(path, ReportRequest(name, rate_hz=rate_hz, profile=profile))
+    recording = set_clock(recording, time_zone, clock_offset_s)
     proposals = [
         {
             "start_s": round(p.still.start_s, 3),
@@ -199,14 +211,15 @@ def write_inspection(recording_path: Path, request: ReportRequest, out: Path, on
 
 
 def write_extent(recording_path: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
-    """Write ``extent.json``: start, duration and digest of a recording, to find its shifts."""
+    """Write ``extent.json``: start with its zone, duration and digest of a recording, to find its shifts."""
     on_stage("reading", 0.0)
-    start, duration_us, sha256 = _measure(recording_path, request)
+    start, duration_us, sha256 = measure_recording(recording_path, request)
     found = {"start": start.isoformat() if start else "", "duration_us": duration_us, "sha256": sha256}
+    found |= {"time_zone": getattr(start and start.tzinfo, "key", "")}
     (out / "extent.json").write_text(json.dumps(found), "utf-8")
 
 
-def _measure(recording_path: Path, request: ReportRequest) -> tuple[datetime | None, int, str]:
+def measure_recording(recording_path: Path, request: ReportRequest) -> tuple[datetime | None, int, str]:
     """Return the device's clock at the first sample, the duration in us, and the digest ("" if joined)."""
     if request.joined:
         joined = read_joined(recording_path, request, NOTHING_KNOWN)
@@ -228,7 +241,7 @@ def write_preview(recording_path: Path, request: ReportRequest, out: Path, on_st
 def write_column_proposal(recording_path: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
     """Write ``columns.json``: a table's header and its identity, first rows and proposed columns.
 
-    Raises fusion.errors.FusionError if the file is not a table of numbers.
+    Raises acromion.fusion.errors.FusionError if the file is not a table of numbers.
     """
     on_stage("reading", 0.0)
     with recording_path.open("rb") as file:

@@ -10,35 +10,29 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from app.analysis.attempt import (
+from acromion.app.analysis.attempt import (
     Attempt,
     MakeReport,
     choose_limits,
+    load_and_call,
     load_and_measure,
     load_and_set_again,
     run_and_wait,
 )
-from app.analysis.fork_server import warm_up
-from app.report.findings import ReleaseStamp
-from app.request import Language, OnStage, ReportRequest
-from app.settings import Settings
+from acromion.app.analysis.fork_server import warm_up
+from acromion.app.report.findings import ReleaseStamp
+from acromion.app.request import Language, OnStage, ReportRequest
+from acromion.app.settings import Settings
 
 MOST_CONCURRENT = 2
 PREFIX = "look_"
-
-
-def load_and_call(
-    module: str, function: str, recording_path: Path, request: ReportRequest, out: Path, on_stage: OnStage
-) -> None:
-    """Call a function of a module that only the child process loads."""
-    getattr(importlib.import_module(module), function)(recording_path, request, out, on_stage)
 
 
 def load_and_compare_live(
     shown: Path, elevation: Path, request: ReportRequest, out: Path, _on_stage: OnStage
 ) -> None:
     """Compare the displayed angles of a live session with its report."""
-    write = importlib.import_module("app.live.recorder").write_difference
+    write = importlib.import_module("acromion.app.live.recorder").write_difference
     write(shown, elevation, request.languages[0], out)
 
 
@@ -46,13 +40,13 @@ def load_and_write_raw(
     raw: Path, early: Path, _request: ReportRequest, _out: Path, _on_stage: OnStage
 ) -> None:
     """Write the raw file of an interrupted live session from its early bytes."""
-    importlib.import_module("app.live.raw_file").write_early_rows(early, raw)
+    importlib.import_module("acromion.app.live.raw_file").write_early_rows(early, raw)
 
 
-INSPECT = partial(load_and_call, "app.analysis.inspect", "write_inspection")
-PREVIEW = partial(load_and_call, "app.analysis.inspect", "write_preview")
-PROPOSE_COLUMNS = partial(load_and_call, "app.analysis.inspect", "write_column_proposal")
-WRITE_ANGLES = partial(load_and_call, "app.analysis.run", "write_elevation_csv")
+INSPECT = partial(load_and_call, "acromion.app.analysis.inspect", "write_inspection")
+PREVIEW = partial(load_and_call, "acromion.app.analysis.inspect", "write_preview")
+PROPOSE_COLUMNS = partial(load_and_call, "acromion.app.analysis.inspect", "write_column_proposal")
+WRITE_ANGLES = partial(load_and_call, "acromion.app.analysis.run", "write_elevation_csv")
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,14 +8,14 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
-from app.errors import AppError, CannotPair, CannotProfile
-from app.report.findings import FinishedAnalysis
-from app.report.model import Report, Table
-from app.report.pairs import (
+from acromion.app.errors import AppError, CannotPair, CannotProfile
+from acromion.app.report.findings import FinishedAnalysis
+from acromion.app.report.model import Report, Table
+from acromion.app.report.pairs import (
     ArmPair,
-    TrunkClock,
+    PairClock,
     build_comparison,
     build_pair,
     check_comparable,
@@ -28,20 +28,22 @@ from app.report.pairs import (
     judge_person,
     read_code,
 )
-from app.report.render.write import read_finished, write_report
-from app.report.several.document import describe_profile, encode_day_table, encode_overlay_table
-from app.report.several.people import MeasuredDay, Stage, group_days
-from app.report.several.report import build_days
-from app.request import PairRequest, ProfileRequest
-from fusion.angle_files.elevation_parquet import read_elevation
-from fusion.clocks import measure_us
-from fusion.comparison.arms import PairedArms, TrunkRelative, pair_arms, relate_to_trunk
-from fusion.comparison.days import lay_on_clock, overlay_days
-from fusion.elevation import Elevation
-from fusion.errors import TooShort
-from fusion.exposure.summary import join_intervals
-from fusion.quality.time_account import leave_out
-from fusion.recording import MICROSECONDS
+from acromion.app.report.render.write import read_finished, write_report
+from acromion.app.report.several.document import describe_profile, encode_day_table, encode_overlay_table
+from acromion.app.report.several.people import MeasuredDay, Stage, group_days
+from acromion.app.report.several.report import build_days
+from acromion.app.request import PairClockSource, PairRequest, ProfileRequest
+from acromion.fusion.angle_files.elevation_parquet import read_elevation
+from acromion.fusion.clocks import measure_us
+from acromion.fusion.comparison.arms import PairedArms, TrunkRelative, pair_arms, relate_to_trunk
+from acromion.fusion.comparison.days import lay_on_clock, overlay_days
+from acromion.fusion.comparison.movement import ClockMatch, match_clocks, read_movement
+from acromion.fusion.conventions import Side
+from acromion.fusion.elevation import Elevation
+from acromion.fusion.errors import NotAligned, NothingInCommon, TooShort, UnreadableFile
+from acromion.fusion.exposure.summary import join_intervals
+from acromion.fusion.quality.time_account import leave_out
+from acromion.fusion.recording import MICROSECONDS
 
 ELEVATION = "elevation.parquet"
 
@@ -53,13 +55,14 @@ def make_report_of_two(folders: Sequence[Path], request: PairRequest, out: Path)
     ``comparison.json`` and, for each language, ``report.<language>.<kind>`` and ``answer.<language>.txt``.
 
     Raises CannotPair if a folder has no finished analysis, if two are not both arms of one shift, if nothing
-    states that they are from one person, if neither clocks nor request give their offset, or if methods are
-    mixed without permission. Raises CannotCompare if two are from different people or from the same hours of
-    one arm, if nothing states that they are from one person, or if methods are mixed without permission.
+    states that they are from one person, if neither clocks nor request give their offset, if the shared
+    movement asked for does not, or if methods are mixed without permission. Raises CannotCompare if two are
+    from different people or from the same hours of one arm, if nothing states that they are from one person,
+    or if methods are mixed without permission.
     """
     if request.kind == "pair":
         left, right, *trunk = folders
-        pair = _pair_arms((left, right), trunk[0] if trunk else None, request)
+        pair = pair_analyses((left, right), trunk[0] if trunk else None, request)
         reports = [build_pair(pair, language) for language in request.languages]
         _write(reports, describe_pair(pair), request, out)
     else:
@@ -72,11 +75,21 @@ def make_report_of_two(folders: Sequence[Path], request: PairRequest, out: Path)
         _write(reports, describe_comparison(before, after, same_subject=same), request, out)
 
 
-def _pair_arms(arms: tuple[Path, Path], trunk: Path | None, request: PairRequest) -> ArmPair:
+def pair_analyses(
+    arms: tuple[Path, Path],
+    trunk: Path | None,
+    request: PairRequest,
+    clocks: tuple[PairClock | None, PairClock | None] = (None, None),
+) -> ArmPair:
+    """Return both arms, and perhaps the trunk, on one clock; raises CannotPair.
+
+    ``clocks``: those of the right arm and of the trunk, if they are already known; else the request's source.
+    """
     left, right = (_read(arm, CannotPair(why="kept")) for arm in arms)
     body = _read(trunk, CannotPair(why="kept")) if trunk else None
     _check_same_person(left, right)
-    if left.subject.side == "right" or right.subject.side == "left":
+    stated = (left.subject.side, right.subject.side, body.subject.side if body else None)
+    if any(side not in {None, place} for side, place in zip(stated, get_args(Side), strict=True)):
         raise CannotPair(why="side")
     every = tuple(filter(None, (left, right, body)))
     one_person = judge_person(every, is_stated=request.same_subject)
@@ -84,21 +97,68 @@ def _pair_arms(arms: tuple[Path, Path], trunk: Path | None, request: PairRequest
         raise CannotPair(why="person")
     if has_mixed_methods(every) and not request.mixed_methods:
         raise CannotPair(why="methods")
-    offset_s = find_offset_s(left, right) if request.offset_s is None else request.offset_s
+    clock = clocks[0] or _relate_clocks((arms[0], left), (arms[1], right), request.offset_s, request.clock)
     angles = read_analysed(arms[0], left), read_analysed(arms[1], right)
     first, second = (kept.findings.exposure.angle_sigma_deg for kept in (left, right))
     sigmas_deg = (first, second) if first and second else None  # known for both arms, or for neither
     try:
-        shared = pair_arms(*angles, offset_s, sigmas_deg)
+        shared = pair_arms(*angles, clock.offset_s, sigmas_deg, clock.drift_ppm)
         if trunk is None or body is None:
-            relative, clock = (relate_to_trunk(angles[0], None), relate_to_trunk(angles[1], None)), None
+            relative, trunk_clock = (relate_to_trunk(angles[0], None), relate_to_trunk(angles[1], None)), None
         else:
-            relative, clock = _relate(angles, (trunk, body), (left, right), offset_s, request.trunk_offset_s)
+            for arm in (left, right):
+                _check_same_person(arm, body)
+            trunk_clock = clocks[1] or _relate_clocks(
+                (arms[0], left), (trunk, body), request.trunk_offset_s, request.clock, "trunk"
+            )
+            relative = _relate(angles, read_analysed(trunk, body), clock, trunk_clock)
     except TooShort:
         raise CannotPair(why="apart") from None
-    stated_by: Literal["clocks", "person"] = "clocks" if request.offset_s is None else "person"
     shared = widen_unconfirmed(shared, left, right)
-    return ArmPair(left, right, offset_s, stated_by, shared, relative, clock, one_person)
+    return ArmPair(left, right, clock, shared, relative, trunk_clock, one_person, body)
+
+
+_Kept = tuple[Path, FinishedAnalysis]
+
+
+def _relate_clocks(
+    left: _Kept,
+    other: _Kept,
+    stated_s: float | None,
+    source: PairClockSource,
+    place: Literal["right", "trunk"] = "right",
+) -> PairClock:
+    """Return the start of a recording after the left arm's: stated, by the clocks, or by shared movement.
+
+    The devices' clocks are compared with the movement, which corrects nothing.
+
+    Raises CannotPair if there is no clock, or if the movement does not give a certain relation.
+    """
+    if stated_s is not None:
+        return PairClock(stated_s, "person")
+    if source == "signals":
+        match = match_movement(left[0], other[0], place)
+        return PairClock(match.offset_s, "signals", match)
+    offset_s = find_offset_s(left[1], other[1])
+    try:
+        return PairClock(offset_s, "clocks", match_movement(left[0], other[0], place))
+    except CannotPair:
+        return PairClock(offset_s, "clocks")
+
+
+def match_movement(left: Path, other: Path, place: Literal["right", "trunk"] = "right") -> ClockMatch:
+    """Return the relation of the clocks of two finished analyses, from the movement that both sensors share.
+
+    Raises CannotPair with the reason, unless it is certain.
+    """
+    try:
+        return match_clocks(*(read_movement(folder / ELEVATION) for folder in (left, other)))
+    except (NothingInCommon, UnreadableFile, OSError):
+        why = "no movement stored"
+    except NotAligned as refusal:
+        reasons = {"motion_s": "little shared movement", "rival": "two shifts", "margin_s": "loose match"}
+        why = next(reason for fact, reason in reasons.items() if fact in refusal.facts)
+    raise CannotPair(why=why, place=f"clock {place}", cure="state the offset")
 
 
 def find_offset_s(left: FinishedAnalysis, right: FinishedAnalysis) -> float:
@@ -163,25 +223,14 @@ def widen_unconfirmed(shared: PairedArms, left: FinishedAnalysis, right: Finishe
 
 
 def _relate(
-    angles: tuple[Elevation, Elevation],
-    trunk: tuple[Path, FinishedAnalysis],
-    arms: tuple[FinishedAnalysis, FinishedAnalysis],
-    offset_s: float,
-    trunk_offset_s: float | None,
-) -> tuple[tuple[TrunkRelative, TrunkRelative], TrunkClock]:
-    """Relate each arm to the trunk, all three on the clock of the left recording.
-
-    ``trunk_offset_s``: start of the trunk's recording after the left arm's, as a person stated it.
-    """
-    for arm in arms:
-        _check_same_person(arm, trunk[1])
-    body = read_analysed(*trunk)
-    if trunk_offset_s is None:
-        clock = TrunkClock(find_offset_s(arms[0], trunk[1]), "clocks")
-    else:
-        clock = TrunkClock(trunk_offset_s, "person")
-    left = relate_to_trunk(angles[0], body, clock.offset_s)
-    return (left, relate_to_trunk(angles[1], body, clock.offset_s - offset_s)), clock
+    angles: tuple[Elevation, Elevation], trunk: Elevation, right: PairClock, body: PairClock
+) -> tuple[TrunkRelative, TrunkRelative]:
+    """Relate each arm to the trunk; ``right``, ``body``: clocks of the right arm and of the trunk."""
+    right_pace, body_pace = (1.0 + clock.drift_ppm / 1e6 for clock in (right, body))
+    after_right_s = (body.offset_s - right.offset_s) * right_pace
+    drift_ppm = (body_pace / right_pace - 1.0) * 1e6
+    left = relate_to_trunk(angles[0], trunk, body.offset_s, body.drift_ppm)
+    return left, relate_to_trunk(angles[1], trunk, after_right_s, drift_ppm)
 
 
 def _write(reports: Sequence[Report], figures: dict[str, Any], request: PairRequest, out: Path) -> None:
@@ -201,11 +250,11 @@ def make_profile(folders: Sequence[Path], request: ProfileRequest, out: Path) ->
     """Write the report on several finished analyses to the existing folder ``out``.
 
     ``folders``: the first ``request.before_count`` are before a change, the rest after it; if it is None, all
-    are days of one period. Writes ``profile.json``, ``profile.csv``, ``overlay.csv`` and, for each language,
-    ``report.<language>.<kind>`` and ``answer.<language>.txt``.
+    are days of one period. Recordings of the trunk are skipped. Writes ``profile.json``, ``profile.csv``,
+    ``overlay.csv`` and, for each language, ``report.<language>.<kind>`` and ``answer.<language>.txt``.
 
     Raises CannotProfile if a folder has no finished analysis, or if the analyses are not days that can be
-    combined (:func:`app.report.several.people.group_days`).
+    combined (:func:`acromion.app.report.several.people.group_days`).
     """
     days = []
     for rank, folder in enumerate(folders):
@@ -213,7 +262,8 @@ def make_profile(folders: Sequence[Path], request: ProfileRequest, out: Path) ->
         if request.before_count is not None:
             stage = "before" if rank < request.before_count else "after"
         kept = _read(folder, CannotProfile(why="kept", name=folder.name))
-        days.append(MeasuredDay(kept, stage, str(folder)))
+        if kept.subject.side != "trunk":
+            days.append(MeasuredDay(kept, stage, str(folder), request.min_hours))
     grouped = group_days(days, same_subject=request.same_subject, mixed_methods=request.mixed_methods)
     arms = []
     for arm in grouped.arms:

@@ -1,5 +1,5 @@
 """Loaded only by the fork server: imports ``fusion`` for all children."""
 
-from app.analysis.fork_server import load
+from acromion.app.analysis.fork_server import load
 
 load()

@@ -1,5 +1,6 @@
 """The one pipeline from a stored file to a report, for page, API and command line."""
 
+import json
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -8,36 +9,59 @@ from typing import Any
 
 import numpy as np
 
-from app.analysis.inspect import propose_shifts, read_on_stated_clock
-from app.errors import BadParameter
-from app.report.export.all import encode_elevation_csv, write_elevation
-from app.report.export.results import encode_results
-from app.report.findings import build_findings
-from app.report.products import ELEVATION, build_settings, describe_subject, write_products
-from app.request import OnStage, ReportRequest, Stage
-from app.store.day_file import DAY_NAME, DaySegment, write_day
-from app.store.folder import NOTHING_KNOWN, KnownFiles, sync_file
-from fusion.angle_files import AngleFile, AngleFileOptions, holds_samples, read_angle_file, recognise_layout
-from fusion.caveats import Caveat
-from fusion.conventions import CONFIRMED, SAID_S, PoseHeld, awaits_pose
-from fusion.errors import FusionError
-from fusion.exposure.periods import drop_poses
-from fusion.pipeline import Analysis, analyse, analyse_angle_file, analyse_angles, apply_file_settings
-from fusion.pose.calibrate import calibrate, find_early_stills, propose_poses, reduce_recording, survey
-from fusion.pose.rules import find_nearest_axis
-from fusion.quality.time_account import propose_nonwear
-from fusion.readers import holds_device_format
-from fusion.recording import MICROSECONDS, Span
-from fusion.sensor.model import view_segment
-from fusion.sensor.self_calibration import calibrate_accelerometer
-from fusion.sensor.stillness import find_still_moments, reduce_run
-from fusion.settings import CarriedPose
+from acromion.app.analysis.inspect import find_window, measure_recording, propose_shifts, read_on_stated_clock
+from acromion.app.errors import BadParameter
+from acromion.app.report.export.angles import encode_elevation_csv, write_elevation
+from acromion.app.report.export.results import encode_results
+from acromion.app.report.findings import build_findings
+from acromion.app.report.products import ELEVATION, build_settings, describe_subject, write_products
+from acromion.app.request import OnStage, ReportRequest, Stage
+from acromion.app.store.day_file import DAY_NAME, DaySegment, write_day
+from acromion.app.store.folder import NOTHING_KNOWN, KnownFiles, sync_file
+from acromion.fusion.angle_files import (
+    AngleFile,
+    AngleFileOptions,
+    holds_samples,
+    read_angle_file,
+    recognise_layout,
+)
+from acromion.fusion.caveats import Caveat
+from acromion.fusion.clocks import correct_start, read_clock
+from acromion.fusion.conventions import CONFIRMED, SAID_S, awaits_pose
+from acromion.fusion.errors import FusionError, UnusableShift
+from acromion.fusion.exposure.periods import drop_poses
+from acromion.fusion.pipeline import (
+    Analysis,
+    analyse,
+    analyse_angle_file,
+    analyse_angles,
+    apply_file_settings,
+    check_stated_times,
+)
+from acromion.fusion.pose.calibrate import (
+    calibrate,
+    find_early_stills,
+    propose_poses,
+    reduce_recording,
+    survey,
+)
+from acromion.fusion.pose.rules import find_nearest_axis
+from acromion.fusion.quality.time_account import propose_nonwear
+from acromion.fusion.readers import holds_device_format
+from acromion.fusion.recording import MICROSECONDS, Span
+from acromion.fusion.sensor.model import view_segment
+from acromion.fusion.sensor.self_calibration import calibrate_accelerometer
+from acromion.fusion.sensor.stillness import find_still_moments, reduce_run
+from acromion.fusion.settings import CarriedPose
 
 # The day of an analysis, for the page on which a person reviews and corrects it.
 
 
 def write_day_of(analysis: Analysis, path: Path) -> None:
-    """Write the day of an analysis (:mod:`app.store.day_file`); computed angles have no samples to reduce."""
+    """Write the day of an analysis (:mod:`acromion.app.store.day_file`).
+
+    Computed angles have no samples to reduce.
+    """
     by_start = {segment.start_us: segment for segment in analysis.recording.segments}
     days = []
     for run in analysis.elevation.segments:
@@ -136,7 +160,7 @@ def make_report(
     Writes ``results.json``, ``elevation.parquet``, the tables of :func:`export_results` and, for each
     language, ``report.<language>.<kind>`` and the answer in five lines, ``answer.<language>.txt``; with a PDF
     also ``fhir.json``. With a cache (on a server) it also writes the day for the page. Raises
-    fusion.errors.FusionError if no figure can be computed; then nothing has been written.
+    acromion.fusion.errors.FusionError if no figure can be computed; then nothing has been written.
     """
     analysis = _analyse_file(recording_path, request, known, lambda stage: on_stage(stage, _BEGINS[stage]))
     on_stage("rendering", _BEGINS["rendering"])
@@ -145,7 +169,7 @@ def make_report(
 
     def write_angle() -> None:
         """Write the angles to disk while the pages are rendered."""
-        write_elevation(analysis.elevation, out / ELEVATION, analysis.exclusions)
+        write_elevation(analysis.elevation, out / ELEVATION, analysis.exclusions, analysis.recording.segments)
         sync_file(out / ELEVATION)
 
     with ThreadPoolExecutor(1) as writer:  # both release the interpreter lock
@@ -174,31 +198,64 @@ def _analyse_file(
     if captured is not None:
         return analyse_angle_file(captured, begin, settings)
     recording = read_on_stated_clock(recording_path, request, known)
-    duration_s = recording.duration_us / MICROSECONDS
-    for name, times_s in (("slip_at", request.slip_times_s), ("no_slip_at", request.no_slip_times_s)):
-        for time_s in times_s:
-            if time_s > duration_s:
-                raise BadParameter(name=name, value=f"{time_s:g}", allowed=f"0 … {duration_s:g}")
+    _check_slips(request, recording.duration_us)
     if request.pose_from:
         settings = replace(settings, carried=_find_carried(recording_path, request, known))
     return analyse(recording, settings, begin)
 
 
+def _check_slips(request: ReportRequest, duration_us: int) -> None:
+    duration_s = duration_us / MICROSECONDS
+    for name, times_s in (("slip_at", request.slip_times_s), ("no_slip_at", request.no_slip_times_s)):
+        for time_s in times_s:
+            if time_s > duration_s:
+                raise BadParameter(name=name, value=f"{time_s:g}", allowed=f"0 … {duration_s:g}")
+
+
+def write_time_check(recording_path: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Check the times that a person stated against the start and end of a recording.
+
+    Writes ``check.json``: the caveats of the diary. Raises FusionError or BadParameter as the analysis would.
+    """
+    on_stage("reading", 0.0)
+    window = find_window(request)
+    captured = None if request.shift else _read_capture(recording_path, request)
+    if captured is None:
+        device, duration_us, _ = measure_recording(recording_path, replace(request, shift=""))
+    else:
+        device, duration_us = captured.start, round((captured.last_s - captured.first_s) * MICROSECONDS)
+    start = correct_start(device, request.time_zone, request.clock_offset_s)
+    if window is not None:
+        if start is None:
+            raise UnusableShift(why="no clock", window=request.shift)
+        first_us, stop_us = window.place(start)
+        first_us, stop_us = max(first_us, 0), min(stop_us, duration_us)
+        if stop_us <= first_us:
+            raise UnusableShift(why="no samples", window=request.shift)
+        start, duration_us = read_clock(start, first_us), stop_us - first_us
+    _check_slips(request, duration_us)
+    flags = check_stated_times(build_settings(request), start, duration_us)
+    found = [{"code": flag.code, "count": flag.count} for flag in flags]
+    (out / "check.json").write_text(json.dumps(found), "utf-8")
+
+
 def _find_carried(recording_path: Path, request: ReportRequest, known: KnownFiles) -> CarriedPose | None:
-    """Return the pose of the earlier shift; None if no person confirmed it, or it cannot be used."""
+    """Return the pose of the earlier shift.
+
+    None if no person confirmed it, if it is not answered whether the sensor slipped there, or if it cannot
+    be used.
+    """
     windows_s = request.pose_from_windows_s
-    held: PoseHeld | None = None if windows_s else "start"
-    earlier = replace(
-        request, shift=request.pose_from, calibration_windows_s=windows_s, pose_held=held, diary=()
-    )
-    earlier = replace(earlier, slip_times_s=(), no_slip_times_s=())
+    earlier = replace(request, shift=request.pose_from, calibration_windows_s=windows_s, diary=())
+    earlier = replace(earlier, slip_times_s=(), no_slip_times_s=request.pose_from_no_slip_at_s)
     try:
         recording = read_on_stated_clock(recording_path, earlier, known)
         found = calibrate(recording, apply_file_settings(recording, build_settings(earlier))).calibration
     except FusionError:
         return None
+    is_open = any(question.kind == "slip" for question in found.questions)
     x, y, z = found.arm_axis.tolist()
-    return CarriedPose((x, y, z), found.sigma_deg) if found.state in CONFIRMED else None
+    return CarriedPose((x, y, z), found.sigma_deg) if found.state in CONFIRMED and not is_open else None
 
 
 def _read_capture(recording_path: Path, request: ReportRequest) -> AngleFile | None:

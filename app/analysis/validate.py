@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from app.analysis.inspect import read_file
-from app.analysis.run import ignore_stage
-from app.errors import UNREADABLE_PATH, StudyProblem
-from app.formats import ENDINGS
-from app.report.agreement import (
+from acromion.app.analysis.inspect import read_file
+from acromion.app.analysis.run import ignore_stage
+from acromion.app.errors import UNREADABLE_PATH, StudyProblem
+from acromion.app.formats import ENDINGS
+from acromion.app.report.agreement import (
     ComparisonSubject,
     build_agreement,
     build_study,
@@ -25,16 +25,16 @@ from app.report.agreement import (
     encode_sentences,
     encode_validation,
 )
-from app.report.export.tables import Row, encode_table
-from app.report.findings import Software
-from app.report.render.html import render_html
-from app.report.render.pdf import render_pdf
-from app.report.words.messages import describe_problem
-from app.request import OnStage, Reference, ReportRequest
-from app.store.day_file import OWN_CURVE, REFERENCE_CURVE, DaySegment, write_day
-from app.version import software_revision, software_version
-from fusion.angle_files import AngleFileOptions, read_angle_file, recognise_layout
-from fusion.comparison.agreement import (
+from acromion.app.report.export.tables import Row, encode_table
+from acromion.app.report.findings import Software
+from acromion.app.report.render.html import render_html
+from acromion.app.report.render.pdf import render_pdf
+from acromion.app.report.words.messages import describe_problem
+from acromion.app.request import OnStage, Reference, ReportRequest
+from acromion.app.store.day_file import OWN_CURVE, REFERENCE_CURVE, DaySegment, write_day
+from acromion.app.version import software_version, source_revision
+from acromion.fusion.angle_files import AngleFileOptions, read_angle_file, recognise_layout
+from acromion.fusion.comparison.agreement import (
     AgreementEntry,
     Comparison,
     ComparisonSettings,
@@ -44,12 +44,12 @@ from fusion.comparison.agreement import (
     take_angle_file,
     take_recording,
 )
-from fusion.comparison.alignment import ClockSettings
-from fusion.diary import read_tasks
-from fusion.errors import FusionError, NoReference, UnknownFormat, UnusableStudy
-from fusion.pipeline import fuse_recording
-from fusion.recording import MICROSECONDS
-from fusion.settings import AnalysisSettings
+from acromion.fusion.comparison.alignment import ClockSettings
+from acromion.fusion.diary import read_tasks
+from acromion.fusion.errors import FusionError, NoReference, UnknownFormat, UnusableStudy
+from acromion.fusion.pipeline import fuse_recording
+from acromion.fusion.recording import MICROSECONDS
+from acromion.fusion.settings import AnalysisSettings
 
 NO_QUIET = np.empty((0, 6), np.float32)
 ANGLES_ONLY = ("mvnx", "parquet")
@@ -66,9 +66,10 @@ def make_validation(
 ) -> None:
     """Compare the recording with the request's reference and write every product to the folder ``out``.
 
-    ``has_curves``: also write both angles (:mod:`app.store.day_file`) and the Bland-Altman plot for the page.
+    ``has_curves``: also write both angles (:mod:`acromion.app.store.day_file`) and the Bland-Altman plot for
+    the page.
 
-    Raises fusion.errors.FusionError if the two cannot be compared; then nothing has been written.
+    Raises acromion.fusion.errors.FusionError if the two cannot be compared; then nothing has been written.
     """
     comparison = compare_files(recording_path, request, on_stage)
     on_stage("rendering", 0.9)
@@ -150,7 +151,7 @@ def describe_comparison(comparison: Comparison, request: ReportRequest) -> Compa
         side=request.side,
         method=request.method if is_fused else "",
         pose=request.pose if is_fused else "",
-        software=Software(software_version(), software_revision()),
+        software=Software(software_version(), source_revision()),
     )
 
 
@@ -323,7 +324,7 @@ def _write_study(
     entries: list[AgreementEntry], problems: list[StudyProblem], request: ReportRequest, out: Path
 ) -> None:
     cells = summarise_agreement_study(entries)
-    software = Software(software_version(), software_revision())
+    software = Software(software_version(), source_revision())
     encoded = build_study_json(entries, cells, problems, request.method, software)
     (out / "study.json").write_bytes(encoded)
     (out / "table.csv").write_bytes(encode_cells(cells))

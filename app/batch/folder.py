@@ -10,6 +10,7 @@ import glob
 import hashlib
 import json
 import os
+import platform
 import re
 import shutil
 import sys
@@ -20,37 +21,59 @@ from functools import cache
 from itertools import chain, count
 from pathlib import Path
 
-from app.errors import UnusableList
-from app.formats import ENDINGS
-from app.report.export.tables import Origin
-from app.report.words.wording import clean_text
-from app.request import Language, ReportRequest, clean_file_name, compare_settings
-from app.store.folder import hash_file
-from app.version import identify_engine
-from fusion.conventions import is_sidecar
+from acromion.app.batch.stated import format_stated
+from acromion.app.errors import UnusableList
+from acromion.app.formats import ENDINGS
+from acromion.app.report.export.tables import Origin
+from acromion.app.report.words.wording import clean_text
+from acromion.app.request import Language, ReportRequest, clean_file_name, compare_settings
+from acromion.app.store.folder import hash_file
+from acromion.app.version import identify_engine
+from acromion.fusion.conventions import is_sidecar
+from acromion.fusion.errors import Fact
 
 # The plan of a run: which recordings are analysed, and where their products go.
 
 
 # The folder of each recording stays the same from run to run.
 #
-# A folder is named after the file's stem; further recordings with the same stem get a number. The marker in
-# the folder identifies its recording, not the order of the files. Otherwise a recording that joins the study
-# later could take another's folder, and the other's report would become an earlier version of the new one.
+# The folders mirror the input: study/siteA/p01.gt3x goes to siteA/p01. Further recordings with the same path
+# and stem get a number. The marker in the folder identifies its recording, not the order of the files.
+# Otherwise a recording that joins the study later could take another's folder, and the other's report would
+# become an earlier version of the new one.
 
 
 MARKER = "done.json"
 """Written last into a recording's folder: it marks the folder as complete and made by acromion."""
 
+RUN = "run.json"
+"""Describes the last run: which recordings it had, and their folders."""
+
+PAIRS = "pairs.json"
+"""The rows of pairs.csv by the hash of what determines them (:mod:`acromion.app.batch.pairs`)."""
+
+LOCK = "run.lock"
+"""Locked while a run writes into the results; its content names the last process that did."""
+
 TABLES = (
     "summary.csv",
     "summary_fr.csv",
     "summary.xlsx",
+    "days.csv",
+    "hours.csv",
     "periods.csv",
+    "tasks.csv",
+    "postures.csv",
     "marks.csv",
+    "pairs.csv",
+    *("summary.parquet", "days.parquet", "hours.parquet", "periods.parquet", "tasks.parquet"),
+    *("postures.parquet", "marks.parquet", "pairs.parquet"),
+    *("redcap_import.csv", "redcap_dictionary.csv"),
     "problems.csv",
     "dictionary.csv",
-    "run.json",
+    RUN,
+    PAIRS,
+    LOCK,
     "settings.yaml",
     "methods.md",
     "index.html",
@@ -63,69 +86,104 @@ PROFILES = "profiles"
 """Folder of the column profiles in use, next to the recordings' folders; no recording may use this name."""
 
 SHARDS = "shards"
-"""Folder for data that the processes of a sharded run exchange (:mod:`app.batch.run`)."""
+"""Folder for data that the processes of a sharded run exchange (:mod:`acromion.app.batch.run`)."""
+
 
 TRUTH = "truth.parquet"
 """The true angles of a simulated recording, with ``truth.json`` next to it."""
 
-OWN_FOLDERS = (PROFILES, SHARDS)
+INPUTS = "inputs"
+"""Folder of the inputs of the last run (:mod:`acromion.app.batch.again`)."""
+
+OWN_FOLDERS = (PROFILES, SHARDS, INPUTS)
+_VERSION = re.compile(r"v\d+")
+"""Name of the folder of an earlier version."""
 _RESERVED = re.compile(r'[<>:"/\\|?*\x00-\x1f]|[. ]+$')
 
 
-def assign_folders(logs: Sequence[Path], out: Path) -> list[Path]:
-    """Assign each recording a folder: its own from an earlier run, or a free one.
+def assign_folders(logs: Sequence[Path], out: Path, places: Sequence[str] = ()) -> list[Path]:
+    """Assign each recording a folder: its own from an earlier run, or a free one at the path of the input.
 
-    The plan is the same however much of a study is already done. The results are read once, so folders that
-    another process creates meanwhile do not change the plan.
+    ``places``: the recordings' paths below the input folder; without them every folder is directly in
+    ``out``. The plan is the same however much of a study is already done. The results are read once, so
+    folders that another process creates meanwhile do not change the plan. No folder is inside another.
     """
-    folders: dict[str, list[tuple[int, Path]]] = {format_folder_name(log).casefold(): [] for log in logs}
-    for path in out.iterdir() if out.is_dir() else ():
+    markers = _read_markers(out)
+    of_name: dict[str, list[Path]] = {}
+    for path in markers:
         whole = path.name.casefold()
-        stem, _, number = whole.rpartition(
-            "-"
-        )  # "arm-2" may be the second folder of arm, or the first of arm-2
-        numbered = (stem, int(number)) if stem and number.isdecimal() else (whole, 1)
-        for name, place in {(whole, 1), numbered}:
-            if name in folders:
-                folders[name].append((place, path))
-    markers: dict[Path, dict[str, str]] = {path: {} for found in folders.values() for _, path in found}
-    for path in markers:  # a missing or unreadable marker identifies no recording
-        with suppress(OSError, ValueError):
-            values = json.loads((path / MARKER).read_text("utf-8"))
-            markers[path] = values if isinstance(values, dict) else {}
-    digest, taken = cache(hash_file), {name.casefold() for name in TABLES}
+        stem, _, number = whole.rpartition("-")  # "arm-2": the second folder of arm, or the first of arm-2
+        for name in {whole, stem if number.isdecimal() else whole}:
+            of_name.setdefault(name, []).append(path)
+    digest, taken = cache(hash_file), {out / name for name in TABLES}
+    blocked = {_fold_path(path) for path in (*markers, *taken)}
+    wanted = [
+        _mirror(out, Path(place).parent, blocked) / format_folder_name(log)
+        for log, place in zip(logs, places or [log.name for log in logs], strict=True)
+    ]
+    blocked |= {_fold_path(parent) for path in (*wanted, *markers) for parent in path.parents}
 
-    def list_made(log: Path) -> Iterator[Path]:
-        found = (path for _, path in sorted(folders[format_folder_name(log).casefold()]))
-        return (path for path in found if path.name.casefold() not in taken and markers[path].get("place"))
+    def find_by_place(k: int) -> Path | None:
+        place = identify_place(logs[k])
+        return next((path for path in list_made(k) if markers[path]["place"] == place), None)
 
-    def find_by_place(log: Path) -> Path | None:
-        place = identify_place(log)
-        return next((path for path in list_made(log) if markers[path]["place"] == place), None)
-
-    def find_by_bytes(log: Path) -> Path | None:
+    def find_by_bytes(k: int) -> Path | None:
         """Return the folder made from the same bytes at another path."""
-        for path in list_made(log):
+        for path in list_made(k):
             with suppress(OSError):  # an unreadable recording is reported when it is analysed
-                if markers[path].get("input", "").split()[:1] == [digest(log)]:
+                if markers[path].get("input", "").split()[:1] == [digest(logs[k])]:
                     return path
         return None
 
-    def find_free(log: Path) -> Path | None:
-        """Return a folder without a recording: named after the stem, then numbered."""
-        stem = format_folder_name(log)
-        every = chain([out / stem], (out / f"{stem}-{number}" for number in count(2)))
-        free = (path for path in every if path.name.casefold() not in taken)
-        return next(path for path in free if not markers.get(path, {}).get("place"))
+    def list_made(k: int) -> Iterator[Path]:
+        """Return the free folders of the recording's name, those at its path first, by their numbers."""
+        found = of_name.get(wanted[k].name.casefold(), ())
+        nearest = sorted(found, key=lambda path: (path.parent != wanted[k].parent, len(path.name), path))
+        return (path for path in nearest if path not in taken)
+
+    def find_free(k: int) -> Path:
+        first = wanted[k]
+        every = chain([first], (first.with_name(f"{first.name}-{number}") for number in count(2)))
+        return next(path for path in every if _fold_path(path) not in blocked)
 
     placed: dict[int, Path] = {}
     for find in (find_by_place, find_by_bytes, find_free):
-        for k, log in enumerate(logs):
-            folder = None if k in placed else find(log)
+        for k in range(len(logs)):
+            folder = None if k in placed else find(k)
             if folder is not None:
                 placed[k] = folder
-                taken.add(folder.name.casefold())
+                taken.add(folder)
+                blocked.add(_fold_path(folder))
     return [placed[k] for k in range(len(logs))]
+
+
+def _read_markers(out: Path) -> dict[Path, dict[str, str]]:
+    """Return the markers of finished recordings in the results by their folders, at any depth."""
+    markers: dict[Path, dict[str, str]] = {}
+    for folder, below, files in os.walk(out):
+        if MARKER in files:
+            below.clear()  # earlier versions are inside
+            with suppress(OSError, ValueError):  # an unreadable marker identifies no recording
+                values = json.loads((Path(folder) / MARKER).read_text("utf-8"))
+                if isinstance(values, dict) and values.get("place"):
+                    markers[Path(folder)] = values
+        below[:] = [name for name in below if not name.startswith(".")]
+    return markers
+
+
+def _mirror(out: Path, below: Path, blocked: Collection[str]) -> Path:
+    """Return the folder of the results for a folder of the input; never the folder of a recording."""
+    folder = out
+    for part in () if below.is_absolute() else below.parts:
+        name = format_part_name(part)
+        while _fold_path(folder / name) in blocked:
+            name += "_"
+        folder /= name
+    return folder
+
+
+def _fold_path(path: Path) -> str:
+    return path.as_posix().casefold()
 
 
 def identify_place(log: Path) -> str:
@@ -135,16 +193,78 @@ def identify_place(log: Path) -> str:
 
 def format_folder_name(log: Path) -> str:
     """Return the file's stem as a name that is safe for a folder."""
-    stem = log.name.removesuffix(".gz").rpartition(".")[0] or log.name
-    safe = _RESERVED.sub("_", clean_text(stem)).lstrip(". ")
-    return f"{safe}_" if safe in OWN_FOLDERS else safe[:120] or "recording"
+    return format_part_name(log.name.removesuffix(".gz").rpartition(".")[0] or log.name)
+
+
+def format_part_name(part: str) -> str:
+    """Return a name that is safe for a folder and not used by acromion itself."""
+    safe = _RESERVED.sub("_", clean_text(part)).lstrip(". ")
+    return f"{safe}_" if safe in OWN_FOLDERS or _VERSION.fullmatch(safe) else safe[:120] or "recording"
+
+
+def list_finished(path: Path) -> list[Path]:
+    """Return the folders of finished analyses: the given one, those of the last run, or all at any depth.
+
+    ``path``: the folder of an analysis, the results of a run, a folder that contains several, or a file in
+    the folder of an analysis. Earlier versions and folders that the last run did not have are omitted.
+    """
+    if not path.is_dir():
+        return [path.parent]
+    if (path / "results.json").exists():
+        return [path]
+    try:
+        recordings = json.loads((path / RUN).read_bytes())["recordings"]
+        every = [path / one["folder"] for one in recordings if one["code"] is None]
+    except (OSError, ValueError, KeyError, TypeError):  # not the folder of a whole run
+        below = sorted(one for one in path.iterdir() if one.is_dir())
+        inner = [one for one in below if not (one.name.startswith(".") or _VERSION.fullmatch(one.name))]
+        return [folder for one in inner for folder in list_finished(one)]
+    return [folder for folder in every if (folder / "results.json").exists()]
+
+
+def find_orphans(out: Path, folders: Collection[Path]) -> list[str]:
+    """Return the names of finished analyses in the results that are not among the folders of the run."""
+    others = (folder for folder in _read_markers(out) if folder not in folders)
+    return sorted(
+        folder.relative_to(out).as_posix() for folder in others if (folder / "results.json").exists()
+    )
+
+
+@contextmanager
+def hold_results(out: Path, *, is_shared: bool) -> Iterator[None]:
+    """Keep other runs out of a results folder until the end of the block or of this process.
+
+    The system releases the lock of a process that dies, so that a crash leaves nothing to clear away. Shards
+    (``is_shared``) hold it together. A file system without locks, and Windows, do not keep other runs out.
+
+    Raises BlockingIOError that states the process and its computer.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    if sys.platform == "win32":
+        yield
+        return
+    with (out / LOCK).open("a+", encoding="utf-8") as file:
+        try:
+            fcntl.lockf(file, fcntl.LOCK_NB | (fcntl.LOCK_SH if is_shared else fcntl.LOCK_EX))
+        except (BlockingIOError, PermissionError):
+            file.seek(0)
+            raise BlockingIOError(errno.EAGAIN, file.read(200).strip()) from None
+        except OSError:
+            pass
+        file.truncate(0)
+        file.write(f"{os.getpid()} {platform.node()}\n")
+        file.flush()
+        yield
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
     """One recording to analyse: its path, its request and its result folder.
 
-    ``path`` is relative to the folder in the command; ``sha256``: of the recording, if it has been read.
+    ``path`` is relative to the folder in the command; ``sha256``: of the recording, if it has been read;
+    ``out``: the results folder, which contains ``folder``. ``line``: its row in the list of participants,
+    0 for none; ``further``: the row's cells that change no setting, by column. ``double_of``: the same
+    recording, which is analysed instead. ``code``, ``facts``: why no shift can be cut, known before the run.
     """
 
     log: Path
@@ -153,6 +273,12 @@ class Task:
     force: bool = False
     path: str = ""
     sha256: str = ""
+    out: Path | None = None
+    line: int = 0
+    further: Mapping[str, str] = field(default_factory=dict, hash=False)
+    double_of: str = ""
+    code: str = ""
+    facts: Mapping[str, Fact] = field(default_factory=dict, hash=False)
 
     @property
     def name(self) -> str:
@@ -160,10 +286,16 @@ class Task:
         return self.path or format_path(Path(self.log.name))
 
     @property
+    def place(self) -> str:
+        """The result folder, relative to the results: ``siteA/p01``."""
+        below = self.folder.relative_to(self.out) if self.out else Path(self.folder.name)
+        return Path(format_path(below)).as_posix()
+
+    @property
     def origin(self) -> Origin:
         """The identity of the recording in the tables."""
         who = self.request
-        return Origin(who.file_name, who.subject, who.side, self.name, self.folder.name)
+        return Origin(who.file_name, who.subject, who.side, self.name, self.place, format_stated(who))
 
 
 def format_path(path: Path) -> str:
@@ -179,11 +311,12 @@ def plan_tasks(
     *,
     force: bool,
 ) -> list[Task]:
-    """Build a task for each recording, with a folder named after its stem; equal stems get a number."""
+    """Build a task for each recording, with a folder at its path; equal paths get a number."""
     known = list(logs)
+    places = [format_log(log) for log in known]
     return [
-        Task(log, replace(request, file_name=clean_file_name(log.name)), folder, force, format_log(log))
-        for log, folder in zip(known, assign_folders(known, out), strict=True)
+        Task(log, replace(request, file_name=clean_file_name(log.name)), folder, force, place, out=out)
+        for log, folder, place in zip(known, assign_folders(known, out, places), places, strict=True)
     ]
 
 
@@ -250,7 +383,7 @@ def _find_in_folder(folder: Path, out: Path, without: Collection[Path]) -> list[
         for path in sorted(folder.rglob("*"))
         if path.is_file() and not (path.name == TRUTH and path.with_suffix(".json").exists())
     ]
-    made = (path.parent for path in files if path.name in {"run.json", MARKER})
+    made = (path.parent for path in files if path.name in {RUN, MARKER})
     results = {place.resolve() for place in (out, *made)}
     return [
         path for path in files if path.resolve() not in without and results.isdisjoint(path.resolve().parents)

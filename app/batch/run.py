@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from app.analysis.attempt import (
+from acromion.app.analysis.attempt import (
     Attempt,
     Finished,
     MakeReport,
@@ -22,7 +22,7 @@ from app.analysis.attempt import (
     load_and_set_again,
     run_attempt,
 )
-from app.batch.folder import (
+from acromion.app.batch.folder import (
     MARKER,
     SHARDS,
     Marker,
@@ -43,10 +43,10 @@ from app.batch.folder import (
     use_plain_names,
     write_marker,
 )
-from app.errors import UNREADABLE_PATH, Crashed, Interrupted
-from app.request import ReportRequest
-from app.store.folder import KnownFiles, write_durably
-from fusion.errors import Fact
+from acromion.app.errors import UNREADABLE_PATH, Crashed, Interrupted
+from acromion.app.request import ReportRequest
+from acromion.app.store.folder import KnownFiles, hash_file, write_durably
+from acromion.fusion.errors import DOUBLE_RECORDING, Fact
 
 # The number of recordings analysed in parallel.
 
@@ -98,6 +98,16 @@ class Outcome:
     changes: tuple[str, ...] = ()
 
 
+def find_sha256(outcome: Outcome) -> str:
+    """Return the hash of a recording without results; "" if it was not reached or cannot be opened."""
+    if outcome.code == Interrupted.code:
+        return ""
+    try:
+        return outcome.task.sha256 or hash_file(outcome.task.log)
+    except OSError:
+        return ""
+
+
 def run_tasks(tasks: Sequence[Task], workers: int, on_progress: OnProgress) -> Iterator[Outcome]:
     """Run the tasks, ``workers`` at once; yield outcomes when ready, finished recordings first.
 
@@ -125,6 +135,8 @@ def run_tasks(tasks: Sequence[Task], workers: int, on_progress: OnProgress) -> I
 
 def run_task(task: Task, go_on: GoOn) -> Outcome:
     """Analyse one recording into its folder; every error becomes an outcome."""
+    if refused := _find_refusal(task):
+        return refused
     try:
         restore_earlier(task.folder)
         before = read_marker(task.folder)
@@ -140,6 +152,8 @@ def run_task(task: Task, go_on: GoOn) -> Outcome:
 
 def find_finished(task: Task) -> Outcome | None:
     """Return the result of an earlier run with the same bytes and settings; None if there is none."""
+    if refused := _find_refusal(task):
+        return refused
     try:
         if task.force or not is_up_to_date(task):
             return None
@@ -149,6 +163,17 @@ def find_finished(task: Task) -> Outcome | None:
         return _reuse(task, before)
     except OSError:
         return None
+
+
+def _find_refusal(task: Task) -> Outcome | None:
+    """Return the outcome of a task that is not analysed: it is a double, or has no such shift."""
+    if task.code:
+        return Outcome(task, code=task.code, facts=task.facts)
+    if not task.double_of:
+        return None
+    is_export = task.name.lower().endswith(".csv") and task.double_of.lower().endswith(".gt3x")
+    why = "own export" if is_export else "same bytes"
+    return Outcome(task, code=DOUBLE_RECORDING, facts={"why": why, "first": task.double_of})
 
 
 def _reuse(task: Task, before: Marker) -> Outcome:
@@ -212,7 +237,7 @@ def _attempt(
     results: Path | None = None,
 ) -> Outcome:
     """Make an attempt from the recording, or from the results of a finished analysis."""
-    from app.settings import Settings  # noqa: PLC0415  loads pydantic while numpy is loaded elsewhere
+    from acromion.app.settings import Settings  # noqa: PLC0415  loads pydantic while numpy is loaded elsewhere
 
     limits = choose_limits(Settings(), task.log.stat().st_size)
     outcome = run_attempt(Attempt(results or task.log, request, staging, make, limits), go_on)
@@ -245,7 +270,7 @@ class Shard:
 
     def select(self, tasks: Sequence[Task]) -> list[Task]:
         """Return every N-th task in path order; the sizes of the slices differ by at most one recording."""
-        ordered = sorted(tasks, key=lambda task: (task.name, task.folder.name))
+        ordered = sorted(tasks, key=lambda task: (task.name, task.place))
         return ordered[self.number - 1 :: self.count]
 
     @property
@@ -278,8 +303,10 @@ class ShardRecord:
         recordings = [
             {
                 "path": task.name,
-                "folder": task.folder.name,
+                "folder": task.place,
                 "request": replace(task.request, joined=()).to_json(),
+                "further": dict(task.further),
+                "double_of": task.double_of,
             }
             for task in tasks
         ]
@@ -300,7 +327,11 @@ class ShardRecord:
 
     def write(self, outcomes: Sequence[Outcome]) -> None:
         """Write the failures of this slice."""
-        problems = {o.task.name: {"code": o.code, "facts": dict(o.facts)} for o in outcomes if o.code}
+        problems = {
+            one.task.name: {"code": one.code, "facts": dict(one.facts), "sha256": find_sha256(one)}
+            for one in outcomes
+            if one.code
+        }
         body = _encode({"plan": self._plan_sha256, "problems": problems})
         write_durably(self._folder / f"{self._shard.stem}.json", body)
 
@@ -355,8 +386,10 @@ def _encode(value: Any) -> bytes:
 def _find_outcome(out: Path, entry: Mapping[str, Any], problem: Mapping[str, Any] | None) -> Outcome:
     """Return the outcome of one recording: its failure, its report, or not done."""
     request = ReportRequest.from_json(entry["request"])
-    task = Task(Path(entry["path"]), request, out / entry["folder"], path=entry["path"])
+    known = {name: entry[name] for name in ("path", "further", "double_of")}
+    task = Task(Path(entry["path"]), request, out / entry["folder"], out=out, **known)
     if problem is not None:
+        task = replace(task, sha256=problem.get("sha256", ""))
         return Outcome(task, code=problem["code"], facts=problem["facts"])
     marker = read_marker(task.folder)
     is_current = marker is not None and marker.fingerprint == compute_fingerprint(marker.input, request)

@@ -14,8 +14,9 @@ from typing import Any, get_args
 
 import yaml
 
-from app.errors import UnusableSettings
-from app.request import (
+from acromion.app.batch.stated import list_settings
+from acromion.app.errors import UnusableSettings
+from acromion.app.request import (
     SHIFT_HINT,
     SLIP_HINT,
     WINDOW_HINT,
@@ -27,10 +28,15 @@ from app.request import (
     parse_slip_time,
     write_profile,
 )
-from fusion.clocks import OFFSET_HINT, ZONE_HINT, format_clock_offset, parse_clock_offset, parse_time_zone
-from fusion.conventions import AXIS_HINT, MethodName, Pose, PoseHeld, Side, parse_arm_axis
-from fusion.diary import KINDS, DiaryEntry, read_moment, split_times
-from fusion.errors import UnusableDiary
+from acromion.fusion.clocks import (
+    OFFSET_HINT,
+    ZONE_HINT,
+    parse_clock_offset,
+    parse_time_zone,
+)
+from acromion.fusion.conventions import AXIS_HINT, MethodName, Pose, PoseHeld, Side, parse_arm_axis
+from acromion.fusion.diary import KINDS, DiaryEntry, read_moment, split_times
+from acromion.fusion.errors import UnusableDiary
 
 Read = Callable[[Any], Any]
 DIARY_HINT = '[{start: "07:58" | start_s: 60, end | end_s, kind, label}]'
@@ -101,9 +107,11 @@ def _read_slip_list(value: Any) -> tuple[float, ...]:
 
 
 def _read_rate(value: Any) -> float | None:
-    if value is None:
-        return None
-    if not 1 <= float(value) <= 10_000:
+    return None if value is None else _read_number(value, 1, 10_000)
+
+
+def _read_number(value: Any, least: float, most: float) -> float:
+    if not least <= float(value) <= most:
         raise ValueError
     return float(value)
 
@@ -145,6 +153,7 @@ SETTINGS: tuple[Setting, ...] = (
     Setting("slip_at", "slip_times_s", _read_slip_list, f"[{SLIP_HINT}]"),
     Setting("no_slip_at", "no_slip_times_s", _read_slip_list, f"[{SLIP_HINT}]"),
     Setting("shift", "shift", lambda value: check_hours(value) if value else "", SHIFT_HINT),
+    Setting("min_hours", "min_hours", lambda hours: _read_number(hours, 0, 24), "0 to 24"),
     Setting("rate_hz", "rate_hz", _read_rate, "1 to 10000"),
     Setting("time_zone", "time_zone", lambda name: parse_time_zone(name or ""), ZONE_HINT),
     Setting("clock_offset", "clock_offset_s", _read_clock_offset, OFFSET_HINT),
@@ -170,23 +179,7 @@ _BY_NAME = {setting.name: setting for setting in SETTINGS}
 
 def encode_settings(request: ReportRequest) -> bytes:
     """Format all settings of a request as YAML, in a fixed order."""
-    values = {
-        "method": request.method,
-        "pose": request.pose,
-        "side": request.side,
-        "calibration": [list(window) for window in request.calibration_windows_s],
-        "pose_held": request.pose_held,
-        "axis": request.arm_axis,
-        "slip_at": list(request.slip_times_s),
-        "no_slip_at": list(request.no_slip_times_s),
-        "shift": request.shift or None,
-        "rate_hz": request.rate_hz,
-        "time_zone": request.time_zone or None,
-        "clock_offset": format_clock_offset(request.clock_offset_s) or None,
-        "lang": request.languages[0],
-        "report": list(request.kinds),
-        "paper": request.paper,
-        "appendix": request.appendix,
+    values = list_settings(request) | {
         "diary": [  # the line in the original file is not a setting
             {name: value for name, value in row.items() if value not in {None, ""} and name != "line"}
             for row in (asdict(entry) | split_times(entry) for entry in request.diary)

@@ -9,24 +9,32 @@ from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
-from app.analysis.attempt import Attempt, choose_limits, load_and_measure, run_and_wait
-from app.batch.folder import MARKER, Task, identify_place
-from app.errors import Crashed, Interrupted, RecordedProblem
-from app.request import BY_DIARY, ReportRequest
-from app.settings import Settings
-from fusion.clocks import ShiftWindow, correct_start, parse_interval, read_clock
-from fusion.diary import DiaryEntry
-from fusion.errors import UnusableClock
-from fusion.exposure.periods import find_diary_poses
-from fusion.recording import MICROSECONDS, cut_windows
-from fusion.shifts import cut_diary, find_by_diary, find_by_hours, parse_hours
+from acromion.app.analysis.attempt import (
+    Attempt,
+    MakeReport,
+    choose_limits,
+    load_and_check,
+    load_and_measure,
+    run_and_wait,
+)
+from acromion.app.batch.folder import MARKER, Task, identify_place
+from acromion.app.errors import Crashed, Interrupted, RecordedProblem
+from acromion.app.request import BY_DIARY, ReportRequest
+from acromion.app.settings import Settings
+from acromion.fusion.clocks import ShiftWindow, correct_start, in_zone, parse_interval, read_clock
+from acromion.fusion.diary import DiaryEntry
+from acromion.fusion.errors import FusionError, UnusableClock, UnusableDiary, UnusableShift
+from acromion.fusion.exposure.periods import find_diary_poses
+from acromion.fusion.recording import MICROSECONDS, QualityFlag, cut_windows
+from acromion.fusion.shifts import cut_diary, find_by_diary, find_by_hours, parse_hours
 
 
 def split_into_shifts(tasks: Sequence[Task], *, not_removed: bool) -> list[Task]:
     """Return a task for each shift of each recording.
 
     ``not_removed``: a person states that the sensor stayed on the arm, so that the pose of the first shift
-    applies to the later ones. A recording that cannot be cut keeps one task, which states the reason.
+    applies to the later ones. A recording that cannot be cut keeps one task, which states the reason; so does
+    a shift at a time that the clock skips or repeats.
     """
     return [part for task in tasks for part in _split(task, not_removed=not_removed)]
 
@@ -35,18 +43,14 @@ def _split(task: Task, *, not_removed: bool) -> list[Task]:
     whole = replace(task.request, shift="")
     try:
         extent = _measure(task.log, whole)
-        start = read_start(extent, whole)
+        requests, refusals = cut_as_asked(task.request, extent, not_removed=not_removed)
     except (RecordedProblem, Crashed, Interrupted, UnusableClock):
         return [replace(task, request=whole)]  # its analysis fails for the same reason
-    if start is None:
-        return [task]
-    duration_us = int(extent["duration_us"])
-    windows = _find_windows(task.request, start, duration_us)
-    if not windows:
-        return [replace(task, request=replace(whole, shift=_name_missing(task.request.shift, start)))]
-    requests = cut_request(whole, windows, start, duration_us, not_removed=not_removed)
-    names = _name_shifts(windows)
-    return [
+    except UnusableDiary as error:
+        return [replace(task, request=whole, code=error.code, facts=error.facts)]
+    if not refusals:
+        return [replace(task, request=requests[0])]
+    parts = [
         replace(
             task,
             request=request,
@@ -54,22 +58,55 @@ def _split(task: Task, *, not_removed: bool) -> list[Task]:
             path=f"{task.name} {name}",
             sha256=extent["sha256"],
         )
-        for request, name in zip(requests, names, strict=True)
+        for request, name in zip(requests, _name_shifts(requests), strict=True)
     ]
+    return [
+        replace(part, code=refusal.code, facts=refusal.facts) if refusal else part
+        for part, refusal in zip(parts, refusals, strict=True)
+    ]
+
+
+def _find_refusal(window: ShiftWindow, start: datetime) -> FusionError | None:
+    """Return why a recording cannot be cut to a window of its clock."""
+    try:
+        window.place(start)
+    except UnusableShift as refusal:
+        return refusal
+    return None
 
 
 def _measure(log: Path, request: ReportRequest) -> dict[str, Any]:
     """Return start, duration and digest of a recording. Raises RecordedProblem, Crashed or Interrupted."""
+    found: dict[str, Any] = _find(log, request, load_and_measure, "extent.json")
+    return found
+
+
+def check_times(task: Task) -> list[QualityFlag]:
+    """Return the caveats of the diary of a task, before its recording is analysed.
+
+    Raises RecordedProblem, Crashed or Interrupted: the recording will be refused because of a stated time.
+    """
+    asked = task.request
+    if task.code:
+        raise RecordedProblem(task.code, task.facts)
+    times = (asked.calibration_windows_s, asked.slip_times_s, asked.no_slip_times_s, asked.select_diary())
+    if not any((asked.shift, asked.time_zone, asked.clock_offset_s, *times)):
+        return []
+    return [QualityFlag(**flag) for flag in _find(task.log, asked, load_and_check, "check.json")]
+
+
+def _find(log: Path, request: ReportRequest, make: MakeReport, name: str) -> Any:
+    """Return what a child process finds. Raises RecordedProblem, Crashed or Interrupted."""
     with tempfile.TemporaryDirectory() as folder:
         limits = choose_limits(Settings(), log.stat().st_size)
-        run_and_wait(Attempt(log, request, Path(folder), load_and_measure, limits))
-        found: dict[str, Any] = json.loads((Path(folder) / "extent.json").read_bytes())
-        return found
+        run_and_wait(Attempt(log, request, Path(folder), make, limits))
+        return json.loads((Path(folder) / name).read_bytes())
 
 
 def read_start(extent: Mapping[str, Any], request: ReportRequest) -> datetime | None:
     """Return the measured start by the stated clock; None without a clock. Raises UnusableClock."""
     device = datetime.fromisoformat(extent["start"]) if extent["start"] else None
+    device = in_zone(device, extent["time_zone"])
     return correct_start(device, request.time_zone, request.clock_offset_s)
 
 
@@ -77,6 +114,25 @@ def _find_windows(request: ReportRequest, start: datetime, duration_us: int) -> 
     if request.shift == BY_DIARY:
         return find_by_diary(request.select_diary(), start, duration_us)
     return find_by_hours(start, duration_us, parse_hours(request.shift))
+
+
+def cut_as_asked(
+    request: ReportRequest, extent: Mapping[str, Any], *, not_removed: bool
+) -> tuple[list[ReportRequest], list[FusionError | None]]:
+    """Return the request of each shift for hours of the day or "diary" in ``request.shift``.
+
+    Also return why each shift cannot be cut, None if it can. If the recording has no such time, there is one
+    request, whose analysis states the reason, and no refusal. Raises UnusableClock or UnusableDiary.
+    """
+    whole = replace(request, shift="")
+    start, duration_us = read_start(extent, whole), int(extent["duration_us"])
+    if start is None:
+        return [request], []
+    windows = _find_windows(request, start, duration_us)
+    if not windows:
+        return [replace(whole, shift=_name_missing(request.shift, start))], []
+    requests = cut_request(whole, windows, start, duration_us, not_removed=not_removed)
+    return requests, [_find_refusal(window, start) for window in windows]
 
 
 def _name_missing(shift: str, start: datetime) -> str:
@@ -98,11 +154,23 @@ def cut_request(
     *,
     not_removed: bool,
 ) -> list[ReportRequest]:
-    """Return the request of each shift of a recording; ``not_removed`` as in :func:`split_into_shifts`."""
-    requests = [_cut_request(whole, window, start, duration_us) for window in windows]
-    if not_removed:
-        requests[1:] = [_carry_pose(requests[0], later, start) for later in requests[1:]]
-    return requests
+    """Return the request of each shift of a recording; ``not_removed`` as in :func:`split_into_shifts`.
+
+    No pose is carried over a slip that a person stated. The analysis of a shift at a time that the clock
+    skips or repeats states the reason.
+    """
+    asked = [
+        replace(whole, shift=str(window))
+        if _find_refusal(window, start)
+        else _cut_request(whole, window, start, duration_us)
+        for window in windows
+    ]
+    usable = [place for place, window in enumerate(windows) if not _find_refusal(window, start)]
+    begins_us = [windows[place].place(start)[0] for place in usable]
+    for place, begin_us in zip(usable[1:], begins_us[1:], strict=True) if not_removed else ():
+        if not any(begins_us[0] <= at_s * MICROSECONDS < begin_us for at_s in whole.slip_times_s):
+            asked[place] = _carry_pose(asked[usable[0]], asked[place], start)
+    return asked
 
 
 def _cut_request(
@@ -141,23 +209,26 @@ def _format_clock(start: datetime, at_s: float) -> str:
 
 
 def _carry_pose(first: ReportRequest, later: ReportRequest, start: datetime) -> ReportRequest:
-    """Return a later request with the pose of the first shift, unless a pose was stated in its own time."""
+    """Return a later request with the pose of the first shift, in case that it has no confirmed pose."""
     if later.arm_axis or any(entry.kind == "pose" for entry in later.diary):
         return later
     window = parse_interval(first.shift)
     first_us, stop_us = window.place(start)
     begin = read_clock(start, max(first_us, 0))
     windows_s = find_diary_poses(first.diary, begin, stop_us - max(first_us, 0))
-    return replace(later, pose_from=first.shift, pose_from_windows_s=windows_s, pose_held="no")
+    return replace(
+        later,
+        pose_from=first.shift,
+        pose_from_windows_s=windows_s,
+        pose_from_no_slip_at_s=first.no_slip_times_s,
+    )
 
 
-def _name_shifts(windows: Sequence[ShiftWindow]) -> list[str]:
+def _name_shifts(requests: Sequence[ReportRequest]) -> list[str]:
     """Return the date of each shift; with its hour if there are several on one date."""
-    dates = Counter(window.start.date() for window in windows)
-    return [
-        window.start.strftime("%Y-%m-%d" if dates[window.start.date()] == 1 else "%Y-%m-%d_%H%M")
-        for window in windows
-    ]
+    starts = [parse_interval(request.shift).start for request in requests]
+    dates = Counter(start.date() for start in starts)
+    return [start.strftime("%Y-%m-%d" if dates[start.date()] == 1 else "%Y-%m-%d_%H%M") for start in starts]
 
 
 def _choose_folder(task: Task, name: str) -> Path:

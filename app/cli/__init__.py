@@ -8,7 +8,7 @@ import sys
 
 import typer
 
-from app.cli.admin import (
+from acromion.app.cli.admin import (
     account,
     backup,
     doctor,
@@ -23,11 +23,11 @@ from app.cli.admin import (
     verify,
     worker,
 )
-from app.cli.compare import compare, pair, profile, validate
-from app.cli.files import conformance, demo, export, inspect, simulate, version
-from app.cli.live import live
-from app.cli.output import PipedOutput
-from app.cli.run import collect, exposure, run
+from acromion.app.cli.compare import compare, pair, profile, validate
+from acromion.app.cli.files import conformance, demo, export, inspect, posture, simulate, version
+from acromion.app.cli.live import live
+from acromion.app.cli.output import PipedOutput
+from acromion.app.cli.run import collect, exposure, run
 
 app = typer.Typer(
     name="acromion",
@@ -39,7 +39,7 @@ app = typer.Typer(
 
 for command in (
     *(run, collect, export, exposure, pair, compare, profile, validate),
-    *(live, demo, simulate, conformance, inspect, version),
+    *(live, demo, simulate, conformance, inspect, posture, version),
     *(serve, worker, get, backup, restore, drill, recover, verify, doctor, retention),
 ):
     app.command()(command)

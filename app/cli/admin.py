@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
-from app.accounts.subjects import PERMISSIONS, ROLES, Subject, collect_permissions
-from app.cli.output import Exit, print_problem
-from app.errors import (
+from acromion.app.accounts.subjects import PERMISSIONS, ROLES, Subject, collect_permissions
+from acromion.app.cli.output import Exit, print_problem
+from acromion.app.errors import (
     UNREADABLE_PATH,
     AppError,
     BackupRefused,
@@ -25,19 +25,19 @@ from app.errors import (
     NotHere,
     StoreDamaged,
 )
-from app.logs import escape_controls, start_logging
-from app.report.words.messages import describe_problem
-from app.report.words.wording import Language, fill, load_wording
-from fusion.conventions import PoseHeld
+from acromion.app.logs import escape_controls, start_logging
+from acromion.app.report.words.messages import describe_problem
+from acromion.app.report.words.wording import Language, fill, load_wording
+from acromion.fusion.conventions import PoseHeld
 
 if TYPE_CHECKING:
-    from app.accounts.accounts import Person
-    from app.accounts.sign_in import SignIn
-    from app.library.jobs import JobStore
-    from app.ops.backup import Copied
-    from app.ops.place import Accounts
-    from app.ops.verify import Fault
-    from app.settings import Settings
+    from acromion.app.accounts.accounts import Person
+    from acromion.app.accounts.sign_in import SignIn
+    from acromion.app.library.jobs import JobStore
+    from acromion.app.ops.backup import Copied
+    from acromion.app.ops.place import Accounts
+    from acromion.app.ops.verify import Fault
+    from acromion.app.settings import Settings
 
 T = TypeVar("T", bound=str)
 
@@ -91,7 +91,7 @@ def serve(
 
     An option overrides its setting in the environment (ACROMION_HOST, ACROMION_PORT and so on).
     """
-    from app.main import serve as serve_app  # noqa: PLC0415
+    from acromion.app.main import serve as serve_app  # noqa: PLC0415
 
     settings = load_settings(
         data,
@@ -122,10 +122,10 @@ def worker(
     ] = None,
 ) -> None:
     """Run queued analyses until stopped; several workers can run next to the server."""
-    from app.library.database.connect import check_whole, translate_start_errors  # noqa: PLC0415
-    from app.queue.worker import run_by_settings  # noqa: PLC0415
-    from app.start_checks import check_passwords  # noqa: PLC0415
-    from app.store.permissions import restrict_new_files  # noqa: PLC0415
+    from acromion.app.library.database.connect import check_whole, translate_start_errors  # noqa: PLC0415
+    from acromion.app.queue.worker import run_by_settings  # noqa: PLC0415
+    from acromion.app.start_checks import check_passwords  # noqa: PLC0415
+    from acromion.app.store.permissions import restrict_new_files  # noqa: PLC0415
 
     restrict_new_files()
     settings = load_settings(data)
@@ -179,10 +179,10 @@ def backup(
 
     A damaged store is also backed up: missing or damaged files are listed, and the exit code is 1.
     """
-    from app.ops.backup import back_up, drop_older_backups  # noqa: PLC0415  loads the database
-    from app.ops.copies import record_backup  # noqa: PLC0415
-    from app.ops.place import check_used, record_command  # noqa: PLC0415
-    from app.store.folder import open_storage  # noqa: PLC0415
+    from acromion.app.ops.backup import back_up, drop_older_backups  # noqa: PLC0415  loads the database
+    from acromion.app.ops.copies import record_backup  # noqa: PLC0415
+    from acromion.app.ops.place import check_used, record_command  # noqa: PLC0415
+    from acromion.app.store.folder import open_storage  # noqa: PLC0415
 
     if file.is_dir():
         file /= f"acromion-{datetime.now(UTC):%Y-%m-%d-%H%M%S}.zip{'.age' if recipient else ''}"
@@ -214,7 +214,7 @@ def drill(
 
     If a file is missing or damaged, the exit code is 4.
     """
-    from app.ops.backup import drill as try_out  # noqa: PLC0415  loads the database
+    from acromion.app.ops.backup import drill as try_out  # noqa: PLC0415  loads the database
 
     with _printing_refusals(lang, load_settings(None)):
         done = try_out(file, identity)
@@ -239,8 +239,8 @@ def restore(
     """
     from sqlalchemy.engine import make_url  # noqa: PLC0415  slow import
 
-    from app.ops.backup import restore as put_back  # noqa: PLC0415
-    from app.store.folder import LEDGER_FILE  # noqa: PLC0415  loads the database
+    from acromion.app.ops.backup import restore as put_back  # noqa: PLC0415
+    from acromion.app.store.folder import LEDGER_FILE  # noqa: PLC0415  loads the database
 
     settings = load_settings(data)
     with _printing_refusals(lang, settings):
@@ -267,10 +267,10 @@ def verify(
     lang: LanguageOption = "en",
 ) -> None:
     """Read every file and compare it with its row in the database."""
-    from app.library.database.connect import check_whole  # noqa: PLC0415  loads the database
-    from app.ops.backup import find_damage  # noqa: PLC0415
-    from app.ops.place import check_used, record_command  # noqa: PLC0415
-    from app.ops.verify import find_expected, find_faults  # noqa: PLC0415
+    from acromion.app.library.database.connect import check_whole  # noqa: PLC0415  loads the database
+    from acromion.app.ops.backup import find_damage  # noqa: PLC0415
+    from acromion.app.ops.place import check_used, record_command  # noqa: PLC0415
+    from acromion.app.ops.verify import find_expected, find_faults  # noqa: PLC0415
 
     with _printing_refusals(lang, load_settings(data)):
         settings = load_settings(data)
@@ -296,8 +296,8 @@ def recover(data: DataOption = None, lang: LanguageOption = "en") -> None:
     Recordings that could not be recovered completely are listed, and the exit code is 4. Erased recordings
     are skipped and counted; they do not change the exit code.
     """
-    from app.ops.place import check_recoverable  # noqa: PLC0415  loads the database
-    from app.ops.recover import recover as bring_back  # noqa: PLC0415
+    from acromion.app.ops.place import check_recoverable  # noqa: PLC0415  loads the database
+    from acromion.app.ops.recover import recover as bring_back  # noqa: PLC0415
 
     settings = load_settings(data)
     with _printing_refusals(lang, settings):
@@ -320,7 +320,7 @@ def recover(data: DataOption = None, lang: LanguageOption = "en") -> None:
 
 def doctor(data: DataOption = None, lang: LanguageOption = "en") -> None:
     """Check this machine for problems that affect Acromion, and print how to fix them."""
-    from app.ops.doctor import examine  # noqa: PLC0415  loads the database
+    from acromion.app.ops.doctor import examine  # noqa: PLC0415  loads the database
 
     words, has_failed = load_wording(lang, "operations"), False
     for found in examine(load_settings(data)):
@@ -363,7 +363,7 @@ def load_settings(data: Path | None, **options: object) -> "Settings":
     """
     from pydantic import ValidationError  # noqa: PLC0415  slow import
 
-    from app.settings import Settings  # noqa: PLC0415
+    from acromion.app.settings import Settings  # noqa: PLC0415
 
     given = {name: value for name, value in (options | {"data_dir": data}).items() if value is not None}
     try:
@@ -387,7 +387,7 @@ def _printing_refusals(language: Language, settings: "Settings") -> Iterator[Non
     """Print a refusal and exit with its code."""
     from sqlalchemy.exc import SQLAlchemyError  # noqa: PLC0415  slow import
 
-    from app.library.database.connect import translate_start_errors  # noqa: PLC0415
+    from acromion.app.library.database.connect import translate_start_errors  # noqa: PLC0415
 
     try:
         with translate_start_errors(settings):
@@ -435,8 +435,8 @@ def show_trail(
     lang: LanguageOption = "en",
 ) -> None:
     """Show audit log entries of a subject, recording or person in a time range, newest first."""
-    from app.library.audit_log import AuditFilter, find_lines, record_alone  # noqa: PLC0415
-    from app.library.recordings import RecordingStore  # noqa: PLC0415
+    from acromion.app.library.audit_log import AuditFilter, find_lines, record_alone  # noqa: PLC0415
+    from acromion.app.library.recordings import RecordingStore  # noqa: PLC0415
 
     for option, value in (("--subject", subject), ("--recording", recording), ("--who", who)):
         if not value.isprintable():  # invalid bytes, which databases refuse
@@ -460,8 +460,8 @@ def begin_hold(
     lang: LanguageOption = "en",
 ) -> None:
     """Put a recording on hold, so that it cannot be permanently deleted."""
-    from app.library.audit_log import AT_MACHINE  # noqa: PLC0415
-    from app.library.recordings import HOLD_REASONS, RecordingStore  # noqa: PLC0415
+    from acromion.app.library.audit_log import AT_MACHINE  # noqa: PLC0415
+    from acromion.app.library.recordings import HOLD_REASONS, RecordingStore  # noqa: PLC0415
 
     with _opened(lang, data) as (_, store):
         code = next((one for one in HOLD_REASONS if one == reason), None)
@@ -478,7 +478,7 @@ def end_hold(
     lang: LanguageOption = "en",
 ) -> None:
     """End the hold of a recording."""
-    from app.library.recordings import RecordingStore  # noqa: PLC0415
+    from acromion.app.library.recordings import RecordingStore  # noqa: PLC0415
 
     with _opened(lang, data) as (_, store):
         RecordingStore(store.engine, store.reader).release_hold(recording)
@@ -495,9 +495,9 @@ def get(
     lang: LanguageOption = "en",
 ) -> None:
     """Write the original file of a recording, byte for byte, verified by its SHA-256."""
-    from app.library.audit_log import record_readings  # noqa: PLC0415
-    from app.library.recordings import RecordingStore  # noqa: PLC0415  loads the database
-    from app.store.folder import borrow_recording, open_storage  # noqa: PLC0415
+    from acromion.app.library.audit_log import record_readings  # noqa: PLC0415
+    from acromion.app.library.recordings import RecordingStore  # noqa: PLC0415  loads the database
+    from acromion.app.store.folder import borrow_recording, open_storage  # noqa: PLC0415
 
     if out.exists() and not (force and out.is_file()):
         raise typer.BadParameter(f"{out} exists", param_hint="-o")
@@ -521,8 +521,8 @@ def get(
 
 def _copy_verified(source: Path, out: Path, sha256: str) -> None:
     """Copy a file completely or not at all, readable only by its owner. Raises DiskFull or StoreDamaged."""
-    from app.store.folder import COPY_BYTES, sync_file, translate_disk_full  # noqa: PLC0415
-    from app.store.permissions import create_file  # noqa: PLC0415
+    from acromion.app.store.folder import COPY_BYTES, sync_file, translate_disk_full  # noqa: PLC0415
+    from acromion.app.store.permissions import create_file  # noqa: PLC0415
 
     part, copied = out.with_name(f".{secrets.token_hex(8)}.part"), hashlib.sha256()
     try:
@@ -549,7 +549,7 @@ def retention(
     lang: LanguageOption = "en",
 ) -> None:
     """Show how long each kind is kept, or change the term of one."""
-    from app.library.governance import DAY_S, GRACE_DAYS, RetentionStore  # noqa: PLC0415
+    from acromion.app.library.governance import DAY_S, GRACE_DAYS, RetentionStore  # noqa: PLC0415
 
     with _opened(lang, data) as (settings, store):
         terms = RetentionStore(store.engine, store.reader)
@@ -569,7 +569,7 @@ def retention(
 
 
 def _read_moment(text: str) -> str:
-    from app.library.audit_log import parse_moment  # noqa: PLC0415
+    from acromion.app.library.audit_log import parse_moment  # noqa: PLC0415
 
     try:
         return parse_moment(text)
@@ -578,7 +578,7 @@ def _read_moment(text: str) -> str:
 
 
 def _print_lines(form: str, lines: Iterator[dict[str, str | int]], language: Language) -> None:
-    from app.library.audit_log import AUDIT_COLUMNS  # noqa: PLC0415
+    from acromion.app.library.audit_log import AUDIT_COLUMNS  # noqa: PLC0415
 
     if form not in ("text", "csv", "jsonl"):
         raise BadParameter(name="form", value=form[:20], allowed="text, csv, jsonl")
@@ -604,10 +604,10 @@ def _quote(value: str) -> str:
 @contextmanager
 def _opened(language: Language, data: Path | None) -> "Iterator[tuple[Settings, JobStore]]":
     """Open the database for a command; without a database, raise NotHere."""
-    from app.library.audit_log import AT_MACHINE, acting  # noqa: PLC0415
-    from app.library.database.connect import find_database_file  # noqa: PLC0415
-    from app.library.jobs import JobStore  # noqa: PLC0415
-    from app.ops.place import check_used  # noqa: PLC0415
+    from acromion.app.library.audit_log import AT_MACHINE, acting  # noqa: PLC0415
+    from acromion.app.library.database.connect import find_database_file  # noqa: PLC0415
+    from acromion.app.library.jobs import JobStore  # noqa: PLC0415
+    from acromion.app.ops.place import check_used  # noqa: PLC0415
 
     settings = load_settings(data)
     with _printing_refusals(language, settings), acting(AT_MACHINE):
@@ -675,7 +675,7 @@ def add(
     lang: LanguageOption = "en",
 ) -> None:
     """Add a person and print a one-time link for setting a password."""
-    from app.accounts.sign_in import INVITED_S  # noqa: PLC0415  loads the database
+    from acromion.app.accounts.sign_in import INVITED_S  # noqa: PLC0415  loads the database
 
     with _open(data, lang, may_begin=True) as command:
         roles = frozenset(_read_known("--role", role, ROLES))
@@ -722,7 +722,7 @@ def reset(
     lang: LanguageOption = "en",
 ) -> None:
     """Print a one-time link, valid for an hour, for setting a new password."""
-    from app.accounts.sign_in import FORGOTTEN_S  # noqa: PLC0415  loads the database
+    from acromion.app.accounts.sign_in import FORGOTTEN_S  # noqa: PLC0415  loads the database
 
     with _open(data, lang) as command:
         person = command.find(login)
@@ -756,7 +756,7 @@ def token(
     lang: LanguageOption = "en",
 ) -> None:
     """Create a token for a person's scripts; it is printed once."""
-    from app.accounts.accounts import format_end, make_token  # noqa: PLC0415  loads the database
+    from acromion.app.accounts.accounts import format_end, make_token  # noqa: PLC0415  loads the database
 
     with _open(data, lang) as command:
         person, chosen = command.find(login), _read_known("--may", permission, PERMISSIONS)
@@ -777,11 +777,11 @@ def _read_known(option: str, given: list[str], known: Collection[T]) -> list[T]:
 @contextmanager
 def _open(data: DataOption, lang: Language, *, may_begin: bool = False) -> Iterator[_AccountCommand]:
     """Open the accounts; with ``may_begin``, the data folder may be new."""
-    from app.accounts.accounts import AccountStore  # noqa: PLC0415  loads the database
-    from app.accounts.sign_in import SignIn  # noqa: PLC0415
-    from app.library.audit_log import AT_MACHINE, acting  # noqa: PLC0415
-    from app.ops.place import check_used  # noqa: PLC0415
-    from app.store.permissions import make_folder  # noqa: PLC0415
+    from acromion.app.accounts.accounts import AccountStore  # noqa: PLC0415  loads the database
+    from acromion.app.accounts.sign_in import SignIn  # noqa: PLC0415
+    from acromion.app.library.audit_log import AT_MACHINE, acting  # noqa: PLC0415
+    from acromion.app.ops.place import check_used  # noqa: PLC0415
+    from acromion.app.store.permissions import make_folder  # noqa: PLC0415
 
     settings = load_settings(data)
     with _printing_refusals(lang, settings):

@@ -1,7 +1,6 @@
 """Commands that compare: both arms, two days, many days, a recording and a reference."""
 
-import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import replace
 from errno import ENOENT
 from functools import partial
@@ -11,9 +10,10 @@ from typing import Annotated
 
 import typer
 
-from app.batch.folder import plan_tasks, use_plain_names, write_version
-from app.cli.options import (
+from acromion.app.batch.folder import list_finished, plan_tasks, use_plain_names, write_version
+from acromion.app.cli.options import (
     LanguageOption,
+    MinHoursOption,
     Out,
     PaperOption,
     PoseHeldOption,
@@ -24,10 +24,17 @@ from app.cli.options import (
     parse_windows,
     read_tasks_file,
 )
-from app.cli.output import Exit, choose_exit, print_problem, printing_refusals, report_progress
-from app.errors import UNREADABLE_PATH, AppError, CannotCompare, CannotPair, CannotProfile
-from app.request import PairRequest, ProfileRequest, Reference, ReportRequest
-from fusion.conventions import MethodName, Pose, Side
+from acromion.app.cli.output import Exit, choose_exit, print_problem, printing_refusals, report_progress
+from acromion.app.errors import UNREADABLE_PATH, AppError, CannotCompare, CannotPair, CannotProfile
+from acromion.app.request import (
+    MIN_HOURS,
+    PairClockSource,
+    PairRequest,
+    ProfileRequest,
+    Reference,
+    ReportRequest,
+)
+from acromion.fusion.conventions import MethodName, Pose, Side
 
 _INPUT_HELP = "a folder written by acromion run, or a recording, which is analysed first."
 SameSubjectOption = Annotated[
@@ -51,6 +58,10 @@ def pair(
         float | None,
         typer.Option(help="When the trunk's recording started, in seconds after the left arm's."),
     ] = None,
+    clock: Annotated[
+        PairClockSource,
+        typer.Option(help="What gives the offsets not stated: the devices' clocks, or the shared movement."),
+    ] = "devices",
     subject: SubjectOption = "",
     pose_held: PoseHeldOption = None,
     same_subject: SameSubjectOption = False,
@@ -66,9 +77,9 @@ def pair(
         _check_subject_codes(CannotPair(why="person"), (left, right, trunk), asked)
     first = _get_finished_folder(left, out / "left", replace(asked, side="left"))
     second = _get_finished_folder(right, out / "right", replace(asked, side="right"))
-    body = (_get_finished_folder(trunk, out / "trunk", asked),) if trunk else ()
+    body = (_get_finished_folder(trunk, out / "trunk", replace(asked, side="trunk")),) if trunk else ()
     offsets_s, asked_of = (offset_s, trunk_offset_s), (same_subject, mixed_methods)
-    request = PairRequest("pair", *offsets_s, (lang,), kinds, paper, *asked_of)
+    request = PairRequest("pair", *offsets_s, (lang,), kinds, paper, *asked_of, clock)
     _write_pair(out / "both-arms", (first, second, *body), request)
 
 
@@ -116,7 +127,7 @@ def _get_finished_folder(path: Path, out: Path, request: ReportRequest) -> Path:
 
 def _write_pair(folder: Path, sources: tuple[Path, ...], request: PairRequest) -> None:
     """Write the report of two analyses, and print its answer."""
-    from app.analysis.pair import make_report_of_two  # noqa: PLC0415  slow import
+    from acromion.app.analysis.pair import make_report_of_two  # noqa: PLC0415  slow import
 
     make = partial(make_report_of_two, sources, request)
     with printing_refusals(str(folder), request.languages[0]):
@@ -163,7 +174,7 @@ def validate(
     paper: PaperOption = "a4",
 ) -> None:
     """Compare a recording with a reference angle or orientation: r, RMSE, bias, limits of agreement."""
-    from app.analysis.validate import make_study, make_validation  # noqa: PLC0415  slow import
+    from acromion.app.analysis.validate import make_study, make_validation  # noqa: PLC0415  slow import
 
     request = ReportRequest(
         path.name,
@@ -221,6 +232,7 @@ def profile(
             metavar="RESULTS", help="Days after a change; can be repeated. RESULTS are the days before it."
         ),
     ] = None,
+    min_hours: MinHoursOption = None,
     same_subject: SameSubjectOption = False,
     mixed_methods: MixedMethodsOption = False,
     lang: LanguageOption = "en",
@@ -228,15 +240,20 @@ def profile(
     paper: PaperOption = "a4",
 ) -> None:
     """Report the days of a person or group together: mean, spread, days still needed."""
-    from app.analysis.pair import make_profile  # noqa: PLC0415  slow import
+    from acromion.app.analysis.pair import make_profile  # noqa: PLC0415  slow import
 
     kinds = parse_kinds(report)
     folder = out / "days"
     try:
-        first = _find_all(results, out)
-        later = _find_all(after or [], out)
+        first, later = _find_all(results), _find_all(after or [])
         request = ProfileRequest(
-            len(first) if after else None, (lang,), kinds, paper, same_subject, mixed_methods
+            len(first) if after else None,
+            (lang,),
+            kinds,
+            paper,
+            same_subject,
+            mixed_methods,
+            min_hours=MIN_HOURS if min_hours is None else min_hours,
         )
         make = partial(make_profile, (*first, *later), request)
         marker = write_version(folder, request.figures_name, lang, make)
@@ -249,8 +266,8 @@ def profile(
     _print_answer(folder.name, folder, marker.version)
 
 
-def _find_all(paths: list[Path], out: Path) -> list[Path]:
-    """Return the folders of finished analyses at or below the paths, without earlier versions.
+def _find_all(paths: list[Path]) -> list[Path]:
+    """Return the folders of finished analyses at or below the paths (:func:`list_finished`).
 
     Raises CannotProfile if a path contains none, or if all contain the same one. Raises FileNotFoundError if
     a path does not exist.
@@ -259,21 +276,10 @@ def _find_all(paths: list[Path], out: Path) -> list[Path]:
     for path in paths:
         if not path.exists():
             raise FileNotFoundError(ENOENT, strerror(ENOENT), str(path))
-        folders = sorted(_find_below(path, out))
+        folders = list_finished(path)
         if not folders:
             raise CannotProfile(why="kept", name=path.name)
         found |= dict.fromkeys(folder.resolve() for folder in folders)
     if len(found) == 1 and len(paths) > 1:
         raise CannotProfile(why="same", name=paths[0].name, other=paths[1].name)
     return list(found)
-
-
-def _find_below(path: Path, out: Path) -> Iterator[Path]:
-    if path.is_file():
-        yield path.parent
-        return
-    for results in path.rglob("results.json"):
-        inside = results.parent.relative_to(path).parts
-        is_earlier = any(part.startswith(".") or re.fullmatch(r"v\d+", part) for part in inside)
-        if not is_earlier and not results.is_relative_to(out / "days"):
-            yield results.parent

@@ -10,26 +10,40 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from app.batch.folder import plan_tasks
-from app.cli.options import (
+from acromion.app.batch.again import read_further
+from acromion.app.batch.folder import list_finished, plan_tasks
+from acromion.app.cli.options import (
+    ClockOffsetOption,
     DateOrderOption,
     LanguageOption,
     ProfileOption,
     SensorOption,
+    TimeZoneOption,
     complete_profile,
+    parse_offset,
+    parse_zone,
+    read_posture_file,
     read_profile_file,
 )
-from app.cli.output import Exit, choose_exit, finish, print_problem, printing_refusals, report_progress
-from app.errors import NO_RESULTS
-from app.report.figures import load_results
-from app.report.words.wording import fill, load_wording
-from app.request import Language, ReportRequest
-from app.store.folder import write_durably
-from app.version import software_revision, software_version
-from fusion.errors import FusionError
+from acromion.app.cli.output import (
+    Exit,
+    choose_exit,
+    finish,
+    holding_results,
+    print_problem,
+    printing_refusals,
+    report_progress,
+)
+from acromion.app.errors import NO_RESULTS
+from acromion.app.report.figures import load_results
+from acromion.app.report.words.wording import fill, load_wording
+from acromion.app.request import Language, ReportRequest
+from acromion.app.store.folder import write_durably
+from acromion.app.version import software_version, source_fingerprint, source_revision
+from acromion.fusion.errors import FusionError
 
 if TYPE_CHECKING:
-    from fusion.simulation.conformance import Expected, TestSignal
+    from acromion.fusion.simulation.conformance import Expected, TestSignal
 
 
 def demo(
@@ -39,20 +53,21 @@ def demo(
     open_: Annotated[bool, typer.Option("--open", help="Open the report in the browser.")] = False,
 ) -> None:
     """Simulate a shift, analyse it, write the report and print its path."""
-    from fusion.simulation import simulate_shift, write_shift  # noqa: PLC0415  slow import
+    from acromion.fusion.simulation import simulate_shift, write_shift  # noqa: PLC0415  slow import
 
     typer.echo(f"Simulating {hours:g} h of work with a GT9X Link ...")
     shift = simulate_shift("gt9x", hours, seed=1)
     log = write_shift(out / "recording", shift, actilife_csv=False)[0]
     request = ReportRequest(log.name, "DEMO", "right", languages=(lang,), pose_held="start")
-    tasks = plan_tasks([log], out, request, force=False)
-    outcomes = report_progress(tasks, 1)
-    if not choose_exit(outcomes):
-        page = (tasks[0].folder / "report.html").resolve()
-        typer.echo(f"Report: {page}\n        {page.with_suffix('.pdf')}")
-        if open_:
-            typer.launch(page.as_uri())
-    finish(outcomes, out, request)
+    with holding_results(out, lang):
+        tasks = plan_tasks([log], out, request, force=False)
+        outcomes = report_progress(tasks, 1)
+        if not choose_exit(outcomes):
+            page = (tasks[0].folder / "report.html").resolve()
+            typer.echo(f"Report: {page}\n        {page.with_suffix('.pdf')}")
+            if open_:
+                typer.launch(page.as_uri())
+        finish(outcomes, out, request)
 
 
 def simulate(
@@ -63,7 +78,7 @@ def simulate(
     rate_hz: Annotated[float | None, typer.Option(min=10, max=2000)] = None,
 ) -> None:
     """Write simulated recordings in the formats of the devices, and their true angles."""
-    from fusion.simulation import write_recordings  # noqa: PLC0415
+    from acromion.fusion.simulation import write_recordings  # noqa: PLC0415
 
     for path in write_recordings(folder, device, hours, seed, rate_hz):
         typer.echo(path)
@@ -79,16 +94,19 @@ def inspect(
     profile: ProfileOption = None,
     sensor: SensorOption = "",
     date_order: DateOrderOption = None,
+    time_zone: TimeZoneOption = "",
+    clock_offset: ClockOffsetOption = "",
     lang: LanguageOption = "en",
 ) -> None:
     """Describe a file without analysing it: device, columns, units, rate, clock, gaps, warnings."""
-    from app.analysis.inspect import inspect_file  # noqa: PLC0415
-    from app.report.inspection import describe_inspection  # noqa: PLC0415
+    from acromion.app.analysis.inspect import inspect_file  # noqa: PLC0415
+    from acromion.app.report.inspection import describe_inspection  # noqa: PLC0415
 
     with printing_refusals(path.name, lang):
         try:
             columns = complete_profile(read_profile_file(profile, lang), sensor, date_order)
-            facts = inspect_file(path, rate_hz, columns)
+            zone, offset_s = parse_zone(time_zone), parse_offset(clock_offset)
+            facts = inspect_file(path, rate_hz, columns, time_zone=zone, clock_offset_s=offset_s)
         except FusionError as refusal:
             if as_json:
                 problem = {"file": path.name, "code": refusal.code, "facts": dict(refusal.facts)}
@@ -99,9 +117,20 @@ def inspect(
     )
 
 
+def posture(
+    path: Annotated[Path, typer.Argument(metavar="FILE")],
+    lang: LanguageOption = "en",
+) -> None:
+    """Print sitting and standing from a recording of the thigh, as rows of a diary."""
+    rows = read_posture_file(path, lang)
+    typer.echo("start,end,kind,label")
+    for row in rows:
+        typer.echo(f"{row.start},{row.end},{row.kind},{row.label}")
+
+
 def version() -> None:
-    """Print the version and the fingerprint of the code."""
-    typer.echo(f"acromion {software_version()} ({software_revision()})")
+    """Print the version, the git commit or release, and the fingerprint of the code."""
+    typer.echo(f"acromion {software_version()} ({source_fingerprint()}, {source_revision()})")
 
 
 # Export to a standard dataset format.
@@ -120,16 +149,18 @@ def export(
     lang: Annotated[Language, typer.Option("--lang", help="Language of messages.")] = "en",
 ) -> None:
     """Write the angles of finished recordings as a Motion-BIDS dataset (docs/conventions.md)."""
-    from app.report.export.bids import Angles, list_bids  # noqa: PLC0415  loads Parquet
+    from acromion.app.report.export.bids import Angles, list_bids  # noqa: PLC0415  loads Parquet
 
-    folders = [folder for path in results for folder in _find_finished(path)]
+    found = (folder for path in results if path.exists() for folder in list_finished(path))
+    folders = [folder for folder in found if (folder / "elevation.parquet").exists()]
     if not folders:
         print_problem(", ".join(map(str, results)), NO_RESULTS, {}, lang)
         raise typer.Exit(Exit.NOTHING_DONE)
     if out.exists() and any(out.iterdir()):
         raise typer.BadParameter(f"{out} is not empty", param_hint="-o")
     every = [
-        Angles(load_results((f / "results.json").read_bytes()), f / "elevation.parquet") for f in folders
+        Angles(load_results((folder / "results.json").read_bytes()), folder / "elevation.parquet", further)
+        for folder, further in zip(folders, read_further(folders), strict=True)
     ]
     for name, content in list_bids(every):
         path = out / name
@@ -137,13 +168,6 @@ def export(
         write_durably(path, content)
     words = load_wording(lang, "run")["outcome"]
     typer.echo(fill(words["exported"], {"n": str(len(folders)), "folder": str(out)}))
-
-
-def _find_finished(path: Path) -> list[Path]:
-    """List the folders of finished recordings: the given one, or those directly below it."""
-    candidates = [path, *sorted(path.iterdir())] if path.is_dir() else []
-    names = ("results.json", "elevation.parquet")
-    return [folder for folder in candidates if all((folder / name).exists() for name in names)]
 
 
 # Check whether another program computes the figures of page 1 (docs/profile.md).
@@ -156,7 +180,7 @@ def conformance(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder for the signals and results.csv.")],
 ) -> None:
     """Write test signals with expected values; check another program's figures in DIR/results.csv."""
-    from fusion.simulation.conformance import SIGNALS  # noqa: PLC0415  slow import
+    from acromion.fusion.simulation.conformance import SIGNALS  # noqa: PLC0415  slow import
 
     folder.mkdir(parents=True, exist_ok=True)
     for path in _write_signals(folder, SIGNALS):

@@ -10,21 +10,27 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from app.batch.folder import plan_tasks
-from app.cli.options import LanguageOption, SideOption, SubjectOption, parse_axis, parse_subject
-from app.cli.output import finish, handling_signals, print_problem, printing_refusals, report_progress
-from app.errors import UNREADABLE_PATH, AppError
-from app.logs import escape_controls
-from app.report.words.numbers import format_angle, format_duration, format_elapsed, format_number
-from app.report.words.wording import fill, load_wording
-from app.request import Language, ReportRequest
-from fusion.errors import FusionError
+from acromion.app.batch.folder import plan_tasks
+from acromion.app.cli.options import LanguageOption, SideOption, SubjectOption, parse_axis, parse_subject
+from acromion.app.cli.output import (
+    finish,
+    handling_signals,
+    print_problem,
+    printing_refusals,
+    report_progress,
+)
+from acromion.app.errors import UNREADABLE_PATH, AppError
+from acromion.app.logs import escape_controls
+from acromion.app.report.words.numbers import format_angle, format_duration, format_elapsed, format_number
+from acromion.app.report.words.wording import fill, load_wording
+from acromion.app.request import Language, ReportRequest
+from acromion.fusion.errors import FusionError
 
 if TYPE_CHECKING:
-    from app.live.recorder import Recorder
-    from app.live.sources import Source
-    from fusion.live import LiveStatus
-    from fusion.live.cues import Cue
+    from acromion.app.live.recorder import Recorder
+    from acromion.app.live.sources import Source
+    from acromion.fusion.live import LiveStatus
+    from acromion.fusion.live.cues import Cue
 
 BAR_WIDTH = 30
 REDRAW_S, PRINT_S = 0.1, 1.0
@@ -60,11 +66,11 @@ def live(
     lang: LanguageOption = "en",
 ) -> None:
     """Show the angle in real time, save every sample, and write the report when stopped (Ctrl-C)."""
-    from app.live.cue_log import CUE_HINT, parse_rule  # noqa: PLC0415  loads numpy
-    from app.live.ports import EARLY, is_port  # noqa: PLC0415
-    from app.live.raw_file import PREFIX, Wearer, build_session_options  # noqa: PLC0415
-    from app.live.recorder import Recorder, describe_difference, measure_difference  # noqa: PLC0415
-    from app.live.sources import open_lines, open_replay  # noqa: PLC0415
+    from acromion.app.live.cue_log import CUE_HINT, parse_rule  # noqa: PLC0415  loads numpy
+    from acromion.app.live.ports import EARLY, is_port  # noqa: PLC0415
+    from acromion.app.live.raw_file import PREFIX, Wearer, build_session_options  # noqa: PLC0415
+    from acromion.app.live.recorder import Recorder, describe_difference, measure_difference  # noqa: PLC0415
+    from acromion.app.live.sources import open_lines, open_replay  # noqa: PLC0415
 
     arm_axis = parse_axis(axis)
     request = ReportRequest("", parse_subject(subject), side, languages=(lang,), arm_axis=arm_axis)
@@ -102,7 +108,7 @@ def _run(source: "Source", recorder: "Recorder", countdown_s: float, language: L
 
     Data received before the end is also processed; if that fails, its file stays for the next start.
     """
-    from app.live.cue_log import write_log  # noqa: PLC0415
+    from acromion.app.live.cue_log import write_log  # noqa: PLC0415
 
     screen = _Screen(language)
     try:
@@ -220,7 +226,7 @@ class _Screen:
 
 def _print_interrupted_sessions(out: Path, language: Language) -> None:
     """Print the interrupted sessions of this folder, and how much of each was saved."""
-    from app.live.raw_file import find_interrupted_sessions, recover_early_files  # noqa: PLC0415
+    from acromion.app.live.raw_file import find_interrupted_sessions, recover_early_files  # noqa: PLC0415
 
     recover_early_files(out)
     words = load_wording(language, "live")["terminal"]

@@ -9,12 +9,19 @@ from typing import Annotated, Any, Literal, TypeVar
 
 import typer
 
-from app.batch.folder import PROFILES, Task, read_list
-from app.batch.inputs import Participant, assign_participants, read_checked_diary
-from app.batch.run import SHARD_HINT, Shard, parse_shard
-from app.cli.output import Exit, print_problem
-from app.errors import UNREADABLE_PATH, AppError, UnusableList
-from app.request import (
+from acromion.app.batch.doubles import mark_doubles
+from acromion.app.batch.folder import PROFILES, Task, read_list
+from acromion.app.batch.inputs import (
+    Participant,
+    assign_participants,
+    list_diaries,
+    read_checked_diary,
+    read_postures,
+)
+from acromion.app.batch.run import SHARD_HINT, Shard, parse_shard
+from acromion.app.cli.output import Exit, print_problem
+from acromion.app.errors import UNREADABLE_PATH, AppError, UnusableList
+from acromion.app.request import (
     ISCO_HINT,
     SHIFT_HINT,
     SLIP_HINT,
@@ -33,15 +40,23 @@ from app.request import (
     parse_window,
     write_profile,
 )
-from fusion.clocks import OFFSET_HINT, parse_clock_offset, parse_time_zone
-from fusion.conventions import AXIS_HINT, ArmAxis, PoseHeld, Side, parse_arm_axis
-from fusion.diary import DiaryEntry, TaskWindow, read_tasks
-from fusion.errors import FusionError
+from acromion.fusion.clocks import OFFSET_HINT, parse_clock_offset, parse_time_zone
+from acromion.fusion.conventions import AXIS_HINT, ArmAxis, PoseHeld, Side, parse_arm_axis
+from acromion.fusion.diary import DiaryEntry, TaskWindow, read_tasks
+from acromion.fusion.errors import FusionError
 
 T = TypeVar("T")
 
 Out = Annotated[Path, typer.Option("-o", "--out", help="Folder for the results.")]
 SideOption = Annotated[Side | None, typer.Option(help="Which arm.")]
+MinHoursOption = Annotated[
+    float | None,
+    typer.Option(
+        min=0,
+        max=24,
+        help="Least analysed hours of a day that counts; quality plays no part  \\[default: 4]",
+    ),
+]
 JobOption = Annotated[str, typer.Option("--job", help="Title of the person's job.")]
 IscoOption = Annotated[
     str, typer.Option("--isco", metavar="CODE", help="Code of the job in ISCO-08, one to four digits.")
@@ -52,6 +67,13 @@ DiaryOption = Annotated[
     typer.Option(
         metavar="FILE",
         help="CSV or .xlsx of shift, tasks, breaks, marks: start,end,kind,label (clock), or start_s,end_s.",
+    ),
+]
+PostureOption = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        help="Activity per second of ActiPASS or acti-motus, or a recording of the thigh (.cwa, .csv).",
     ),
 ]
 ProfileOption = Annotated[
@@ -102,6 +124,11 @@ def read_diary_file(path: Path | None, language: Language) -> tuple[DiaryEntry, 
     return _read_option_file(path, language, (), lambda file: read_checked_diary(file.read_bytes()))
 
 
+def read_posture_file(path: Path | None, language: Language) -> tuple[DiaryEntry, ...]:
+    """Read a file of postures, as rows of a diary."""
+    return _read_option_file(path, language, (), read_postures)
+
+
 def resolve_profile(path: Path | None, out: Path) -> Path | None:
     """Return the path of a column profile: a file, or a name in ``profiles/`` of the results."""
     if path is None or path.exists():
@@ -114,7 +141,7 @@ def read_profile_file(path: Path | None, language: Language) -> str:
     """Read the column profile; called before any recording is read, so that errors are reported at once."""
     if path is None:
         return ""
-    from fusion.readers import parse_profile  # noqa: PLC0415  slow import
+    from acromion.fusion.readers import parse_profile  # noqa: PLC0415  slow import
 
     def parse(file: Path) -> str:
         return write_profile(asdict(parse_profile(file.read_text("utf-8", errors="replace"))))
@@ -142,9 +169,14 @@ def read_settings_file(path: Path | None, language: Language) -> dict[str, Any]:
     """Read a settings file; return the request fields that it sets."""
     if path is None:
         return {}
-    from app.batch.settings_file import read_settings  # noqa: PLC0415  loads YAML
+    from acromion.app.batch.settings_file import read_settings  # noqa: PLC0415  loads YAML
 
     return _read_option_file(path, language, {}, lambda file: read_settings(file.read_bytes()))
+
+
+def read_diary_names(path: Path | None, language: Language) -> list[Path]:
+    """Return the diaries and files of postures that the list of participants names."""
+    return _read_option_file(path, language, [], lambda file: list_diaries(file.read_bytes(), file.parent))
 
 
 def apply_participants_file(
@@ -152,12 +184,14 @@ def apply_participants_file(
 ) -> tuple[list[Task], list[Participant]]:
     """Return the tasks with the settings of the list of participants, and its rows that match no recording.
 
-    Diaries are read from the folder of the list.
+    Diaries are read from the folder of the list. Recordings that occur twice are marked.
     """
-    nothing: tuple[list[Task], list[Participant]] = (tasks, [])
-    return _read_option_file(
-        path, language, nothing, lambda file: assign_participants(tasks, file.read_bytes(), file.parent)
-    )
+
+    def read(file: Path) -> tuple[list[Task], list[Participant]]:
+        assigned, unmatched = assign_participants(tasks, file.read_bytes(), file.parent)
+        return mark_doubles(assigned), unmatched
+
+    return _read_option_file(path, language, None, read) or (mark_doubles(tasks), [])
 
 
 def read_list_file(path: Path | None, language: Language) -> list[Path]:

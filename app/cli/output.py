@@ -9,7 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import IntEnum
@@ -19,21 +19,25 @@ from typing import Any, Literal, NoReturn
 
 import typer
 
-from app.analysis.fork_server import warm_up
-from app.batch.folder import Task, format_path
-from app.batch.run import Outcome, ShardRecord, find_finished, run_tasks
-from app.errors import UNREADABLE_PATH, AppError, Interrupted
-from app.logs import escape_controls
-from app.report.figures import load_results
-from app.report.words.messages import describe_problem
-from app.report.words.numbers import Clock, format_duration, format_number
-from app.report.words.wording import fill, load_wording
-from app.request import Language, ReportRequest
-from fusion.clocks import in_zone
-from fusion.errors import FusionError
+from acromion.app.analysis.fork_server import warm_up
+from acromion.app.batch.folder import Task, find_orphans, format_path, hold_results
+from acromion.app.batch.run import Outcome, ShardRecord, find_finished, run_tasks
+from acromion.app.errors import RESULTS_IN_USE, UNREADABLE_PATH, AppError, Interrupted
+from acromion.app.logs import escape_controls
+from acromion.app.report.export.tables import Row
+from acromion.app.report.figures import load_results
+from acromion.app.report.words.messages import describe_problem
+from acromion.app.report.words.numbers import Clock, format_duration, format_number
+from acromion.app.report.words.wording import fill, load_wording
+from acromion.app.request import Language, ReportRequest
+from acromion.fusion.clocks import in_zone
+from acromion.fusion.errors import DOUBLE_RECORDING, FusionError
 
-_TABLES = "app.batch.tables"
+_TABLES = "acromion.app.batch.tables"
 """Needed only at the end of a run; loaded while the first recording is analysed."""
+
+
+_NO_FAILURES = (Interrupted.code, DOUBLE_RECORDING)
 
 
 class Exit(IntEnum):
@@ -203,8 +207,8 @@ def print_problem(name: str, code: str, facts: Any, language: Language) -> None:
 
 
 @contextmanager
-def printing_refusals(name: str, language: Language) -> Iterator[None]:
-    """Print a refusal or an unusable path, and exit with its code."""
+def printing_refusals(name: str, language: Language, exit_code: Exit = Exit.NOTHING_DONE) -> Iterator[None]:
+    """Print a refusal or an unusable path, and exit with ``exit_code``."""
     try:
         yield
     except (FusionError, AppError) as refusal:
@@ -213,7 +217,23 @@ def printing_refusals(name: str, language: Language) -> Iterator[None]:
         print_problem(name, UNREADABLE_PATH, {"why": error.strerror or ""}, language)
     else:
         return
-    raise typer.Exit(Exit.NOTHING_DONE)
+    raise typer.Exit(exit_code)
+
+
+@contextmanager
+def holding_results(out: Path, language: Language, *, is_shared: bool = False) -> Iterator[None]:
+    """Keep other runs out of the results folder; if another run is active, print its process and exit."""
+    with ExitStack() as stack:
+        try:
+            stack.enter_context(hold_results(out, is_shared=is_shared))
+        except BlockingIOError as error:
+            number, _, computer = str(error.strerror).partition(" ")
+            print_problem(format_path(out), RESULTS_IN_USE, {"pid": number, "computer": computer}, language)
+            raise typer.Exit(Exit.NOTHING_DONE) from None
+        except OSError as error:
+            print_problem(format_path(out), UNREADABLE_PATH, {"why": error.strerror or ""}, language)
+            raise typer.Exit(Exit.NOTHING_DONE) from None
+        yield
 
 
 def finish(
@@ -227,16 +247,46 @@ def finish(
     if outcomes:
         try:
             with handling_signals(signal.SIG_IGN, signal.SIGINT, signal.SIGTERM):  # takes about a second
-                importlib.import_module(_TABLES).write_tables(out, outcomes, request, datetime.now(UTC))
+                pairs = importlib.import_module(_TABLES).write_tables(
+                    out, outcomes, request, datetime.now(UTC)
+                )
+            note_pairs(pairs, language)
         except OSError as error:
             print_problem(str(out), UNREADABLE_PATH, {"why": error.strerror or ""}, language)
             is_any_good = any(outcome.code is None for outcome in outcomes)
             raise typer.Exit(Exit.SOME_FAILED if is_any_good else Exit.NOTHING_DONE) from None
+    note_orphans([outcome.task for outcome in outcomes], out, language)
     for line in format_question(outcomes) if asks else ():
         typer.echo(escape_controls(line), err=True)
     if len(outcomes) > 1 or choose_exit(outcomes) is Exit.INTERRUPTED:
         typer.echo(_format_total(outcomes, language, "", goes_on=goes_on), err=True)
     raise typer.Exit(choose_exit(outcomes))
+
+
+def note_orphans(tasks: Sequence[Task], out: Path, language: Language) -> None:
+    """Print the folders of recordings that earlier runs had and this one does not."""
+    if names := find_orphans(out, [task.folder for task in tasks if not task.double_of]):
+        words = load_wording(language, "run")["outcome"]
+        typer.echo(escape_controls(fill(words["orphans"], {"names": ", ".join(names)})), err=True)
+
+
+def note_pairs(rows: Sequence[Row], language: Language) -> None:
+    """Print the pairs whose clocks the shared movement contradicts, and the recordings that rival for one."""
+    words = load_wording(language, "run")["outcome"]
+    doubtful = [
+        f"{row['subject']} ({row['left']}, {row[other]})"
+        for row in rows
+        for other, certainty in (("right", "certainty"), ("trunk", "trunk_certainty"))
+        if row.get(certainty) == "doubtful"
+    ]
+    rivals = [
+        f"{row['subject']} ({why.partition(': ')[2]})"
+        for row in rows
+        if (why := str(row.get("why") or "")).startswith("several at once")
+    ]
+    for name, found in (("doubtful_pairs", doubtful), ("several_at_once", rivals)):
+        if names := "; ".join(dict.fromkeys(found)):
+            typer.echo(escape_controls(fill(words[name], {"names": names})), err=True)
 
 
 def finish_shard(outcomes: Sequence[Outcome], record: ShardRecord, out: Path, language: Language) -> NoReturn:
@@ -286,7 +336,8 @@ def _format_total(
         "all": len(outcomes),
         "good": sum(outcome.code is None for outcome in outcomes),
         "repeated": sum(outcome.repeated for outcome in outcomes),
-        "failed": sum(outcome.code not in (None, Interrupted.code) for outcome in outcomes),
+        "failed": sum(outcome.code not in (None, *_NO_FAILURES) for outcome in outcomes),
+        "double": sum(outcome.code == DOUBLE_RECORDING for outcome in outcomes),
         "left": sum(outcome.code == Interrupted.code for outcome in outcomes),
     }
     facts = {name: str(n) if n or name in {"all", "good"} else "" for name, n in counts.items()}
@@ -299,7 +350,7 @@ def choose_exit(outcomes: Sequence[Outcome]) -> Exit:
     """Return the exit code from the outcomes that are also in the tables."""
     if any(outcome.code == Interrupted.code for outcome in outcomes):
         return Exit.INTERRUPTED
-    good = [outcome.code is None for outcome in outcomes]
-    if not any(good):
+    good = [outcome.code is None for outcome in outcomes if outcome.code != DOUBLE_RECORDING]
+    if not any(good) and (good or not outcomes):
         return Exit.NOTHING_DONE
     return Exit.ALL_GOOD if all(good) else Exit.SOME_FAILED

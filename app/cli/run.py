@@ -7,17 +7,27 @@ from typing import Annotated
 
 import typer
 
-from app.batch.folder import Task, find_recordings, format_path, is_up_to_date, plan_tasks
-from app.batch.run import ShardRecord, choose_workers, collect_outcomes, measure_capacity
-from app.cli.options import (
+from acromion.app.batch.again import list_inputs, plan_again, save_inputs
+from acromion.app.batch.folder import Task, find_recordings, format_path, is_up_to_date, plan_tasks
+from acromion.app.batch.run import (
+    Outcome,
+    ShardRecord,
+    choose_workers,
+    collect_outcomes,
+    measure_capacity,
+)
+from acromion.app.batch.stated import list_stated
+from acromion.app.cli.options import (
     ClockOffsetOption,
     DateOrderOption,
     DiaryOption,
     IscoOption,
     JobOption,
     LanguageOption,
+    MinHoursOption,
     Out,
     PoseHeldOption,
+    PostureOption,
     ProfileOption,
     SensorOption,
     SideOption,
@@ -38,32 +48,51 @@ from app.cli.options import (
     parse_windows,
     parse_zone,
     read_diary_file,
+    read_diary_names,
     read_list_file,
+    read_posture_file,
     read_profile_file,
     read_settings_file,
     resolve_profile,
     save_profile,
 )
-from app.cli.output import (
+from acromion.app.cli.output import (
     Exit,
+    choose_exit,
     finish,
     finish_shard,
+    holding_results,
+    note_orphans,
     print_failure,
     print_json,
     print_outcome,
     print_problem,
+    printing_refusals,
     report_progress,
 )
-from app.errors import NO_RECORDING, NO_SHARDS
-from app.report.words.wording import fill, load_wording
-from app.request import SHIFT_HINT, Language, Paper, ReportRequest
-from fusion.conventions import MethodName, Pose
+from acromion.app.errors import NO_RECORDING, NO_SHARDS, AppError, RecordedProblem
+from acromion.app.logs import escape_controls
+from acromion.app.report.words.messages import describe_flag
+from acromion.app.report.words.wording import fill, load_wording
+from acromion.app.request import SHIFT_HINT, Language, Paper, ReportRequest
+from acromion.fusion.conventions import MethodName, Pose
 
 
 def run(
-    out: Out,
+    context: typer.Context,
     paths: Annotated[
         list[Path] | None, typer.Argument(help="Recordings, folders of recordings, or patterns.")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", help="Folder for the results  \\[required without --again]"),
+    ] = None,
+    again: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="RESULTS",
+            help="Repeat the last run of this folder, into it or -o; PATHS: where its recordings are now.",
+        ),
     ] = None,
     list_: Annotated[
         Path | None,
@@ -73,7 +102,7 @@ def run(
         Path | None,
         typer.Option(
             metavar="FILE.csv",
-            help="file,subject,side,pose,calibration,pose_held,axis,slip_at,no_slip_at,diary,time_zone,clock_offset,job,isco.",
+            help="file,subject,side,pose,calibration,pose_held,axis,slip_at,no_slip_at,diary,posture,time_zone,clock_offset,job,isco.",
         ),
     ] = None,
     config: Annotated[
@@ -115,6 +144,7 @@ def run(
         ),
     ] = None,
     diary: DiaryOption = None,
+    posture: PostureOption = None,
     shift: Annotated[
         str | None,
         typer.Option(
@@ -122,11 +152,12 @@ def run(
             help="Cut a recording of several days: these hours of each day, or the days of the diary.",
         ),
     ] = None,
+    min_hours: MinHoursOption = None,
     not_removed: Annotated[
         bool,
         typer.Option(
             "--not-removed",
-            help="The sensor stayed on between the shifts: the first shift's pose applies to the later ones.",
+            help="The sensor stayed on: the first shift's confirmed pose applies to later ones without one.",
         ),
     ] = False,
     lang: Annotated[
@@ -170,69 +201,131 @@ def run(
 
     Options override the settings file. The list of participants overrides both.
     """
-    given = {
-        "side": side,
-        "method": method,
-        "pose": pose,
-        "calibration_windows_s": parse_windows(calibration),
-        "arm_axis": parse_axis(axis),
-        "pose_held": pose_held,
-        "slip_times_s": parse_slip_times(slip_at, "--slip-at"),
-        "no_slip_times_s": parse_slip_times(no_slip_at, "--no-slip-at"),
-        "shift": parse_shift(shift),
-        "rate_hz": rate_hz,
-        "time_zone": parse_zone(time_zone),
-        "clock_offset_s": parse_offset(clock_offset),
-        "kinds": parse_kinds(report),
-        "paper": paper,
-        "appendix": appendix,
-    }
-    settings = read_settings_file(config, lang or "en")
-    settings |= {name: value for name, value in given.items() if value}
-    language = lang or settings.get("languages", ("en",))[0]
-    request = replace(ReportRequest(""), **{**settings, "languages": (language,)})
-    profile = resolve_profile(profile, out)
-    request = replace(
-        request,
-        subject=parse_subject(subject),
-        job_title=parse_job(job),
-        isco_code=parse_isco(isco),
-        diary=read_diary_file(diary, language) or request.diary,
-        profile=complete_profile(read_profile_file(profile, language) or request.profile, sensor, date_order),
-    )
-    inputs = [path for path in (list_, participants, config, diary, profile) if path]
-    tasks = _plan(
-        [*(paths or ()), *read_list_file(list_, language)], out, request, inputs, join=join, force=force
-    )
-    tasks, unmatched = apply_participants_file(participants, tasks, language)
-    for row in unmatched:
-        _note("unmatched", language, line=str(row.line), file=row.file)
-    _note_unmatched_diary(tasks, language)
-    check_windows(task.request for task in tasks)
-    if any(task.request.shift for task in tasks):
-        from app.batch.shifts import split_into_shifts  # noqa: PLC0415  loads fusion
+    if out is None and again is None:
+        raise typer.BadParameter("required, unless you repeat a run with --again", param_hint="-o")
+    out = out or again or Path()
+    if again:
+        _check_only_repeats(context)
+        with printing_refusals(format_path(again), lang or "en", Exit.USAGE):
+            tasks, request = plan_again(again, out, paths or (), force=force)
+        language, inputs_by_name = request.languages[0], list_inputs(again)
+    else:
+        given = {
+            "side": side,
+            "method": method,
+            "pose": pose,
+            "calibration_windows_s": parse_windows(calibration),
+            "arm_axis": parse_axis(axis),
+            "pose_held": pose_held,
+            "slip_times_s": parse_slip_times(slip_at, "--slip-at"),
+            "no_slip_times_s": parse_slip_times(no_slip_at, "--no-slip-at"),
+            "shift": parse_shift(shift),
+            "rate_hz": rate_hz,
+            "time_zone": parse_zone(time_zone),
+            "clock_offset_s": parse_offset(clock_offset),
+            "kinds": parse_kinds(report),
+            "paper": paper,
+            "appendix": appendix,
+        }
+        settings = read_settings_file(config, lang or "en")
+        settings |= {name: value for name, value in given.items() if value}
+        settings |= {} if min_hours is None else {"min_hours": min_hours}
+        language = lang or settings.get("languages", ("en",))[0]
+        request = replace(ReportRequest(""), **{**settings, "languages": (language,)})
+        profile = resolve_profile(profile, out)
+        request = replace(
+            request,
+            subject=parse_subject(subject),
+            job_title=parse_job(job),
+            isco_code=parse_isco(isco),
+            diary=(read_diary_file(diary, language) or request.diary) + read_posture_file(posture, language),
+            profile=complete_profile(
+                read_profile_file(profile, language) or request.profile, sensor, date_order
+            ),
+        )
+        inputs = [path for path in (list_, participants, config, profile) if path]
+        diaries = [path for path in (diary, posture, *read_diary_names(participants, language)) if path]
+        inputs += diaries
+        tasks = _plan(
+            [*(paths or ()), *read_list_file(list_, language)], out, request, inputs, join=join, force=force
+        )
+        tasks, unmatched = apply_participants_file(participants, tasks, language)
+        for row in unmatched:
+            _note("unmatched", language, line=str(row.line), file=row.file)
+        for task in tasks if participants else ():
+            if not (task.line or task.double_of):
+                _note("without_row", language, file=task.name)
+        if columns := list(dict.fromkeys(name for task in tasks for name in task.further)):
+            _note("further", language, names=", ".join(columns))
+        _note_unmatched_diary(tasks, language)
+        check_windows(task.request for task in tasks)
+        if any(task.request.shift for task in tasks):
+            from acromion.app.batch.shifts import split_into_shifts  # noqa: PLC0415  loads fusion
 
-        tasks = split_into_shifts(tasks, not_removed=not_removed)
-    mine, record = parse_shard_option(shard), None
+            tasks = split_into_shifts(tasks, not_removed=not_removed)
+        inputs_by_name = {_name_copy(path, participants): path for path in diaries}
+        inputs_by_name |= {"participants.csv": participants} if participants else {}
+    mine, record, everything = parse_shard_option(shard), None, tasks
     if mine:
         tasks, record = mine.select(tasks), ShardRecord(out, mine, tasks, request)
     if dry_run:
         words = load_wording(language, "run")["outcome"]
         for task in tasks:
-            verb = words["would_skip" if not task.force and is_up_to_date(task) else "would_do"]
-            typer.echo(f"{verb}: {format_path(task.log)} -> {format_path(task.folder)}")
-        raise typer.Exit
+            is_done = not task.force and not task.double_of and is_up_to_date(task)
+            verb = words["would_skip" if is_done else "would_leave" if task.double_of else "would_do"]
+            place = task.double_of or format_path(task.folder)
+            typer.echo(escape_controls(f"{verb}: {format_path(task.log)} -> {place}"))
+            typer.echo(escape_controls(f"  {_describe_plan(task)}"))
+        note_orphans(everything, out, language)
+        planned = [task for task in tasks if not task.double_of]
+        _print_proposals(planned, language)
+        raise typer.Exit(_check_plan(planned, language))
     on_outcome = print_json if json_log else print_failure if quiet else print_outcome
-    save_profile(profile, out)
     count = workers or 1
     if not workers and len(tasks) != 1:
         capacity = measure_capacity()
         count, memory = choose_workers(len(tasks), capacity), round(capacity.free_bytes / (1 << 30), 1)
         _note("workers", language, n=str(count), cores=str(capacity.cores), memory=str(memory))
-    if record is None:
-        finish(report_progress(tasks, count, on_outcome), out, request, asks=not (quiet or json_log))
-    record.begin()
-    finish_shard(report_progress(tasks, count, on_outcome), record, out, language)
+    with holding_results(out, language, is_shared=record is not None):
+        with printing_refusals(format_path(out), language):
+            save_profile(profile, out)
+            save_inputs(out, everything, request, inputs_by_name, is_shared=record is not None)
+        if record is None:
+            finish(report_progress(tasks, count, on_outcome), out, request, asks=not (quiet or json_log))
+        record.begin()
+        finish_shard(report_progress(tasks, count, on_outcome), record, out, language)
+
+
+def _check_plan(tasks: Sequence[Task], language: Language) -> Exit:
+    """Print the stated times that the run will refuse or ignore; return the code with which it will end."""
+    from acromion.app.batch.shifts import check_times  # noqa: PLC0415  loads fusion
+
+    outcomes = []
+    for task in tasks:
+        try:
+            flags = check_times(task)
+        except (RecordedProblem, AppError) as refusal:
+            outcomes.append(Outcome(task, code=refusal.code))
+            print_problem(task.name, refusal.code, refusal.facts, language)
+            continue
+        outcomes.append(Outcome(task))
+        for flag in flags:
+            words = describe_flag(flag, language)
+            typer.echo(escape_controls(f"{task.name}: {words.title}. {words.detail}"), err=True)
+    return choose_exit(outcomes) if outcomes else Exit.ALL_GOOD
+
+
+def _print_proposals(tasks: Sequence[Task], language: Language) -> None:
+    """Print the recordings of each subject that pairs.csv will pair."""
+    from acromion.app.batch.pairs import propose_pairs  # noqa: PLC0415  only a dry run
+
+    entry = load_wording(language, "run")["outcome"]
+    for proposal in propose_pairs(tasks):
+        places = {
+            name: ", ".join(task.name for task in getattr(proposal, name))
+            for name in ("left", "right", "trunk")
+        }
+        typer.echo(fill(entry["pair"], {"subject": proposal.subject, **places}))
 
 
 def collect(
@@ -248,7 +341,8 @@ def collect(
     for name, slices in (("undone", collected.undone), ("differing", collected.differing)):
         if slices:  # slices to repeat, and slices with other options than the last
             _note(name, lang, slices=", ".join(slices))
-    finish(collected.outcomes, out, collected.request, goes_on=False)
+    with holding_results(out, lang, is_shared=True):
+        finish(collected.outcomes, out, collected.request, goes_on=False)
 
 
 def exposure(
@@ -264,8 +358,10 @@ def exposure(
     request = ReportRequest(
         path.name, parse_subject(subject), side, languages=(lang,), source="angles", diary=entries
     )
-    tasks = plan_tasks([path], out, request, force=True)
-    finish(report_progress(tasks, 1), out, request)
+    with holding_results(out, lang):
+        tasks = plan_tasks([path], out, request, force=True)
+        save_inputs(out, tasks, request, {f"diaries/{diary.name}": diary} if diary else {}, is_shared=False)
+        finish(report_progress(tasks, 1), out, request)
 
 
 def _plan(
@@ -288,6 +384,40 @@ def _plan(
     if join:  # one task, in a folder named after the first file
         logs, request = logs[:1], replace(request, joined=tuple(str(log.resolve()) for log in logs[1:]))
     return plan_tasks(logs, out, request, found.format_place, force=force)
+
+
+_WITH_AGAIN = frozenset(
+    {"context", "paths", "out", "again", "workers", "force", "shard", "dry_run", "quiet", "json_log"}
+)
+"""Parameters that may be given when a run is repeated."""
+
+
+def _check_only_repeats(context: typer.Context) -> None:
+    """Refuse settings beside --again, which uses those of the run that it repeats."""
+    sources = {name: context.get_parameter_source(name) for name in context.params if name not in _WITH_AGAIN}
+    given = [name for name, source in sources.items() if source and source.name == "COMMANDLINE"]
+    if given:
+        options = ", ".join(f"--{name.rstrip('_').replace('_', '-')}" for name in given)
+        raise typer.BadParameter(f"repeats the settings of the run; omit {options}", param_hint="--again")
+
+
+def _name_copy(diary: Path, participants: Path | None) -> str:
+    """Return the path of a diary's copy in the inputs: as the list of participants names it."""
+    folder = participants.parent if participants else diary.parent
+    below = diary.relative_to(folder) if diary.is_relative_to(folder) else Path(diary.name)
+    return f"diaries/{'_'.join(part for part in below.parts if part != '..')}"
+
+
+def _describe_plan(task: Task) -> str:
+    """Format the subject of a recording, its pose, the rows of its diary, and every stated setting."""
+    request = task.request
+    shown: dict[str, object] = {"subject": request.subject, "side": request.side, "pose": request.pose}
+    shown |= {"diary": len(request.select_diary()), "job": request.job_title, "isco": request.isco_code}
+    shown = {name: value for name, value in shown.items() if value or name in {"subject", "side", "diary"}}
+    shown |= {name: value for name, value in list_stated(request).items() if name not in shown} | dict(
+        task.further
+    )
+    return ", ".join(f"{name}: {'-' if value in ('', None) else value}" for name, value in shown.items())
 
 
 def _note_unmatched_diary(tasks: Sequence[Task], language: Language) -> None:

@@ -18,9 +18,9 @@ from typing import Literal, get_args
 
 from sqlalchemy import Connection, Engine, event, insert, select
 
-from app.library.database.tables import analyses, audit_log
-from app.library.rows import select_running_s
-from app.logs import AUDIT_LOGGER
+from acromion.app.library.database.tables import analyses, audit_log
+from acromion.app.library.rows import select_running_s
+from acromion.app.logs import AUDIT_LOGGER
 
 Act = Literal[
     "trail.read",

@@ -15,19 +15,29 @@ from typing import TYPE_CHECKING, Any
 from sqlalchemy import Connection, Select, and_, delete, func, insert, select, update
 from sqlalchemy.dialects import postgresql, sqlite
 
-from app.errors import NotHere
-from app.library.audit_log import record
-from app.library.claims import enqueue_all, replace_job
-from app.library.database.connect import lock_tables
-from app.library.database.tables import analyses, batch_items, batches
-from app.library.rows import Job, JobState, RowStore, format_now, read_job, select_items, select_jobs
-from app.library.side_files import increment_revision_of
-from app.library.versions import KEYS_PER_QUERY, build_item, identify_work, select_same
-from app.library.webhooks import announce_batch
-from app.request import ReportRequest
+from acromion.app.errors import NotHere
+from acromion.app.library.audit_log import record
+from acromion.app.library.claims import enqueue_all, replace_job
+from acromion.app.library.database.connect import lock_tables
+from acromion.app.library.database.tables import analyses, batch_items, batches
+from acromion.app.library.rows import (
+    Job,
+    JobState,
+    Place,
+    RowStore,
+    format_now,
+    read_job,
+    select_items,
+    select_jobs,
+    select_page,
+)
+from acromion.app.library.side_files import increment_revision_of
+from acromion.app.library.versions import KEYS_PER_QUERY, build_item, identify_work, select_same
+from acromion.app.library.webhooks import announce_batch
+from acromion.app.request import ReportRequest
 
 if TYPE_CHECKING:  # it imports this module
-    from app.library.recordings import StoredRow
+    from acromion.app.library.recordings import StoredRow
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,10 +118,10 @@ class BatchStore(RowStore):
         counts = {state: found.get(state, 0) for state in JobState}
         return Batch(row.id, row.name, row.duplicate_count, row.created_at, counts)
 
-    def find_newest(self, limit: int) -> tuple[Batch, ...]:
-        """Return the most recently requested batches, newest first."""
-        newest = select(batches.c.id).order_by(batches.c.created_at.desc(), batches.c.id.desc()).limit(limit)
-        return tuple(self.get(row.id) for row in self._read_all(newest))
+    def find_page(self, limit: int, after: Place | None = None) -> tuple[Batch, ...]:
+        """Return the most recently requested batches, newest first, from ``after`` on."""
+        page = select_page(select(batches.c.id), (batches.c.created_at, batches.c.id), limit, after)
+        return tuple(self.get(row.id) for row in self._read_all(page))
 
     def find_jobs(self, batch_id: str) -> tuple[Job, ...]:
         """Return the current analyses in the requested order."""
@@ -186,14 +196,19 @@ def join_study(connection: Connection, name: str, analysis_id: str) -> str:
     return study_id
 
 
-def replace_cut(connection: Connection, analysis_id: str, shifts: Sequence[str]) -> None:
-    """Replace an analysis by those of the shifts of its recording, also in every study that contains it."""
+def replace_cut(
+    connection: Connection, analysis_id: str, shifts: Sequence[str], *, is_finished: bool
+) -> None:
+    """Replace an analysis by those of the shifts of its recording, also in every study that contains it.
+
+    Other batches keep a finished analysis, because it was requested as it is.
+    """
     mine = batch_items.c.analysis_id == analysis_id
     holding = select(batches.c.id, batches.c.name).join(batch_items, batch_items.c.batch_id == batches.c.id)
     found = connection.execute(holding.where(mine)).all()
     studies = {batch.id: batch.name for batch in found if batch.id == identify_study(batch.name)}
     connection.execute(delete(batch_items).where(mine, batch_items.c.batch_id.in_(studies)))
-    replace_job(connection, analysis_id, shifts[0])
+    replace_job(connection, analysis_id, shifts[0], keeps_batches=is_finished)
     for name in studies.values():
         for shift in shifts:
             join_study(connection, name, shift)

@@ -5,8 +5,8 @@ requests of each subject (a token, or the machine) are another. The jobs of a fl
 number is next, so that the flows take turns. A new flow starts at the lowest waiting number, neither before
 nor after the others (start-time fair queueing: Goyal et al. 1996, with all jobs taken as equally long).
 
-A job that changes only the label of a report (:data:`app.request.LABEL`) needs no analysis. It comes before
-all others, as soon as the analysis with its figures is finished.
+A job that changes only the label of a report (:data:`acromion.app.request.LABEL`) needs no analysis. It comes
+before all others, as soon as the analysis with its figures is finished.
 """
 
 import secrets
@@ -17,14 +17,14 @@ from sqlalchemy import ColumnElement, Connection, Float, exists, func, insert, o
 from sqlalchemy.ext.compiler import compiles
 from sqlalchemy.sql.functions import FunctionElement
 
-from app.errors import OutOfTime
-from app.library.audit_log import Act, get_actor, record
-from app.library.database.tables import analyses, batch_items, recordings
-from app.library.rows import TRANSITIONS, JobState, find_sources, format_now, select_running_s
-from app.library.side_files import increment_revision, increment_revision_of
-from app.library.versions import identify_work, number_versions
-from app.library.webhooks import announce_end
-from app.request import ReportRequest
+from acromion.app.errors import OutOfTime
+from acromion.app.library.audit_log import Act, get_actor, record
+from acromion.app.library.database.tables import analyses, batch_items, recordings
+from acromion.app.library.rows import TRANSITIONS, JobState, find_sources, format_now, select_running_s
+from acromion.app.library.side_files import increment_revision, increment_revision_of
+from acromion.app.library.versions import identify_work, number_versions
+from acromion.app.library.webhooks import announce_end
+from acromion.app.request import ReportRequest
 
 WayIn = Literal["web", "api"]
 LABEL_PRIORITY, PAGE_PRIORITY, SCRIPT_PRIORITY = -1, 0, 1
@@ -101,11 +101,12 @@ def cancel_job(connection: Connection, analysis_id: str) -> None:
     change_state(connection, analysis_id, JobState.CANCELLED, ended)
 
 
-def replace_job(connection: Connection, analysis_id: str, again: str) -> None:
-    """Replace a job by its repetition, also in every batch that requested it."""
+def replace_job(connection: Connection, analysis_id: str, again: str, *, keeps_batches: bool = False) -> None:
+    """Replace a job by its repetition, also in every batch that requested it, unless ``keeps_batches``."""
     connection.execute(update(analyses).where(analyses.c.id == analysis_id).values(replaced_by=again))
-    mine = batch_items.c.analysis_id == analysis_id
-    connection.execute(update(batch_items).where(mine).values(analysis_id=again))
+    if not keeps_batches:
+        mine = batch_items.c.analysis_id == analysis_id
+        connection.execute(update(batch_items).where(mine).values(analysis_id=again))
     recording_id = increment_revision_of(connection, analysis_id)
     record(connection, "analysis.replaced", recording_id, analysis_id, other={"again": again})
 

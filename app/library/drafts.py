@@ -10,8 +10,8 @@ from datetime import UTC, datetime, timedelta
 from sqlalchemy import delete, select
 from sqlalchemy.dialects import postgresql, sqlite
 
-from app.library.database.tables import drafts
-from app.library.rows import RowStore, format_now
+from acromion.app.library.database.tables import drafts
+from acromion.app.library.rows import RowStore, format_now
 
 TERM = timedelta(days=14)
 LONGEST_TEXT = 60_000

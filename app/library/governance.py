@@ -14,9 +14,9 @@ from typing import Any, Literal, get_args
 
 from sqlalchemy import ColumnElement, Connection, Select, delete, func, insert, select, text, update
 
-from app.errors import BadParameter, NoSuchFile, NotHere
-from app.library.audit_log import Act, record
-from app.library.database.tables import (
+from acromion.app.errors import BadParameter, NoSuchFile, NotHere
+from acromion.app.library.audit_log import Act, record
+from acromion.app.library.database.tables import (
     aggregate_blocks,
     aggregate_members,
     analyses,
@@ -31,8 +31,8 @@ from app.library.database.tables import (
     retention,
     running_time,
 )
-from app.library.recordings import drop_empty_batches
-from app.library.rows import (
+from acromion.app.library.recordings import drop_empty_batches
+from acromion.app.library.rows import (
     STORED,
     TRANSITIONS,
     TRASHED,
@@ -42,10 +42,10 @@ from app.library.rows import (
     format_now,
     select_running_s,
 )
-from app.library.side_files import increment_revision
-from app.request import find_code
-from fusion.caveats import FEW_H
-from fusion.conventions import FEWEST_PEOPLE
+from acromion.app.library.side_files import increment_revision
+from acromion.app.request import find_code
+from acromion.fusion.caveats import FEW_H
+from acromion.fusion.conventions import FEWEST_PEOPLE
 
 Kind = Literal["recordings", "results", "trash", "trail"]
 KINDS: tuple[Kind, ...] = get_args(Kind)

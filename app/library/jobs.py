@@ -20,10 +20,10 @@ from sqlalchemy import (
 )
 from sqlalchemy.exc import OperationalError
 
-from app.errors import Interrupted, NotHere, StaleVersion, StoreMismatch
-from app.library.audit_log import Act, record
-from app.library.batches import join_study, replace_cut, update_studies
-from app.library.claims import (
+from acromion.app.errors import Interrupted, NotHere, StaleVersion, StoreMismatch
+from acromion.app.library.audit_log import Act, record
+from acromion.app.library.batches import join_study, replace_cut, update_studies
+from acromion.app.library.claims import (
     LABEL_PRIORITY,
     PAGE_PRIORITY,
     SCRIPT_PRIORITY,
@@ -37,23 +37,25 @@ from app.library.claims import (
     replace_job,
     start_job,
 )
-from app.library.database.connect import READ_ONLY, lock_tables, open_database
-from app.library.database.tables import analyses, answers, facts, recordings, result_files
-from app.library.listing import HeadlineFigures, apply_description
-from app.library.recordings import Description, Place, check_not_purged, insert_recording, select_page
-from app.library.rows import (
+from acromion.app.library.database.connect import READ_ONLY, lock_tables, open_database
+from acromion.app.library.database.tables import analyses, answers, facts, recordings, result_files
+from acromion.app.library.listing import HeadlineFigures, apply_description
+from acromion.app.library.recordings import Description, check_not_purged, insert_recording
+from acromion.app.library.rows import (
     PURGING,
     TRASHED,
     Job,
     JobState,
+    Place,
     RowStore,
     format_now,
     read_job,
     select_items,
     select_jobs,
+    select_page,
 )
-from app.library.side_files import increment_revision
-from app.library.versions import (
+from acromion.app.library.side_files import increment_revision
+from acromion.app.library.versions import (
     COUNTED,
     build_item,
     drop_drafts,
@@ -63,10 +65,10 @@ from app.library.versions import (
     renumber,
     select_same,
 )
-from app.request import Conclusion, ReportRequest
-from app.settings import Settings
-from app.store.folder import ResultFile, StoredRecording
-from fusion.errors import Fact
+from acromion.app.request import Conclusion, ReportRequest
+from acromion.app.settings import Settings
+from acromion.app.store.folder import ResultFile, StoredRecording
+from acromion.fusion.errors import Fact
 
 _BACK: Mapping[str, object] = {"token": None, "stage": None, "progress": 0.0}
 MOST_SAME = 20
@@ -136,7 +138,14 @@ class JobStore(RowStore):
 
         Raises PurgedSince.
         """
-        about = Description(request.file_name, request.subject, request.side, external_id)
+        about = Description(
+            request.file_name,
+            request.subject,
+            request.side,
+            external_id,
+            job_title=request.job_title,
+            isco_code=request.isco_code,
+        )
         with self._engine.begin() as connection:
             check_not_purged(connection, stored, about)
             insert_recording(connection, stored, about)
@@ -202,7 +211,8 @@ class JobStore(RowStore):
             for other in map(read_job, connection.execute(others).all()):
                 if other.request.reference is None:
                     cancel_job(connection, other.id)
-                    replace_cut(connection, other.id, ids)
+                    is_finished = other.state is JobState.SUCCEEDED
+                    replace_cut(connection, other.id, ids, is_finished=is_finished)
         return tuple(self.get(one) for one in ids)
 
     def conclude(self, job: Job, conclusion: Conclusion | None) -> Job:
@@ -348,7 +358,7 @@ class JobStore(RowStore):
         return self._read_value(select(analyses.c.id).where(*waits).limit(1)) is not None
 
     def claim(self, *, is_label: bool | None = None) -> Job | None:
-        """Claim the next job (:func:`app.library.claims.find_next`); None if no job waits."""
+        """Claim the next job (:func:`acromion.app.library.claims.find_next`); None if no job waits."""
         with self._engine.begin() as connection:
             analysis_id = find_next(connection, is_label=is_label)
             if analysis_id is None:
@@ -445,7 +455,7 @@ class JobStore(RowStore):
             return change_state(connection, job.id, JobState.QUEUED, back, job.token)
 
     def find_source(self, job: Job) -> Job | None:
-        """Find the finished analysis with the figures of a job (:func:`app.library.versions.find_source`)."""
+        """Find the finished analysis with a job's figures (:mod:`acromion.app.library.versions`)."""
         with self._reader.connect() as connection:
             return find_source(connection, job)
 

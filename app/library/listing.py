@@ -31,9 +31,16 @@ from sqlalchemy import (
     update,
 )
 
-from app.library.audit_log import record
-from app.library.database.tables import analyses, answers, batch_items, batches, recordings, saved_views
-from app.library.rows import (
+from acromion.app.library.audit_log import record
+from acromion.app.library.database.tables import (
+    analyses,
+    answers,
+    batch_items,
+    batches,
+    recordings,
+    saved_views,
+)
+from acromion.app.library.rows import (
     STORED,
     Job,
     JobState,
@@ -47,12 +54,12 @@ from app.library.rows import (
     select_jobs,
     sort_tags,
 )
-from app.report.figures import load_results
-from app.request import ReportRequest, find_code
-from app.store.folder import Storage
-from fusion.caveats import FEW_H
-from fusion.conventions import METHOD_VERSION, Side
-from fusion.exposure.types import Interval
+from acromion.app.report.figures import load_results
+from acromion.app.request import ReportRequest, find_code
+from acromion.app.store.folder import Storage
+from acromion.fusion.caveats import FEW_H
+from acromion.fusion.conventions import METHOD_VERSION, Side
+from acromion.fusion.exposure.types import Interval
 
 Group = Literal["all", "active", "attention", "failed", "good", "caution", "poor", "older", "cancelled"]
 GROUPS: tuple[Group, ...] = get_args(Group)
@@ -121,7 +128,7 @@ class HeadlineFigures:
 
     ``method`` and ``method_version`` of the angles, "" and 0 if the file contained angles. ``day`` summarises
     the day (:func:`summarise_day`), "" if unknown. ``calibration_state``: see
-    :data:`fusion.conventions.CalibrationState`, "" if there is none. ``above_60_low_percent`` and
+    :data:`acromion.fusion.conventions.CalibrationState`, "" if there is none. ``above_60_low_percent`` and
     ``above_60_high_percent``: ends of the 95 % range, None if there is none.
     """
 
@@ -153,11 +160,13 @@ def read_headline(results: Path) -> HeadlineFigures | None:
     """Read the headline figures from ``results.json``; None if it lacks them."""
     try:
         found = load_results(results.read_bytes())
-        above = {row["threshold_deg"]: row for row in found["exposure"]["time_above"]}.get(60, {})
+        recording = found.get("recording", {})
+        rows = () if recording.get("side") == "trunk" else found["exposure"]["time_above"]
+        above = {row["threshold_deg"]: row for row in rows}.get(60, {})
         method = found.get("method") or {"name": "", "version": 0}
         return HeadlineFigures(
             verdict=found["quality"]["verdict"],
-            start=found.get("recording", {}).get("start"),
+            start=recording.get("start"),
             recorded_s=found["time"]["recorded_s"],
             above_60_percent=above.get("percent"),
             method=method["name"],

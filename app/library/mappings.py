@@ -1,20 +1,20 @@
 """Column mappings: the columns of a table, named once by a person, for every file with the same header.
 
-A mapping is stored under the identity of the header (:func:`fusion.readers.identify_header`) and offered for
-the next file with that header. Once a person has confirmed it, it is applied without a question.
+A mapping is stored under the identity of the header (:func:`acromion.fusion.readers.identify_header`) and
+offered for the next file with that header. Once a person has confirmed it, it is applied without a question.
 """
 
 from dataclasses import dataclass, replace
 
 from sqlalchemy import ColumnElement, Row, delete, exists, insert, select, update
 
-from app.errors import NotHere
-from app.library.audit_log import record
-from app.library.claims import enqueue_all, replace_job
-from app.library.database.tables import analyses, column_mappings
-from app.library.rows import Job, JobState, RowStore, format_now, read_job, select_jobs
-from app.library.versions import build_item, identify_work, renumber
-from app.request import ReportRequest
+from acromion.app.errors import NotHere
+from acromion.app.library.audit_log import record
+from acromion.app.library.claims import enqueue_all, replace_job
+from acromion.app.library.database.tables import analyses, column_mappings
+from acromion.app.library.rows import Job, JobState, RowStore, format_now, read_job, select_jobs
+from acromion.app.library.versions import build_item, identify_work, renumber
+from acromion.app.request import ReportRequest
 
 UNNAMED = "-"
 """Prefix of a header's identity if no line names the columns: many devices may write such a table."""

@@ -9,14 +9,14 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Literal, get_args
 
-from sqlalchemy import Connection, Row, Select, delete, exists, insert, select, tuple_, update
+from sqlalchemy import Connection, Row, delete, exists, insert, select, update
 
-from app.errors import NotHere, OnHold, PurgedSince, StaleVersion
-from app.library.audit_log import Act, get_actor, record
-from app.library.batches import join_study
-from app.library.claims import WayIn, cancel_job, enqueue
-from app.library.database.connect import BUSY_TIMEOUT_S, lock_tables
-from app.library.database.tables import (
+from acromion.app.errors import NotHere, OnHold, PurgedSince, StaleVersion
+from acromion.app.library.audit_log import Act, get_actor, record
+from acromion.app.library.batches import join_study
+from acromion.app.library.claims import WayIn, cancel_job, enqueue
+from acromion.app.library.database.connect import BUSY_TIMEOUT_S, lock_tables
+from acromion.app.library.database.tables import (
     analyses,
     batch_items,
     batches,
@@ -25,25 +25,27 @@ from app.library.database.tables import (
     result_files,
     uploads,
 )
-from app.library.rows import (
+from acromion.app.library.rows import (
     PURGING,
     REFERENCE,
     STORED,
     TRASHED,
     JobState,
+    Place,
     RowStore,
     format_diary,
     format_now,
     format_tags,
     read_diary,
     read_tags,
+    select_page,
     select_running_s,
 )
-from app.library.side_files import increment_revision, writing_side_file
-from app.request import ReportRequest
-from app.store.folder import StoredRecording
-from fusion.conventions import Side
-from fusion.diary import DiaryEntry
+from acromion.app.library.side_files import increment_revision, writing_side_file
+from acromion.app.request import ReportRequest
+from acromion.app.store.folder import StoredRecording
+from acromion.fusion.conventions import Side
+from acromion.fusion.diary import DiaryEntry
 
 HoldReason = Literal["legal", "complaint", "insurance", "study", "other"]
 """Why a recording is kept: codes, because the audit log contains no sentence."""
@@ -54,9 +56,6 @@ REPETITION_S = 24 * 3600.0
 PURGED = "purged"
 """Replaces the recording id in an upload's row after permanent deletion."""
 
-Place = tuple[str, str]
-"""Where a page of a list ended: the timestamp of the order and the id of its last row."""
-
 logger = logging.getLogger(__name__)
 
 
@@ -65,7 +64,7 @@ class Description:
     """Details entered by people. ``external_id`` is the recording's name in their system.
 
     ``folder``: the folders that the file was in when it was dropped, which may suggest whose arm it is; a
-    file from another folder is the same file.
+    file from another folder is the same file. ``job_title``, ``isco_code``: the person's job.
     """
 
     file_name: str
@@ -74,6 +73,8 @@ class Description:
     external_id: str = ""
     note: str = ""
     folder: str = field(default="", compare=False)
+    job_title: str = ""
+    isco_code: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +101,9 @@ class StoredRow:
     hold_by: str = ""
 
 
+DESCRIBED = ("subject", "side", "job_title", "isco_code")
+"""Details that analyses of the recording use."""
+_DESCRIPTION_COLUMNS = tuple(column.name for column in fields(Description))
 _ROW_COLUMNS = tuple(column.name for column in fields(StoredRow))
 
 
@@ -397,7 +401,7 @@ def _find_repeated(connection: Connection, stored: StoredRecording, about: Descr
 
 
 def _read_description(row: Row[Any]) -> Description:
-    return Description(row.file_name, row.subject, row.side, row.external_id, row.note, row.folder)
+    return Description(**{name: getattr(row, name) for name in _DESCRIPTION_COLUMNS})
 
 
 def check_not_purged(connection: Connection, stored: StoredRecording, about: Description) -> None:
@@ -445,13 +449,6 @@ def insert_recording(
     row |= {"stored_by": get_actor()}
     connection.execute(insert(recordings).values(row | asdict(about)))
     record(connection, "recording.stored", stored.id)
-
-
-def select_page(query: Select[Any], order: tuple[Any, Any], limit: int, after: Place | None) -> Select[Any]:
-    """Select the rows after a place, newest first (a keyset: later pages cost no more)."""
-    if after is not None:
-        query = query.where(tuple_(*order) < tuple_(*after))
-    return query.order_by(*(column.desc() for column in order)).limit(limit)
 
 
 def _read_recording(row: Row[Any]) -> StoredRow:

@@ -18,16 +18,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from app.analysis.attempt import Attempt, choose_limits, run_and_wait
-from app.errors import RecordedProblem
-from app.library.results import ResultReader
-from app.library.rows import Job
-from app.report.words.wording import find_nearest
-from app.request import Language, OnStage, PairRequest, ProfileRequest, ReportRequest
-from app.settings import Settings
-from app.store.folder import hash_file
-from app.store.permissions import make_folder
-from app.version import software_revision
+from acromion.app.analysis.attempt import Attempt, choose_limits, run_and_wait
+from acromion.app.errors import RecordedProblem
+from acromion.app.library.results import ResultReader
+from acromion.app.library.rows import Job
+from acromion.app.report.words.wording import find_nearest
+from acromion.app.request import Language, OnStage, PairRequest, ProfileRequest, ReportRequest
+from acromion.app.settings import Settings
+from acromion.app.store.folder import hash_file
+from acromion.app.store.permissions import make_folder
+from acromion.app.version import source_fingerprint
 
 AT_ONCE = 2
 """Maximum number of simultaneous child processes; each may use the memory of an analysis."""
@@ -46,7 +46,7 @@ def load_and_make_pair(
     _on_stage: OnStage,
 ) -> None:
     """Make a report on several analyses in the child process, from the folders of finished analyses."""
-    pair = importlib.import_module("app.analysis.pair")
+    pair = importlib.import_module("acromion.app.analysis.pair")
     make = pair.make_profile if isinstance(asked, ProfileRequest) else pair.make_report_of_two
     make(sources, asked, out)
 
@@ -67,7 +67,7 @@ class ReportJobs(Generic[Asked_co]):
     def identify(self) -> str:
         """Return a hash of attempts, request and software: the same three give the same report."""
         tokens = [job.token for job in self.jobs]
-        parts = (self.request.kind, asdict(self.request), tokens, software_revision())
+        parts = (self.request.kind, asdict(self.request), tokens, source_fingerprint())
         return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:32]
 
 
@@ -106,7 +106,7 @@ class PairReport:
 
 @dataclass(frozen=True, slots=True)
 class PairReports:
-    """Makes reports on several analyses, a few at once, and caches them in a folder; further callers wait."""
+    """Makes reports on several analyses, a few at once, and caches them; further callers wait."""
 
     settings: Settings
     results: ResultReader
@@ -127,10 +127,8 @@ class PairReports:
     def make(self, asked: AnyReportJobs) -> PairReport:
         """Return a report on several analyses, from the cache if it is intact.
 
-        Raises ------ RecordedProblem, Crashed, Interrupted From the child process. Refusals such as E-PAIR
-        and E-DAYS are a RecordedProblem (:class:`app.errors.CannotPair`, :class:`app.errors.CannotProfile`).
-        NotHere, NotFinished, NoSuchFile, ResultDamaged
-            One of the analyses cannot be read.
+        Raises RecordedProblem (E-PAIR, E-COMPARE, E-DAYS), Crashed or Interrupted from the child process.
+        Raises NotHere, NotFinished, NoSuchFile or ResultDamaged if one of the analyses cannot be read.
         """
         report = PairReport(self.folder / asked.identify(), asked.request)
         if not _is_whole(report):

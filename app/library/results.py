@@ -9,14 +9,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.errors import NoSuchFile, NotFinished, ResultDamaged, StoreDamaged
-from app.library.audit_log import touch
-from app.library.claims import WayIn
-from app.library.database.connect import lock_requests
-from app.library.jobs import JobStore
-from app.library.rows import Job, JobState
-from app.request import ReportRequest
-from app.store.folder import ResultFile, Storage, borrow_result, is_recording_whole, is_result_whole
+from acromion.app.errors import NoSuchFile, NotFinished, ResultDamaged, StoreDamaged
+from acromion.app.library.audit_log import touch
+from acromion.app.library.claims import WayIn
+from acromion.app.library.database.connect import lock_requests
+from acromion.app.library.jobs import JobStore
+from acromion.app.library.rows import Job, JobState
+from acromion.app.request import ReportRequest
+from acromion.app.store.folder import ResultFile, Storage, borrow_result, is_recording_whole, is_result_whole
 
 _one_at_a_time = threading.Lock()
 

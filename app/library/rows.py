@@ -7,12 +7,12 @@ from datetime import UTC, datetime
 from enum import StrEnum
 from typing import Any
 
-from sqlalchemy import Engine, Executable, Row, ScalarSelect, Select, func, select
+from sqlalchemy import Engine, Executable, Row, ScalarSelect, Select, func, select, tuple_
 
-from app.library.database.tables import analyses, batch_items, recordings, running_time
-from app.request import ReportRequest
-from fusion.diary import DiaryEntry
-from fusion.errors import Fact
+from acromion.app.library.database.tables import analyses, batch_items, recordings, running_time
+from acromion.app.request import ReportRequest
+from acromion.fusion.diary import DiaryEntry
+from acromion.fusion.errors import Fact
 
 
 class JobState(StrEnum):
@@ -38,6 +38,17 @@ TRANSITIONS: Mapping[JobState, frozenset[JobState]] = {
 def find_sources(state: JobState) -> tuple[JobState, ...]:
     """Return the states from which this one can be reached."""
     return tuple(source for source, followers in TRANSITIONS.items() if state in followers)
+
+
+Place = tuple[str, str]
+"""Where a page of a list ended: the timestamp of the order and the id of its last row."""
+
+
+def select_page(query: Select[Any], order: tuple[Any, Any], limit: int, after: Place | None) -> Select[Any]:
+    """Select the rows after a place, newest first (a keyset: later pages cost no more)."""
+    if after is not None:
+        query = query.where(tuple_(*order) < tuple_(*after))
+    return query.order_by(*(column.desc() for column in order)).limit(limit)
 
 
 @dataclass(frozen=True, slots=True)

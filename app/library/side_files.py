@@ -14,8 +14,8 @@ from typing import Any
 
 from sqlalchemy import Connection, Engine, Table, delete, insert, select, update
 
-from app.library.database.connect import reset_row
-from app.library.database.tables import (
+from acromion.app.library.database.connect import reset_row
+from acromion.app.library.database.tables import (
     REVISION,
     analyses,
     answers,
@@ -25,8 +25,8 @@ from app.library.database.tables import (
     releases,
     result_files,
 )
-from app.library.rows import PURGING, TRANSITIONS, JobState
-from app.store.folder import SIDE_SUFFIX, Storage, format_side_file_name
+from acromion.app.library.rows import PURGING, TRANSITIONS, JobState
+from acromion.app.store.folder import SIDE_SUFFIX, Storage, format_side_file_name
 
 SCHEMA = "acromion.recording/1"
 TABLES: tuple[Table, ...] = (recordings, analyses, result_files, answers, releases, batches, batch_items)

@@ -17,10 +17,10 @@ from typing import Any
 
 from sqlalchemy import Connection, Select, select, update
 
-from app.library.database.tables import analyses, answers, recordings
-from app.library.rows import Job, JobState, read_job, select_jobs
-from app.request import Conclusion, ConclusionDraft, ReportRequest, compare_settings
-from app.version import identify_engine
+from acromion.app.library.database.tables import analyses, answers, recordings
+from acromion.app.library.rows import Job, JobState, read_job, select_jobs
+from acromion.app.request import Conclusion, ConclusionDraft, ReportRequest, compare_settings
+from acromion.app.version import identify_engine
 
 KEYS_PER_QUERY = 500
 COUNTED = (JobState.QUEUED, JobState.RUNNING, JobState.SUCCEEDED)

@@ -11,11 +11,11 @@ from typing import Literal, get_args
 
 from sqlalchemy import Connection, delete, func, insert, select, update
 
-from app.errors import NotHere
-from app.library.audit_log import record
-from app.library.database.tables import analyses, batch_items, batches, deliveries, webhooks
-from app.library.rows import JobState, RowStore, format_now, select_items
-from app.store.server_secret import ServerSecret
+from acromion.app.errors import NotHere
+from acromion.app.library.audit_log import record
+from acromion.app.library.database.tables import analyses, batch_items, batches, deliveries, webhooks
+from acromion.app.library.rows import JobState, RowStore, format_now, select_items
+from acromion.app.store.server_secret import ServerSecret
 
 SECRET_OF_WEBHOOK = "webhook"  # noqa: S105 - the purpose, for its encryption
 Event = Literal["analysis.finished", "batch.finished", "live.cue"]

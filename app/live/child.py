@@ -15,16 +15,23 @@ from typing import Any
 
 import numpy as np
 
-from app.analysis.attempt import Limits, Refused, describe_failure, prepare_child
-from app.live.cue_log import get_limit
-from app.live.ports import SHOWN_HZ, PipePort, SessionFiles, SessionOptions
-from app.live.raw_file import SYNC_S, Wearer, build_rule
-from app.live.recorder import Recorder
-from app.live.sources import LineSource, ReplaySource, Source, build_demo, compile_kernels, open_replay
-from app.store.folder import translate_disk_full
-from app.store.permissions import create_file
-from fusion.live import LiveRows, LiveStatus
-from fusion.recording import MICROSECONDS
+from acromion.app.analysis.attempt import Limits, Refused, describe_failure, prepare_child
+from acromion.app.live.cue_log import get_limit
+from acromion.app.live.ports import SHOWN_HZ, PipePort, SessionFiles, SessionOptions
+from acromion.app.live.raw_file import SYNC_S, Wearer, build_rule
+from acromion.app.live.recorder import Recorder
+from acromion.app.live.sources import (
+    LineSource,
+    ReplaySource,
+    Source,
+    build_demo,
+    compile_kernels,
+    open_replay,
+)
+from acromion.app.store.folder import translate_disk_full
+from acromion.app.store.permissions import create_file
+from acromion.fusion.live import LiveRows, LiveStatus
+from acromion.fusion.recording import MICROSECONDS
 
 SEND_S = 0.01
 """Shortest time between two updates, so that a board that sends row by row does not flood the server."""

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import get_args
 
-from fusion.live.cues import Cue, CueKind, CueRule
+from acromion.fusion.live.cues import Cue, CueKind, CueRule
 
 SUFFIX = ".cues.csv"
 COLUMNS = ("time_s", "kind", "angle_deg", "limit")

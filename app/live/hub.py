@@ -1,10 +1,10 @@
 """The live sessions of a server: each runs in its own process and continues without viewers.
 
-A session is identified by its id. The server passes bytes on to the process (:mod:`app.live.child`) and
-receives its messages; it reads no line itself. Viewers receive new data as numbered messages; a reloaded page
-first receives the last minute. A viewer that is too slow loses the oldest messages, but the raw file loses no
-frames. A session without viewers stops after a while; a process that dies or does not respond ends only its
-session.
+A session is identified by its id. The server passes bytes on to the process (:mod:`acromion.app.live.child`)
+and receives its messages; it reads no line itself. Viewers receive new data as numbered messages; a reloaded
+page first receives the last minute. A viewer that is too slow loses the oldest messages, but the raw file
+loses no frames. A session without viewers stops after a while; a process that dies or does not respond ends
+only its session.
 """
 
 import importlib
@@ -25,9 +25,9 @@ from typing import Any, Literal, Protocol
 
 from sqlalchemy.exc import SQLAlchemyError
 
-from app.analysis.attempt import MESSAGE_BYTES, Limits
-from app.analysis.fork_server import NotStarted, choose_context, end_child, start_child
-from app.errors import (
+from acromion.app.analysis.attempt import MESSAGE_BYTES, Limits
+from acromion.app.analysis.fork_server import NotStarted, choose_context, end_child, start_child
+from acromion.app.errors import (
     AppError,
     LiveSourceFailed,
     LiveStopped,
@@ -35,8 +35,8 @@ from app.errors import (
     RecordedProblem,
     TooManySessions,
 )
-from app.live import ports
-from app.live.ports import (
+from acromion.app.live import ports
+from acromion.app.live.ports import (
     SHOWN_HZ,
     STOP,
     WAIT_S,
@@ -63,6 +63,9 @@ CLOSED_TERM_S = 60.0
 """A session continues for this time after its page was closed, because the page may only be reloading."""
 LOST_TERM_S = 600.0
 """The same after a lost connection, because the viewer may not have left on purpose."""
+
+MOST_MARKS = 1000
+"""Further marks are ignored."""
 
 State = Literal["running", "stopped", "failed"]
 Message = Mapping[str, Any]
@@ -94,7 +97,7 @@ def load_and_run(
     pipe: Connection, options: SessionOptions, files: SessionFiles, limits: Limits, level: int
 ) -> None:
     """Run a session; only the child process loads ``fusion``."""
-    importlib.import_module("app.live.child").run(pipe, options, files, limits, level)
+    importlib.import_module("acromion.app.live.child").run(pipe, options, files, limits, level)
 
 
 class SessionProcess:
@@ -162,7 +165,7 @@ class RunningSession:
         self._watchers: dict[int, Watch] = {}
         self._keys = itertools.count()
         self._history: deque[tuple[float, float | None]] = deque(maxlen=round(HISTORY_S * SHOWN_HZ))
-        self._sequence = self._passed_bytes = 0
+        self._sequence = self._passed_bytes = self._marked = 0
         self._came_s = 0.0
         self._commands: queue.SimpleQueue[Message] = queue.SimpleQueue()
         self._closes_s, self._ends_s = inf, inf
@@ -228,6 +231,17 @@ class RunningSession:
         with self._lock:
             self.are_cues_paused = paused
             self._send({"type": "cues", "paused": paused})
+
+    def mark(self, label: str) -> None:
+        """Note the newest sample as a moment that a person marks. Raises OSError."""
+        with self._lock:
+            if not self.files.is_kept or self.state != "running" or self._marked >= MOST_MARKS:
+                return
+            self._marked += 1
+            mark = {"time_s": self._status["elapsed_s"], "label": label}
+            with self.files.marks.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(mark) + "\n")
+            self._send({"type": "mark", "count": self._marked, **mark})
 
     def stop(self, limit_s: float = inf) -> None:
         """Ask the session to end after the bytes received so far, at the latest after this time."""

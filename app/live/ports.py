@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 from urllib.parse import urlsplit
 
-from app.errors import LiveSourceFailed
-from app.store.permissions import create_file, make_folder
-from fusion.conventions import ArmAxis, Side
+from acromion.app.errors import LiveSourceFailed
+from acromion.app.store.permissions import create_file, make_folder
+from acromion.fusion.conventions import ArmAxis, Side
 
 if TYPE_CHECKING:
     from serial import Serial
@@ -300,14 +300,14 @@ def find_serial_ports() -> tuple[str, ...]:
 #
 # A server keeps the files of its sessions in its folder ``live``:
 #
-#  live-<session>.raw      the raw file (:mod:`app.live.raw_file`), until it is a recording
+#  live-<session>.raw      the raw file (:mod:`acromion.app.live.raw_file`), until it is a recording
 #  live-<session>.early    the early bytes, for some seconds
 #  live-<session>.shown    the displayed angles of an ended session, for an hour
 #  replay-<session>.raw    the raw file of a session that is not kept
 
 
 KEPT, PLAYED = "live-", "replay-"
-RAW, EARLY, SHOWN = ".raw", ".early", ".shown"
+RAW, EARLY, SHOWN, MARKS = ".raw", ".early", ".shown", ".marks"
 SYNC_S = 1.0
 MAX_BYTES = 8 << 20
 """Most early bytes; a port that sends more is not read until the session has caught up."""
@@ -500,8 +500,14 @@ class SessionFiles:
         """The displayed angles."""
         return self.folder / f"{KEPT}{self.session_id}{SHOWN}"
 
+    @property
+    def marks(self) -> Path:
+        """The marked moments, a line of JSON each: seconds from the first sample, and a label."""
+        return self.folder / f"{KEPT}{self.session_id}{MARKS}"
+
     def remove(self) -> None:
         """Delete the files, except the displayed angles."""
+        self.marks.unlink(missing_ok=True)
         self.early.unlink(missing_ok=True)
         self.raw.unlink(missing_ok=True)
 

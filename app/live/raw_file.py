@@ -15,17 +15,17 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from app.live.cue_log import format_rule, get_limit, parse_rule
-from app.live.ports import EARLY, read_pieces, read_session_options
-from app.live.sources import SourceFacts
-from app.request import clean_file_name
-from app.store.permissions import create_file
-from fusion.conventions import ArmAxis, Side
-from fusion.errors import FusionError
-from fusion.live import Frames
-from fusion.live.cues import CueRule
-from fusion.live.lines import LineReader
-from fusion.recording import MICROSECONDS
+from acromion.app.live.cue_log import format_rule, get_limit, parse_rule
+from acromion.app.live.ports import EARLY, read_pieces, read_session_options
+from acromion.app.live.sources import SourceFacts
+from acromion.app.request import clean_file_name
+from acromion.app.store.permissions import create_file
+from acromion.fusion.conventions import ArmAxis, Side
+from acromion.fusion.errors import FusionError
+from acromion.fusion.live import Frames
+from acromion.fusion.live.cues import CueRule
+from acromion.fusion.live.lines import LineReader
+from acromion.fusion.recording import MICROSECONDS
 
 SYNC_S = 1.0
 PREFIX = "live-"

@@ -6,15 +6,15 @@ from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 
-from app.live.cue_log import format_rule
-from app.live.ports import EarlyPort
-from app.live.raw_file import SYNC_S, UNKNOWN, RawFile, Wearer
-from app.live.sources import SourceFacts
-from app.report.words.numbers import format_duration, format_number, format_percent
-from app.report.words.wording import fill, load_wording
-from app.request import Language
-from fusion.angle_files.elevation_parquet import read_elevation
-from fusion.live import (
+from acromion.app.live.cue_log import format_rule
+from acromion.app.live.ports import EarlyPort
+from acromion.app.live.raw_file import SYNC_S, UNKNOWN, RawFile, Wearer
+from acromion.app.live.sources import SourceFacts
+from acromion.app.report.words.numbers import format_duration, format_number, format_percent
+from acromion.app.report.words.wording import fill, load_wording
+from acromion.app.request import Language
+from acromion.fusion.angle_files.elevation_parquet import read_elevation
+from acromion.fusion.live import (
     Frames,
     LiveDifference,
     LiveRows,
@@ -23,8 +23,8 @@ from fusion.live import (
     ShownAngles,
     compare_shown,
 )
-from fusion.live.cues import Cue, CueRule, CueWatch
-from fusion.pose.rules import point_along
+from acromion.fusion.live.cues import Cue, CueRule, CueWatch
+from acromion.fusion.pose.rules import point_along
 
 
 class Recorder:

@@ -11,16 +11,16 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from app.errors import LiveSourceFailed
-from app.live.ports import LEARN_LIMIT_S, EarlyFile, EarlyPort, Port, open_port
-from fusion.errors import FusionError, UnusableRecording
-from fusion.live import Frames, LiveSession, replay_frames
-from fusion.live.lines import LineReader
-from fusion.pipeline import apply_file_settings
-from fusion.pose.calibrate import calibrate
-from fusion.readers import read_recording
-from fusion.recording import MICROSECONDS, Float64Array, Recording
-from fusion.settings import AnalysisSettings
+from acromion.app.errors import LiveSourceFailed
+from acromion.app.live.ports import LEARN_LIMIT_S, EarlyFile, EarlyPort, Port, open_port
+from acromion.fusion.errors import FusionError, UnusableRecording
+from acromion.fusion.live import Frames, LiveSession, replay_frames
+from acromion.fusion.live.lines import LineReader
+from acromion.fusion.pipeline import apply_file_settings
+from acromion.fusion.pose.calibrate import calibrate
+from acromion.fusion.readers import read_recording
+from acromion.fusion.recording import MICROSECONDS, Float64Array, Recording
+from acromion.fusion.settings import AnalysisSettings
 
 CHUNK_S = 0.04
 MAX_SPEED = 20.0
@@ -31,9 +31,9 @@ DEMO_HOURS = 0.25
 class SourceFacts:
     """Facts about a source that are known after its first frames.
 
-    ``device`` as in :mod:`fusion.devices`, or "other". ``name`` is for display. ``start`` is the clock time
-    of the first frame. ``arm_axis``, shape (3,), is set if the source knows it, as for a recording with a
-    pose.
+    ``device`` as in :mod:`acromion.fusion.devices`, or "other". ``name`` is for display. ``start`` is the
+    clock time of the first frame. ``arm_axis``, shape (3,), is set if the source knows it, as for a recording
+    with a pose.
     """
 
     device: str
@@ -148,8 +148,8 @@ def compile_kernels() -> None:
 def open_lines(source: str, baud: int, early: Path, about: Mapping[str, Any]) -> LineSource:
     """Open a port: ``/dev/ttyACM0``, ``COM3``, ``udp://:5005``, ``tcp://board:5005``.
 
-    Early bytes are stored in the file ``early``, with the session options ``about`` (:mod:`app.live.ports`).
-    If the lines of the port are not readable, the file is deleted.
+    Early bytes are stored in the file ``early``, with the session options ``about``
+    (:mod:`acromion.app.live.ports`). If the lines of the port are not readable, the file is deleted.
 
     Raises LiveSourceFailed, FusionError, or OSError if the file cannot be written.
     """
@@ -235,7 +235,7 @@ def build_demo() -> Recording:
 
     It imitates a GT9X Link at 100 Hz with the pose at the start, for trying the live page without a sensor.
     """
-    from fusion.simulation import simulate_shift, write_shift  # noqa: PLC0415  slow import
+    from acromion.fusion.simulation import simulate_shift, write_shift  # noqa: PLC0415  slow import
 
     with tempfile.TemporaryDirectory() as folder:
         shift = simulate_shift("gt9x", DEMO_HOURS, seed=1)

@@ -5,8 +5,8 @@
  rows/<table>.jsonl       one row per line, all from one transaction, without short-lived rows
                           (sessions, links, failed sign-ins, known browsers)
  files/recordings/<id>    files/analyses/<analysis>/<attempt>/<name>
- erasures.jsonl           the ledger of erasures (:mod:`app.store.folder`)
- server.key               the secret of the server (:mod:`app.store.server_secret`)
+ erasures.jsonl           the ledger of erasures (:mod:`acromion.app.store.folder`)
+ server.key               the secret of the server (:mod:`acromion.app.store.server_secret`)
 
 It can be encrypted as a whole for recipients (age, https://age-encryption.org). Making a backup needs no
 secret: a recipient (``age1...``) is public. The person who restores keeps the identity
@@ -37,10 +37,10 @@ from typing import IO, Any
 
 from sqlalchemy import Connection, func, insert, select, text
 
-from app.accounts.accounts import AccountStore
-from app.errors import BackupRefused, NotEmpty, WrongSchema
-from app.library.audit_log import AT_MACHINE, record
-from app.library.database.connect import (
+from acromion.app.accounts.accounts import AccountStore
+from acromion.app.errors import BackupRefused, NotEmpty, WrongSchema
+from acromion.app.library.audit_log import AT_MACHINE, record
+from acromion.app.library.database.connect import (
     LEFT_OUT,
     READ_ONLY,
     connect,
@@ -52,7 +52,7 @@ from app.library.database.connect import (
     reset_row,
     write_all_rows,
 )
-from app.library.database.tables import (
+from acromion.app.library.database.tables import (
     REVISION,
     analyses,
     audit_log,
@@ -62,13 +62,13 @@ from app.library.database.tables import (
     schema_revision,
     uploads,
 )
-from app.library.jobs import JobStore
-from app.library.recordings import drop_empty_batches
-from app.ops.place import NO_ACCOUNTS, Accounts, find_accounts
-from app.ops.recover import find_unknown, update_side_files
-from app.ops.verify import ExpectedFile, Fault, find_expected, find_faults, find_files, read_expected
-from app.settings import Settings
-from app.store.folder import (
+from acromion.app.library.jobs import JobStore
+from acromion.app.library.recordings import drop_empty_batches
+from acromion.app.ops.place import NO_ACCOUNTS, Accounts, find_accounts
+from acromion.app.ops.recover import find_unknown, update_side_files
+from acromion.app.ops.verify import ExpectedFile, Fault, find_expected, find_faults, find_files, read_expected
+from acromion.app.settings import Settings
+from acromion.app.store.folder import (
     COPY_BYTES,
     LEDGER_FILE,
     SIDE_SUFFIX,
@@ -85,9 +85,9 @@ from app.store.folder import (
     translate_folder_errors,
     write_durably,
 )
-from app.store.permissions import FILE_MODE, create_file, make_folder
-from app.store.server_secret import SECRET_FILE, ServerSecret
-from app.version import software_version
+from acromion.app.store.permissions import FILE_MODE, create_file, make_folder
+from acromion.app.store.server_secret import SECRET_FILE, ServerSecret
+from acromion.app.version import software_version
 
 FORMAT = "acromion.backup/3"
 TRIES = 3

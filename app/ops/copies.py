@@ -21,20 +21,20 @@ from typing import Any, Literal
 from sqlalchemy import Engine, create_engine, select
 from sqlalchemy.exc import DBAPIError
 
-from app.errors import DiskFull
-from app.library.database.connect import (
+from acromion.app.errors import DiskFull
+from acromion.app.library.database.connect import (
     FULL_DISK,
     LEFT_OUT,
     find_database_file,
     read_revision,
     translate_database_errors,
 )
-from app.library.database.tables import REVISION, recordings
-from app.library.recordings import delete_recording
-from app.library.rows import PURGING
-from app.settings import Settings
-from app.store.folder import Storage, sync_file, sync_folder, translate_disk_full
-from app.store.permissions import create_file, make_folder
+from acromion.app.library.database.tables import REVISION, recordings
+from acromion.app.library.recordings import delete_recording
+from acromion.app.library.rows import PURGING
+from acromion.app.settings import Settings
+from acromion.app.store.folder import Storage, sync_file, sync_folder, translate_disk_full
+from acromion.app.store.permissions import create_file, make_folder
 
 FOLDER = "copies"
 KEPT = 7

@@ -15,20 +15,20 @@ from typing import Literal
 from sqlalchemy import text
 from sqlalchemy.exc import SQLAlchemyError
 
-from app.accounts.accounts import AccountStore
-from app.errors import AccountsLost, AppError
-from app.library.database.connect import check_whole, connect, open_database, translate_start_errors
-from app.library.jobs import JobStore
-from app.ops.copies import find_newest_backup
-from app.ops.place import find_unreadable, is_used
-from app.ops.recover import find_strange, find_unknown
-from app.ops.verify import find_expected, find_faults, measure_expected
-from app.report.render.html import find_template_folder
-from app.settings import Settings
-from app.store.folder import open_storage
-from app.store.permissions import make_folder
-from app.store.server_secret import ServerSecret
-from fusion.numba_kernels import make_kernel_folder
+from acromion.app.accounts.accounts import AccountStore
+from acromion.app.errors import AccountsLost, AppError
+from acromion.app.library.database.connect import check_whole, connect, open_database, translate_start_errors
+from acromion.app.library.jobs import JobStore
+from acromion.app.ops.copies import find_newest_backup
+from acromion.app.ops.place import find_unreadable, is_used
+from acromion.app.ops.recover import find_strange, find_unknown
+from acromion.app.ops.verify import find_expected, find_faults, measure_expected
+from acromion.app.report.render.html import find_template_folder
+from acromion.app.settings import Settings
+from acromion.app.store.folder import open_storage
+from acromion.app.store.permissions import make_folder
+from acromion.app.store.server_secret import ServerSecret
+from acromion.fusion.numba_kernels import make_kernel_folder
 
 OLDEST_CLOCK = datetime(2025, 1, 1, tzinfo=UTC)
 CLOCK_SKEW_S = 30.0

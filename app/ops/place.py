@@ -8,17 +8,17 @@ from dataclasses import dataclass
 from sqlalchemy import Engine, select
 from sqlalchemy.exc import SQLAlchemyError
 
-from app.accounts.accounts import MARKER
-from app.accounts.sign_in import name_second_factor
-from app.errors import NotHere, SecretUnreadable
-from app.library.audit_log import AT_MACHINE, Act, record
-from app.library.database.connect import connect, read_revision
-from app.library.database.tables import REVISION, people, tokens, webhooks
-from app.library.webhooks import SECRET_OF_WEBHOOK
-from app.report.words.messages import describe_problem
-from app.settings import Settings
-from app.store.folder import open_storage
-from app.store.server_secret import ServerSecret
+from acromion.app.accounts.accounts import MARKER
+from acromion.app.accounts.sign_in import name_second_factor
+from acromion.app.errors import NotHere, SecretUnreadable
+from acromion.app.library.audit_log import AT_MACHINE, Act, record
+from acromion.app.library.database.connect import connect, read_revision
+from acromion.app.library.database.tables import REVISION, people, tokens, webhooks
+from acromion.app.library.webhooks import SECRET_OF_WEBHOOK
+from acromion.app.report.words.messages import describe_problem
+from acromion.app.settings import Settings
+from acromion.app.store.folder import open_storage
+from acromion.app.store.server_secret import ServerSecret
 
 logger = logging.getLogger(__name__)
 

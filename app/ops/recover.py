@@ -17,14 +17,14 @@ from typing import Literal
 
 from sqlalchemy import delete
 
-from app.errors import UnknownRecordings, WrongSchema
-from app.library.audit_log import AT_MACHINE, record
-from app.library.database.connect import bring_up_to_date
-from app.library.database.tables import REVISION, known_browsers, sessions, tickets
-from app.library.jobs import JobStore
-from app.library.listing import SavedViews
-from app.library.rows import TRASHED, JobState
-from app.library.side_files import (
+from acromion.app.errors import UnknownRecordings, WrongSchema
+from acromion.app.library.audit_log import AT_MACHINE, record
+from acromion.app.library.database.connect import bring_up_to_date
+from acromion.app.library.database.tables import REVISION, known_browsers, sessions, tickets
+from acromion.app.library.jobs import JobStore
+from acromion.app.library.listing import SavedViews
+from acromion.app.library.rows import TRASHED, JobState
+from acromion.app.library.side_files import (
     Rows,
     SideFile,
     SideWriter,
@@ -34,10 +34,10 @@ from app.library.side_files import (
     quarantine_side_file,
     replace_rows,
 )
-from app.ops.copies import restore_copy
-from app.ops.place import NO_ACCOUNTS, Accounts, find_accounts
-from app.settings import Settings
-from app.store.folder import (
+from acromion.app.ops.copies import restore_copy
+from acromion.app.ops.place import NO_ACCOUNTS, Accounts, find_accounts
+from acromion.app.settings import Settings
+from acromion.app.store.folder import (
     SIDE_SUFFIX,
     FolderLock,
     Storage,
@@ -49,7 +49,7 @@ from app.store.folder import (
 OWN_NAME = re.compile(r"rec_[0-9a-f]{16}\.\d+\.json")
 """Name in quarantine of a side file that was newer than its row.
 
-See :func:`app.library.side_files.quarantine_side_file`.
+See :func:`acromion.app.library.side_files.quarantine_side_file`.
 """
 
 Finding = Literal["no_bytes", "cut", "no_report", "newer", "trashed_since", "side_damaged", "strange"]

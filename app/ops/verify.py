@@ -9,14 +9,14 @@ from typing import Any, Literal
 
 from sqlalchemy import Connection, func, select
 
-from app.errors import BackupRefused
-from app.library.database.connect import READ_ONLY, connect
-from app.library.database.tables import analyses, recordings, result_files
-from app.library.rows import PURGING, JobState
-from app.library.side_files import decode_side_file
-from app.ops.recover import find_strange
-from app.settings import Settings
-from app.store.folder import SIDE_SUFFIX, Storage, format_side_file_name, open_storage
+from acromion.app.errors import BackupRefused
+from acromion.app.library.database.connect import READ_ONLY, connect
+from acromion.app.library.database.tables import analyses, recordings, result_files
+from acromion.app.library.rows import PURGING, JobState
+from acromion.app.library.side_files import decode_side_file
+from acromion.app.ops.recover import find_strange
+from acromion.app.settings import Settings
+from acromion.app.store.folder import SIDE_SUFFIX, Storage, format_side_file_name, open_storage
 
 RECHECKS, RECHECK_PAUSE_S = 10, 0.5
 """Number of repeated comparisons of a differing side file, and the pause between them."""

@@ -19,11 +19,11 @@ from sqlalchemy import inspect, text
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import OperationalError
 
-from app.analysis.attempt import MakeReport
-from app.analysis.fork_server import warm_up_and_wait
-from app.library.database.connect import connect, lock_tables
-from app.queue.leader import REVIVAL, Leader
-from app.queue.worker import (
+from acromion.app.analysis.attempt import MakeReport
+from acromion.app.analysis.fork_server import warm_up_and_wait
+from acromion.app.library.database.connect import connect, lock_tables
+from acromion.app.queue.leader import REVIVAL, Leader
+from acromion.app.queue.worker import (
     TROUBLE_S,
     WorkerContext,
     open_worker_context,
@@ -31,7 +31,7 @@ from app.queue.worker import (
     run_next_patiently,
     setting_reports,
 )
-from app.settings import Settings
+from acromion.app.settings import Settings
 
 QUEUE, TASK = "analyses", "run_next"
 REVIVE_S = 1.0

@@ -8,7 +8,8 @@ import threading
 from contextlib import suppress
 from pathlib import Path
 
-from app.settings import Settings
+from acromion.app.settings import Settings
+from acromion.app.version import find_import_folder
 
 CHECK_S = 0.5
 STOP_S = 10.0
@@ -69,10 +70,9 @@ class WorkerPool:
 
     def _start_one(self) -> subprocess.Popen[bytes]:
         """Start a worker that runs this very code, from any working folder."""
-        command = [sys.executable, "-P", "-m", "app.queue.worker"]
+        command = [sys.executable, "-P", "-m", "acromion.app.queue.worker"]
         arguments = ["--data", str(self._settings.data_dir), "--parent", str(os.getpid())]
-        code = str(Path(__file__).resolve().parents[2])
-        path = os.pathsep.join(filter(None, [code, os.environ.get("PYTHONPATH")]))
+        path = os.pathsep.join(filter(None, [find_import_folder(), os.environ.get("PYTHONPATH")]))
         passed = {name: value for name, value in os.environ.items() if not name.startswith(_NOT_THEIRS)}
         environment = passed | self._settings.as_environment() | {"PYTHONPATH": path}
         return subprocess.Popen([*command, *arguments], env=environment, start_new_session=True)  # noqa: S603 - our own program

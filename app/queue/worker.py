@@ -17,7 +17,7 @@ from typing import TypeVar
 
 from sqlalchemy.exc import OperationalError
 
-from app.analysis.attempt import (
+from acromion.app.analysis.attempt import (
     Attempt,
     Died,
     Finished,
@@ -31,19 +31,19 @@ from app.analysis.attempt import (
     run_attempt,
     run_beside,
 )
-from app.analysis.fork_server import warm_up_and_wait
-from app.errors import AppError, Crashed, DiskFull, NotHere, ResultDamaged, StoreAway, StoreDamaged
-from app.library.database.connect import translate_database_errors, translate_start_errors
-from app.library.jobs import JobStore
-from app.library.listing import HeadlineFigures, read_headline
-from app.library.mappings import MappingStore
-from app.library.rows import Job
-from app.logs import start_logging
-from app.report.words.messages import describe_problem
-from app.request import ReportRequest
-from app.settings import Settings
-from app.store.decoded import DecodedCache
-from app.store.folder import (
+from acromion.app.analysis.fork_server import warm_up_and_wait
+from acromion.app.errors import AppError, Crashed, DiskFull, NotHere, ResultDamaged, StoreAway, StoreDamaged
+from acromion.app.library.database.connect import translate_database_errors, translate_start_errors
+from acromion.app.library.jobs import JobStore
+from acromion.app.library.listing import HeadlineFigures, read_headline
+from acromion.app.library.mappings import MappingStore
+from acromion.app.library.rows import Job
+from acromion.app.logs import start_logging
+from acromion.app.report.words.messages import describe_problem
+from acromion.app.request import ReportRequest
+from acromion.app.settings import Settings
+from acromion.app.store.decoded import DecodedCache
+from acromion.app.store.folder import (
     TEMPORARY_S,
     KnownFiles,
     Storage,
@@ -57,8 +57,8 @@ from app.store.folder import (
     open_storage,
     translate_disk_full,
 )
-from app.store.permissions import restrict_new_files
-from app.store.reserve import RESERVE_BYTES
+from acromion.app.store.permissions import restrict_new_files
+from acromion.app.store.reserve import RESERVE_BYTES
 
 IDLE_S = 0.25
 LABEL_IDLE_S = 0.1
@@ -153,7 +153,7 @@ def open_worker_context(settings: Settings, make: MakeReport | None = None) -> W
 def run_next(worker: WorkerContext, *, is_label: bool | None = None) -> bool:
     """Do one job, from claim to published report; return False if none waits.
 
-    ``is_label``: see :func:`app.library.claims.find_next`.
+    ``is_label``: see :func:`acromion.app.library.claims.find_next`.
     """
     return_expired(worker)
     job = worker.store.claim(is_label=is_label)
@@ -231,7 +231,7 @@ def run_by_settings(settings: Settings, parent_pid: int | None = None) -> None:
         if settings.engine == "embedded":
             run_worker(settings, parent_pid=parent_pid)
         else:
-            cluster = load_extra("app.queue.cluster")
+            cluster = load_extra("acromion.app.queue.cluster")
             cluster.run_cluster_worker(settings, parent_pid=parent_pid)
 
 
@@ -313,7 +313,7 @@ def _set_again(worker: WorkerContext, job: Job, out: Path, lease: Lease) -> Fini
     files = {file.name: file for file in worker.store.find_files(source.id)} if source else {}
     if source is None or RESULTS not in files:
         return None
-    products = importlib.import_module("app.report.products")
+    products = importlib.import_module("acromion.app.report.products")
     limit_s = choose_limits(worker.settings, job.size_bytes).wall_s
     try:
         own_results = borrow_result(worker.storage, source.id, str(source.token), files[RESULTS])
@@ -408,7 +408,7 @@ def _read_headline(
 
 
 def main() -> None:
-    """Run the worker (``python -m app.queue.worker``); other settings come from ``ACROMION_*``."""
+    """Run the worker (``python -m acromion.app.queue.worker``); other settings come from ``ACROMION_*``."""
     parser = argparse.ArgumentParser(description="Do queued analyses until stopped.")
     parser.add_argument("--data", type=Path, required=True, help="data folder of the server")
     parser.add_argument("--parent", type=int, help="end when this process is gone")

@@ -12,20 +12,26 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from app.report.charts.agreement import (
+from acromion.app.report.charts.agreement import (
     draw_bland_altman,
     draw_error_over_time,
     draw_overlay,
     draw_study,
     find_paper_row,
 )
-from app.report.export.tables import Row, encode_table
-from app.report.figures import round_all
-from app.report.findings import Software
-from app.report.inspection import describe_understood
-from app.report.model import AgreementReport, Chart, Note, Pair, Section, Table
-from app.report.words.numbers import NONE, format_angle, format_duration, format_number, format_percent
-from app.report.words.wording import (
+from acromion.app.report.export.tables import Row, encode_table
+from acromion.app.report.figures import round_all
+from acromion.app.report.findings import Software
+from acromion.app.report.inspection import describe_understood
+from acromion.app.report.model import AgreementReport, Chart, Note, Pair, Section, Table
+from acromion.app.report.words.numbers import (
+    NONE,
+    format_angle,
+    format_duration,
+    format_number,
+    format_percent,
+)
+from acromion.app.report.words.wording import (
     Language,
     Words,
     clean_text,
@@ -35,11 +41,11 @@ from app.report.words.wording import (
     load_device_names,
     load_wording,
 )
-from fusion.comparison.change import QUASI_STATIC, TABLE_1
+from acromion.fusion.comparison.change import QUASI_STATIC, TABLE_1
 
 if TYPE_CHECKING:
-    from app.errors import StudyProblem
-    from fusion.comparison.agreement import (
+    from acromion.app.errors import StudyProblem
+    from acromion.fusion.comparison.agreement import (
         Agreement,
         AgreementCell,
         AgreementEntry,
@@ -50,7 +56,7 @@ if TYPE_CHECKING:
         Stratum,
         TaskAgreement,
     )
-    from fusion.comparison.alignment import WindowLag
+    from acromion.fusion.comparison.alignment import WindowLag
 
 
 # JSON and CSV.

@@ -10,10 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from app.report.words.numbers import HOUR_S, format_number, format_rate
-from app.report.words.wording import Language, Words, fill, load_wording
-from app.version import software_revision, software_version
-from fusion.devices import find_device_name as find_known_name
+from acromion.app.report.words.numbers import HOUR_S, format_number, format_rate
+from acromion.app.report.words.wording import Language, Words, fill, load_wording
+from acromion.app.request import MIN_HOURS
+from acromion.fusion.conventions import CONFIRMED, UNHELD
+from acromion.fusion.devices import find_device_name as find_known_name
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,25 +40,42 @@ def format_bibliography() -> tuple[str, ...]:
 Results = Mapping[str, Any]
 
 
-def write_methods(every: Sequence[Results], failed: int, language: Language) -> bytes:
-    """Return the methods paragraph as Markdown; ``every`` contains the results.json of each recording."""
+def write_methods(
+    every: Sequence[Results], failed: int, language: Language, min_hours: float = MIN_HOURS
+) -> bytes:
+    """Return the methods paragraph as Markdown; ``every`` contains the results.json of each recording.
+
+    ``min_hours``: the least analysed time of a day that counts.
+    """
     words = load_wording(language, "run")["methods"]
+    trunks = sum(one["recording"]["side"] == "trunk" for one in every)
+    every = [one for one in every if one["recording"]["side"] != "trunk"]
     if not every:
         return f"# {words['title']}\n\n{words['nothing']}\n".encode()
-    poses, axes = (_count(every, "calibration", name) for name in ("pose", "axis"))
+    axes = _count(every, "calibration", "axis")
+    posed = [one for one in every if one["calibration"] and one["calibration"]["state"] not in UNHELD]
+    assumed = [one for one in posed if one["calibration"]["state"] not in CONFIRMED]
+    confirmed = (one for one in posed if one["calibration"]["state"] in CONFIRMED)
+    poses = _count(confirmed, "calibration", "pose")
+    unposed = [one for one in every if one["calibration"] and one["calibration"]["state"] == "none"]
     parts = ["sensor", "recordings", "fusion"]
     parts += ["pose"] if poses else []
+    parts += ["assumed"] if assumed else []
+    parts += ["unposed"] if unposed else []
     parts += ["axis"] if axes else []
-    parts += ["elevation", "figures", "interval"]
-    parts += ["npose"] if "n-pose" in poses else []
+    parts += ["elevation", "figures", "days", "interval"]
+    parts += ["npose"] if any(one["calibration"]["pose"] == "n-pose" for one in posed) else []
     facts = _describe_run(every, words, language) | {
         "failed": str(failed) if failed else "",
         "n": str(axes.total()),
-        "poses": "; ".join(
-            fill(words["pose_named"][pose], {"n": str(number)}) for pose, number in poses.items()
-        ),
+        "trunks": str(trunks),
+        "min_hours": f"{min_hours:g}" if language == "en" else f"{min_hours:g}".replace(".", ","),
+        "unposed": str(len(unposed)),
+        "poses": _name_poses(poses, words),
+        "assumed": _name_poses(_count(assumed, "calibration", "pose"), words),
     }
-    text = " ".join(fill(words[name], facts) for name in (*parts, "limits", "settings"))
+    parts += ["limits_with_trunk" if trunks else "limits", "settings"]
+    text = " ".join(fill(words[name], facts) for name in parts)
     sources = "\n".join(f"- {source}" for source in format_bibliography())
     cited = f"## {words['bibliography']}\n\n{sources}\n"
     return f"# {words['title']}\n\n{text}\n\n> {words['note']}\n\n{cited}".encode()
@@ -78,8 +96,9 @@ def _describe_run(every: Sequence[Results], words: Words, language: Language) ->
     return {
         "devices": "; ".join(devices),
         "rates": f"{'–'.join(rates)} Hz",
-        "version": software_version(),
-        "revision": software_revision(),
+        "software": "; ".join(
+            dict.fromkeys(fill(words["software"], results["software"]) for results in every)
+        ),
         "analysed": str(len(every)),
         "method": "; ".join(fill(words["fused_by"][name], {"version": version}) for name, version in methods),
         **{
@@ -87,6 +106,10 @@ def _describe_run(every: Sequence[Results], words: Words, language: Language) ->
             for name, key in amounts.items()
         },
     }
+
+
+def _name_poses(poses: Counter[str], words: Words) -> str:
+    return "; ".join(fill(words["pose_named"][pose], {"n": str(number)}) for pose, number in poses.items())
 
 
 def _count(every: Iterable[Results], part: str, name: str) -> Counter[str]:

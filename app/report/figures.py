@@ -1,7 +1,7 @@
 """Every figure of a recording, declared once: its name, its place in ``results.json``, and its tables.
 
-A figure is a field of a record of :mod:`fusion.exposure.types`. To add one: compute it there, add an entry to
-its group here (and to :data:`SUMMARY` or :data:`REST_TABLE`, if it belongs there), and one line to
+A figure is a field of a record of :mod:`acromion.fusion.exposure.types`. To add one: compute it there, add an
+entry to its group here (and to :data:`SUMMARY` or :data:`REST_TABLE`, if it belongs there), and one line to
 ``words/en.toml`` and ``words/fr.toml``, under its place in ``results.json``. The JSON, the CSV, Excel and
 Parquet tables, the dictionary, the REDCap form and the FHIR bundle are built from the entries.
 """
@@ -14,9 +14,9 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
-from app.report.words.numbers import (
+from acromion.app.report.words.numbers import (
     NARROW,
     format_angle,
     format_duration,
@@ -24,13 +24,13 @@ from app.report.words.numbers import (
     format_percent,
     format_rate,
 )
-from app.report.words.wording import Language, fill, load_wording
+from acromion.app.report.words.wording import Language, fill, load_wording
+from acromion.fusion.diary import NAMED
 
 if TYPE_CHECKING:
-    from app.report.export.tables import Cell, CellKind
-    from fusion.exposure.types import Interval
+    from acromion.app.report.export.tables import Cell, CellKind
+    from acromion.fusion.exposure.types import Interval
 
-TableName = Literal["summary", "periods", "marks"]
 Results = Mapping[str, Any]
 """The parsed ``results.json``."""
 
@@ -165,21 +165,17 @@ RECOVERY = Group(
     "exposure.recovery",
     (
         Figure("neutral_slow_percent", "recovery_neutral_slow_percent"),
-        Figure("neutral_slow_per_h", "recovery_neutral_slow_per_h", "neutral_slow_per_hour"),
+        Figure("neutral_slow_per_h", "recovery_neutral_slow_per_h"),
         Figure("slow_percent", "recovery_slow_percent"),
-        Figure("slow_per_h", "recovery_slow_per_h", "slow_per_hour"),
+        Figure("slow_per_h", "recovery_slow_per_h"),
         Figure("longest_without_s", "recovery_longest_without_s"),
     ),
 )
 FREQUENCY = Group(
     "exposure.frequency",
     (
-        Figure("inclination_velocity_mpf_hz", "inclination_velocity_mpf_hz", "mean_power_hz"),
-        Figure(
-            "inclination_velocity_zero_crossings_per_h",
-            "inclination_velocity_zero_crossings_per_h",
-            "crossings_per_hour",
-        ),
+        Figure("inclination_velocity_mpf_hz", "inclination_velocity_mpf_hz"),
+        Figure("inclination_velocity_zero_crossings_per_h", "inclination_velocity_zero_crossings_per_h"),
     ),
 )
 HOUR_VARIATION = Group(
@@ -208,14 +204,23 @@ _FACTS = (
             Figure(key, key)
             for key in (
                 *("file_name", "subject", "side", "device", "start", "rate_hz", "sha256"),
-                *("job_title", "isco_code"),
+                *("shift", "job_title", "isco_code"),
             )
         ),
     ),
     Group("time", tuple(Figure(key, key) for key in ("recorded_s", "analysed_s", "missing_s", "excluded_s"))),
-    Group("calibration", (Figure("state", "calibration_state"), Figure("sigma_deg", "pose_sigma_deg"))),
+    Group(
+        "calibration",
+        (
+            Figure("state", "calibration_state"),
+            Figure("pose", "pose"),
+            Figure("sigma_deg", "pose_sigma_deg"),
+        ),
+    ),
+    Group("method", (Figure("name", "method"), Figure("version", "method_version"))),
+    Group("software", (Figure("version", "software_version"),)),
     Group("quality", (Figure("verdict", "verdict"),)),
-    Group("origin", (Figure("path", "path"), Figure("folder", "folder"))),
+    Group("origin", tuple(Figure(key, key) for key in ("path", "folder", "settings"))),
 )
 """Facts about the recording; ``origin`` appears only in tables of many recordings."""
 
@@ -226,11 +231,8 @@ GROUPS = (
 SINGLE_GROUPS = (RECOVERY, FREQUENCY)
 """Groups with at most one record in an exposure."""
 
-PERIOD_FIGURES = {
-    EPISODES["longest_s"].spell({"threshold_deg": 60}): "longest_above_60_s",
-    "recovery_neutral_slow_percent": "neutral_slow_percent",
-}
-"""Further figures of periods and tasks, by name, with their fields."""
+PERIOD_FIGURES = ("episodes_above_60_longest_s", "recovery_neutral_slow_percent")
+"""Further figures of periods and tasks; fields of :class:`acromion.fusion.exposure.types.PartExposure`."""
 LESS_REST = "time_above_60_less_rest_percent"
 """Of a task: its share of time above 60 deg minus that of all other analysed time, in points."""
 
@@ -253,14 +255,16 @@ def load_results(content: bytes | str) -> dict[str, Any]:
 
 def round_all(value: Any, decimals: int | None = DECIMALS) -> Any:
     """Round every number, unless ``decimals`` is None; NaN and infinity become None."""
-    if isinstance(value, Mapping):
-        return {key: round_all(inner, decimals) for key, inner in value.items()}
-    if isinstance(value, list | tuple):
-        return [round_all(inner, decimals) for inner in value]
-    if isinstance(value, float):
+    if isinstance(value, float):  # most values, and the check for a Mapping is slow
         if not math.isfinite(value):
             return None
         return (float(value) if decimals is None else round(float(value), decimals)) + 0.0
+    if value is None or isinstance(value, str | int):
+        return value
+    if isinstance(value, list | tuple):
+        return [round_all(inner, decimals) for inner in value]
+    if isinstance(value, Mapping):
+        return {key: round_all(inner, decimals) for key, inner in value.items()}
     return value
 
 
@@ -324,11 +328,18 @@ class Column:
         """The name, which ends in the unit, followed by the suffix of a range (:data:`RANGE_ENDS`)."""
         return fill(self.pattern, self.facts)
 
-    def explain(self, language: Language, table: TableName = "summary") -> str:
-        """Return the meaning of the column: its own text, or that of its field in ``results.json``."""
-        words = load_wording(language, "tables")[table]
-        text = words.get(self.name) or words.get(self.pattern)
-        return fill(text, self.facts) if text else str(load_wording(language, "fields")[_PATHS[self.pattern]])
+    @property
+    def unit(self) -> str:
+        """The unit at the end of the name; a column of the list of participants states none."""
+        return "" if self.pattern == "{header}" else find_unit(self.name)
+
+    def explain(self, language: Language, table: str = "summary") -> str:
+        """Return the meaning of the column: the table's own text, the common one, or that of its field."""
+        words = load_wording(language, "tables")
+        for place in (words[table], words["common"]):
+            if text := place.get(self.name) or place.get(self.pattern):
+                return fill(text, self.facts)
+        return str(load_wording(language, "fields")[_PATHS[self.pattern]])
 
 
 _PATHS = {f.name: f"{group.path}.{f.key}".removesuffix(".") for group in GROUPS for f in group.figures}
@@ -367,42 +378,118 @@ SUMMARY: tuple[Column, ...] = (
     ),
     Column("{name}_velocity_p50_dps", {"name": "generalised_accelerometer"}),
     *(Column(name, kind="text") for name in ("utc_offset", "job_title", "isco_code")),
+    *(Column(name, kind="text") for name in ("method", "method_version", "software_version", "pose")),
+    *(Column(name, kind="text") for name in ("settings", "shift")),
 )
 """Columns of ``summary.csv``, one row per recording. Append new columns at the end."""
 
-SUMMARY_OF_ONE = tuple(column for column in SUMMARY if column.name not in ("error_code", "path", "folder"))
+SUMMARY_OF_ONE = tuple(
+    column for column in SUMMARY if column.name not in ("error_code", "path", "folder", "settings")
+)
 """Without the columns that are only useful in a table of many recordings."""
 
-PERIODS: tuple[Column, ...] = (
-    *(Column(name, kind="text") for name in ("file_name", "subject", "kind", "label")),
-    *map(Column, ("start_s", "end_s", "analysed_s")),
+
+def names_task(kind: str, label: str, excluded_as: str | None) -> bool:
+    """Return whether a period of the diary, or its pooled rows, is a task whose time is analysed.
+
+    Work counts only with a name in the diary.
+    """
+    return not excluded_as and (kind in NAMED or (kind == "work" and bool(label)))
+
+
+def _text(*names: str) -> tuple[Column, ...]:
+    return tuple(Column(name, kind="text") for name in names)
+
+
+def _ranges(*names: str) -> tuple[Column, ...]:
+    return tuple(Column("{figure}_" + end, {"figure": name}) for name in names for end in ("low", "high"))
+
+
+_WHO = ("file_name", "subject", "side")
+_CLOCK = ("day", "start", "end")
+_PLACE = ("path", "utc_offset")
+_OF_PART = (
     *(Column(PERCENTILES[""].name, {"name": p}) for p in ("10", "50", "90")),
     *(Column(TIME_ABOVE["percent"].name, {"threshold_deg": c}) for c in ("30", "60", "90")),
     Column(ENTRIES["per_hour"].name, {"threshold_deg": "60"}),
-    Column("period_kind", kind="text"),
-    Column("recorded_s"),
-    Column("excluded_as", kind="text"),
-    Column("periods"),
-    *(Column(name, kind="text") for name in ("path", "side")),
+)
+_OF_PERIOD = (
+    *map(Column, ("recorded_s", "analysed_s")),
+    *_OF_PART,
     Column(EPISODES["longest_s"].name, {"threshold_deg": "60"}),
-    *map(Column, ("recovery_neutral_slow_percent", LESS_REST)),
-    *(
-        Column("{figure}_" + end, {"figure": name})
-        for name in ("time_above_60_percent", "entries_above_60_per_h", *PERIOD_FIGURES, LESS_REST)
-        for end in ("low", "high")
-    ),
+    Column("recovery_neutral_slow_percent"),
 )
-"""Columns of ``periods.csv``: a row for each clock hour, period and task of the diary. Append new ones."""
-
-
+_PART_RANGES = _ranges("time_above_60_percent", "entries_above_60_per_h")
+_PERIOD_RANGES = (*_PART_RANGES, *_ranges(*PERIOD_FIGURES))
 _BEFORE = ("analysed_s", "time_above_60_percent", "elevation_p50_deg", "entries_above_60_per_h")
-MARKS: tuple[Column, ...] = (
-    *(Column(name, kind="text") for name in ("file_name", "subject", "side", "label", "at")),
-    *map(Column, ("mark_s", *_BEFORE)),
-    *(Column("rest_{figure}", {"figure": name}) for name in _BEFORE),
-    Column("path", kind="text"),
-)
-"""Columns of ``marks.csv``: a row for each mark, with the 15 minutes before it and the rest of the shift."""
+_OF_DAY = (*(f"time_above_{c}_percent" for c in (30, 60, 90)), "entries_above_60_per_h", "elevation_p50_deg")
+
+TABLES: Mapping[str, tuple[Column, ...]] = {
+    "summary": SUMMARY,
+    "days": (
+        *_text("subject", "side", "day", "start", "end", "file_name", "left_out", "verdict"),
+        *_text("calibration_state"),
+        *map(Column, ("recorded_s", "analysed_s", *_OF_DAY)),
+        *_ranges(*_OF_DAY),
+        *_text("job_title", "isco_code", *_PLACE),
+    ),
+    "hours": (
+        *_text(*_WHO, "label", *_CLOCK),
+        *map(Column, ("start_s", "end_s", "analysed_s")),
+        *_OF_PART,
+        *_PART_RANGES,
+        *_text(*_PLACE),
+    ),
+    "periods": (
+        *_text(*_WHO, "kind", "label", "excluded_as", *_CLOCK),
+        *map(Column, ("start_s", "end_s")),
+        *_OF_PERIOD,
+        *_PERIOD_RANGES,
+        *_text(*_PLACE),
+    ),
+    "tasks": (
+        *_text(*_WHO, "kind", "label", *_CLOCK),
+        *map(Column, ("start_s", "end_s", "periods")),
+        *_OF_PERIOD,
+        Column(LESS_REST),
+        *_PERIOD_RANGES,
+        *_ranges(LESS_REST),
+        *_text(*_PLACE),
+    ),
+    "postures": (
+        *_text(*_WHO, "kind"),
+        *_OF_PERIOD,
+        *_PERIOD_RANGES,
+        *_text("path"),
+    ),
+    "marks": (
+        *_text(*_WHO, "label", "at"),
+        *map(Column, ("mark_s", *_BEFORE)),
+        *(Column("rest_{figure}", {"figure": name}) for name in _BEFORE),
+        *_text(*_PLACE),
+    ),
+    "pairs": (
+        *_text("subject", "left", "right", "trunk", "certainty"),
+        *map(Column, ("offset_s", "offset_margin_s", "drift_ppm", "movement_offset_s", "shared_s")),
+        *map(Column, ("left_time_above_60_percent", "right_time_above_60_percent", "both_above_60_percent")),
+        *map(Column, ("right_to_left_time_above_60", "left_elevation_p50_deg", "right_elevation_p50_deg")),
+        *map(Column, ("left_minus_trunk_p50_deg", "right_minus_trunk_p50_deg")),
+        *_text("error_code", "why", "trunk_certainty"),
+    ),
+    "problems": _text("file_name", "code", "title", "detail", "fix", "path", "subject", "side"),
+    "bins": (
+        *_text("file_name", "subject", "side"),
+        *map(Column, ("lower_deg", "upper_deg", "duration_s", "percent", "low", "high")),
+        *_text("path"),
+    ),
+    "warnings": (
+        *_text("file_name", "subject", "side", "code"),
+        *map(Column, ("count", "seconds")),
+        *_text("first", "last", "path"),
+    ),
+    "dictionary": _text("file", "column", "kind", "unit", "english", "french"),
+}
+"""The columns of every table of a run, by its name. Append new columns at the end."""
 
 
 # Units: the end of a figure's name determines its unit.

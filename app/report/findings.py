@@ -1,6 +1,6 @@
 """The findings of an analysis: all content of a report, without language and samples.
 
-``results.json`` is their only encoding (:mod:`app.report.export.results`).
+``results.json`` is their only encoding (:mod:`acromion.app.report.export.results`).
 """
 
 from __future__ import annotations
@@ -12,16 +12,16 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 
-from app.request import Conclusion
-from fusion.clocks import in_zone
-from fusion.comparison.levels import ComparedLevel, Extent, compare_with_levels, find_extent
-from fusion.conventions import MAIN_THRESHOLD_DEG, CalibrationState, Pose
-from fusion.exposure.types import Exposure, TimeAbove
-from fusion.quality import Quality, TimeAccount
-from fusion.recording import MICROSECONDS, Span
+from acromion.app.request import Conclusion
+from acromion.fusion.clocks import in_zone
+from acromion.fusion.comparison.levels import ComparedLevel, Extent, compare_with_levels, find_extent
+from acromion.fusion.conventions import MAIN_THRESHOLD_DEG, CalibrationState, Pose, Side
+from acromion.fusion.exposure.types import Exposure, TimeAbove
+from acromion.fusion.quality import Quality, TimeAccount
+from acromion.fusion.recording import MICROSECONDS, Span
 
 if TYPE_CHECKING:
-    from fusion.pipeline import Analysis
+    from acromion.fusion.pipeline import Analysis
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,12 +40,12 @@ class ReportSubject:
     setting, "input" or "engine"), ``reason`` is the person's reason. ``columns`` is the JSON of a table's
     column profile, "" for none; ``shift`` the window that was cut from a longer recording, as an interval of
     ISO 8601, "" for none. ``conclusion`` is the clinician's, and ``report_id`` comes from
-    :func:`app.report.export.results.identify_report`.
+    :func:`acromion.app.report.export.results.identify_report`.
     """
 
     file_name: str
     subject: str
-    side: Literal["left", "right"] | None
+    side: Side | None
     software: Software
     version: int = 1
     reason: str = ""
@@ -68,7 +68,7 @@ class ReleaseStamp:
 
 @dataclass(frozen=True, slots=True)
 class RecordingFacts:
-    """The facts stated by the file; see :class:`fusion.recording.Recording`."""
+    """The facts stated by the file; see :class:`acromion.fusion.recording.Recording`."""
 
     device: str
     sha256: str
@@ -119,7 +119,7 @@ class PartFacts:
 
 @dataclass(frozen=True, slots=True)
 class QuestionFacts:
-    """When the sensor may have moved on the arm; see :class:`fusion.pose.wear.Question`."""
+    """When the sensor may have moved on the arm; see :class:`acromion.fusion.pose.wear.Question`."""
 
     kind: Literal["slip", "put_back", "poses"]
     start_s: float

@@ -2,14 +2,26 @@
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from datetime import datetime
 from typing import Any
 
-from app.report.words.messages import describe_flag, format_facts
-from app.report.words.numbers import Clock, format_exact, format_long_duration, format_number
-from app.report.words.wording import Language, Words, clean_text, fill, find_device_name, load_wording
-from fusion.caveats import Caveat
-from fusion.recording import QualityFlag
+from acromion.app.report.words.messages import describe_flag, format_facts
+from acromion.app.report.words.numbers import (
+    format_exact,
+    format_interval,
+    format_long_duration,
+    format_number,
+)
+from acromion.app.report.words.wording import (
+    Language,
+    Words,
+    clean_text,
+    fill,
+    find_device_name,
+    load_wording,
+)
+from acromion.fusion.caveats import Caveat
+from acromion.fusion.clocks import find_time_zone
+from acromion.fusion.recording import QualityFlag
 
 _MOST_LINES = 10
 _TOLD_ABOVE = frozenset({"jitter_us", "time_exponent", "left_gyr_factor"})
@@ -34,7 +46,10 @@ def describe_inspection(facts: Mapping[str, Any], language: Language) -> str:
         "warnings": [_format_warning(warning, language) for warning in facts["warnings"]],
         "proposals": [_format_proposal(each, words, language) for each in facts["calibration_proposals"]],
         "nonwear": [_format_gap(each, words, language) for each in facts["nonwear_proposals"]],
-        "shifts": [_format_shift(each, language) for each in facts["shift_proposals"]],
+        "shifts": [
+            format_interval(each, language, find_time_zone(facts["time_zone"]))
+            for each in facts["shift_proposals"]
+        ],
     }
     shown = {
         name: _join(lines, words, facts["gap_count"] if name == "gaps" else 0)
@@ -84,11 +99,6 @@ def _join(lines: Sequence[str], words: Words, count: int) -> str:
 def _format_gap(gap: Mapping[str, float], words: Words, language: Language) -> str:
     facts = {name: format_exact(gap[f"{name}_s"], language) for name in ("length", "start")}
     return fill(words["gap"], facts)
-
-
-def _format_shift(interval: str, language: Language) -> str:
-    start, end = map(datetime.fromisoformat, interval.split("/"))
-    return Clock(start, language, (end - start).total_seconds()).format_whole()
 
 
 def _format_warning(warning: Mapping[str, Any], language: Language) -> str:

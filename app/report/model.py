@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
-from app.report.charts.svg import NARROW, WIDE
-from app.report.words.wording import Language, Words
+from acromion.app.report.charts.svg import NARROW, WIDE
+from acromion.app.report.words.wording import Language, Words
 
 
 @dataclass(frozen=True, slots=True)

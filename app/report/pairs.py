@@ -1,30 +1,31 @@
 """Reports on two finished analyses: both arms of one shift, or a day compared with an earlier one.
 
 All functions are pure. :func:`describe_pair` returns the content of ``pair.json``, :func:`build_pair` the
-report; the figures over the shared time come from :mod:`fusion.comparison.arms`. :func:`describe_comparison`
-returns the content of ``comparison.json`` and the API, :func:`build_comparison` the report; both use
-:func:`fusion.comparison.change.compare_days`. The report on several days shares this structure.
+report; the figures over the shared time come from :mod:`acromion.fusion.comparison.arms`.
+:func:`describe_comparison` returns the content of ``comparison.json`` and the API, :func:`build_comparison`
+the report; both use
+:func:`acromion.fusion.comparison.change.compare_days`. The report on several days shares this structure.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime
 from typing import TYPE_CHECKING, Any, Literal
 
-from app.errors import CannotCompare
-from app.report.charts.bars import build_parts
-from app.report.charts.day import build_timeline, build_two_days, shift_day
-from app.report.charts.distribution import build_two_curves
-from app.report.export.results import describe_level
-from app.report.figures import format_figure, round_all
-from app.report.findings import Findings, FinishedAnalysis
-from app.report.model import Chart, Note, Pair, Report, Section, Table, VerdictLine
-from app.report.single.chapters import format_accuracy, format_found, format_pose_caution
-from app.report.words.numbers import (
+from acromion.app.errors import CannotCompare
+from acromion.app.report.charts.bars import build_parts
+from acromion.app.report.charts.day import build_timeline, build_two_days, shift_day
+from acromion.app.report.charts.distribution import build_two_curves
+from acromion.app.report.export.results import describe_level
+from acromion.app.report.figures import format_figure, round_all
+from acromion.app.report.findings import Findings, FinishedAnalysis
+from acromion.app.report.model import Chart, Note, Pair, Report, Section, Table, VerdictLine
+from acromion.app.report.single.chapters import format_accuracy, format_found, format_pose_caution
+from acromion.app.report.words.numbers import (
     NONE,
     Clock,
     format_angle,
@@ -37,7 +38,7 @@ from app.report.words.numbers import (
     format_range,
     percent_sign,
 )
-from app.report.words.wording import (
+from acromion.app.report.words.wording import (
     LONGEST_CODE,
     Language,
     Words,
@@ -47,16 +48,24 @@ from app.report.words.wording import (
     find_device_name,
     load_wording,
 )
-from app.request import find_code
-from fusion.clocks import read_clock
-from fusion.comparison.change import SOURCE, ComparedDay, DayComparison, FigureChange, Reference, compare_days
-from fusion.conventions import CONFIRMED, UNHELD
-from fusion.exposure.types import LEAST_RANGED_S, PartExposure
-from fusion.recording import MICROSECONDS
+from acromion.app.request import find_code
+from acromion.fusion.clocks import read_clock
+from acromion.fusion.comparison.change import (
+    SOURCE,
+    ComparedDay,
+    DayComparison,
+    FigureChange,
+    Reference,
+    compare_days,
+)
+from acromion.fusion.conventions import CONFIRMED, UNHELD
+from acromion.fusion.exposure.types import LEAST_RANGED_S, PartExposure
+from acromion.fusion.recording import MICROSECONDS
 
 if TYPE_CHECKING:
-    from fusion.comparison.arms import PairedArms, TrunkRelative
-    from fusion.comparison.levels import ComparedLevel
+    from acromion.fusion.comparison.arms import PairedArms, TrunkRelative
+    from acromion.fusion.comparison.levels import ComparedLevel
+    from acromion.fusion.comparison.movement import ClockMatch
 
 MAIN_LEVEL = "above_60"
 """The level that the sentences state."""
@@ -256,7 +265,8 @@ def build_sources(sides: Sequence[PairSide], language: Language) -> Section:
             )
         )
     rows = tuple(zip(entry["rows"], *columns, strict=True))
-    table = Table(entry["caption"], (entry["column"], *(side.name for side in sides)), rows)
+    names = (side.name for side in sides)
+    table = Table(entry["caption"], (entry["column"], *names), rows, even=len(sides) > 2)
     return Section("provenance", entry["title"], tables=(table,))
 
 
@@ -362,31 +372,60 @@ def encode_document(document: Mapping[str, Any]) -> bytes:
 PAIR_SCHEMA = "acromion.pair/1"
 
 
+DISAGREE_S = 1.0
+"""The shared movement contradicts the devices' clocks if it differs by more than this."""
+
+
 @dataclass(frozen=True, slots=True)
-class TrunkClock:
-    """Time of the trunk's first sample, seconds after the left arm's, and its source."""
+class PairClock:
+    """Time of a recording's first sample, seconds after the left arm's, and its source.
+
+    ``match``: the relation found in the shared movement; with another source it is only compared.
+    """
 
     offset_s: float
-    offset_from: Literal["clocks", "person"]
+    offset_from: Literal["clocks", "person", "signals"]
+    match: ClockMatch | None = None
+
+    @property
+    def drift_ppm(self) -> float:
+        """How much faster the clock runs than the left arm's; 0 unless it was found in the movement."""
+        return self.match.drift_ppm if self.match and self.offset_from == "signals" else 0.0
+
+    @property
+    def certainty(self) -> Literal["person", "signals", "clocks", "confirmed", "doubtful"]:
+        """The source; for clocks also whether the shared movement confirms or contradicts them."""
+        if self.offset_from != "clocks" or self.match is None:
+            return self.offset_from
+        return "doubtful" if abs(self.match.offset_s - self.offset_s) > DISAGREE_S else "confirmed"
+
+    def describe(self) -> dict[str, Any]:
+        """Return offset, source, drift and the match for JSON."""
+        return {
+            "offset_s": self.offset_s,
+            "from": self.offset_from,
+            "drift_ppm": self.drift_ppm,
+            "match": asdict(self.match) if self.match else None,
+        }
 
 
 @dataclass(frozen=True, slots=True)
 class ArmPair:
     """Two arms on one clock.
 
-    ``offset_s``: time of the right recording's first sample, seconds after the left's; ``offset_from``: from
-    the devices' clocks or a person. ``trunk``: each arm relative to the trunk, with the clock
-    ``trunk_clock``, None without one. ``one_person``: whether all of them are from one person.
+    ``clock``: that of the right recording. ``trunk``: each arm relative to the trunk, with the clock
+    ``trunk_clock`` and the analysis ``trunk_source``, None without one. ``one_person``: whether all of them
+    are from one person.
     """
 
     left: FinishedAnalysis
     right: FinishedAnalysis
-    offset_s: float
-    offset_from: Literal["clocks", "person"]
+    clock: PairClock
     shared: PairedArms
     trunk: tuple[TrunkRelative, TrunkRelative]
-    trunk_clock: TrunkClock | None = None
+    trunk_clock: PairClock | None = None
     one_person: OnePerson = "codes"
+    trunk_source: FinishedAnalysis | None = None
 
 
 def describe_pair(pair: ArmPair) -> dict[str, Any]:
@@ -397,14 +436,15 @@ def describe_pair(pair: ArmPair) -> dict[str, Any]:
             "schema": PAIR_SCHEMA,
             "left": describe_source(pair.left),
             "right": describe_source(pair.right),
+            "trunk": describe_source(pair.trunk_source) if pair.trunk_source else None,
             "one_person": pair.one_person,
-            "clock": {"offset_s": pair.offset_s, "from": pair.offset_from},
-            "trunk_clock": {"offset_s": clock.offset_s, "from": clock.offset_from} if clock else None,
+            "clock": pair.clock.describe(),
+            "trunk_clock": clock.describe() if clock else None,
             "shared_s": shared.shared_s,
             "arms": {
                 side: {
                     "percentiles_deg": {str(p): deg for p, deg in share.percentiles_deg.items()},
-                    "time_above_percent": {f"{c:g}": value for c, value in share.percent_above.items()},
+                    "time_above_percent": {f"{c:g}": value for c, value in share.time_above_percent.items()},
                 }
                 for side, share in (("left", shared.left), ("right", shared.right))
             },
@@ -434,14 +474,16 @@ def build_pair(pair: ArmPair, language: Language) -> Report:
     """Build the report on both arms."""
     words, common = load_pair_words(language)["pair"], load_wording(language)
     sides = (PairSide(words["left"], pair.left), PairSide(words["right"], pair.right))
+    bodies = (PairSide(words["trunk"]["name"], pair.trunk_source),) if pair.trunk_source else ()
     shared, label = pair.shared, common["label"]
-    order = "later" if pair.offset_s > 0 else "earlier" if pair.offset_s else "together"
-    offset = format_duration(abs(pair.offset_s), language)
+    offset_s = pair.clock.offset_s
+    order = "later" if offset_s > 0 else "earlier" if offset_s else "together"
+    offset = format_duration(abs(offset_s), language)
     told_offset = fill(words["clock"][order], {"offset": offset})
     codes = dict.fromkeys(clean_text(side.kept.subject.subject) for side in sides)
     code = " / ".join(cut_text(code, LONGEST_CODE) for code in codes if code)
     bars = [  # over the shared time, so that the page has one value per arm
-        (side.name, shared.shared_s, arm.percent_above)
+        (side.name, shared.shared_s, arm.time_above_percent)
         for side, arm in zip(sides, (shared.left, shared.right), strict=True)
     ]
     curves = (replace(chart, note=words["curves_note"]) for chart in build_curves(sides, language))
@@ -462,21 +504,45 @@ def build_pair(pair: ArmPair, language: Language) -> Report:
         sentences=_format_answers(pair, words, language),
         cautions=(
             format_person(pair.one_person, language),
-            f"{told_offset} {words['clock'][pair.offset_from]}",  # the signals do not confirm it
+            f"{told_offset} {_format_clock(pair.clock, words['clock'], language)}",
+            *_format_trunk_clock(pair, words["clock"], language),
             format_cautions(sides, language),
         ),
         figures=(build_two_bars(bars, words["bars_note"], language), _build_days(pair, sides, language)),
         sections=(
             _build_levels(pair, language),
             _build_figures(pair, words["table"], language),
-            _build_trunk(pair, words, language),
+            _build_trunk(pair, bodies, words, language),
             *(Section("spread", common["section"]["spread"], figures=(chart,)) for chart in curves),
-            build_sources(sides, language),
+            build_sources((*sides, *bodies), language),
         ),
         range_note=_format_ranges_note(pair, words["ranges"]),
         needs_pose=format_unconfirmed(sides, "pair", language),
         first_limit=words["limits_with_trunk"] if any(t.percentiles_deg for t in pair.trunk) else "",
     )
+
+
+def _format_clock(clock: PairClock, entry: Words, language: Language) -> str:
+    """Return the source of an offset, how certain it is, and whether the movement contradicts it."""
+    match = clock.match
+    facts = (
+        {
+            "margin": format_number(match.margin_s, 2, language),
+            "drift": format_number(match.drift_ppm, 0, language),
+            "windows": str(match.windows),
+            "offset": format_number(match.offset_s, 1, language),
+        }
+        if match
+        else {}
+    )
+    return fill(entry[clock.certainty], facts)
+
+
+def _format_trunk_clock(pair: ArmPair, entry: Words, language: Language) -> Iterator[str]:
+    """Yield how the trunk's clock was found, if not by the devices' clocks alone."""
+    clock = pair.trunk_clock
+    if clock and (clock.match or clock.offset_from != "clocks"):
+        yield fill(entry["trunk"], {"source": _format_clock(clock, entry, language)})
 
 
 def _judge_arms(sides: Sequence[PairSide], words: Words, verdicts: Words) -> VerdictLine:
@@ -492,11 +558,20 @@ def _format_answers(pair: ArmPair, words: Words, language: Language) -> tuple[st
     entry, shared = words["sentence"], pair.shared
     ratio = format_number(shared.ratio_above_60, 2, language)
     figures = {
-        "left": ("left_time_above_60_percent", format_percent(shared.left.percent_above[60], language)),
-        "right": ("right_time_above_60_percent", format_percent(shared.right.percent_above[60], language)),
+        "left": ("left_time_above_60_percent", format_percent(shared.left.time_above_percent[60], language)),
+        "right": (
+            "right_time_above_60_percent",
+            format_percent(shared.right.time_above_percent[60], language),
+        ),
         "both": ("both_above_60_percent", format_percent(shared.both_above_60_percent, language)),
-        "left_90": ("left_time_above_90_percent", format_percent(shared.left.percent_above[90], language)),
-        "right_90": ("right_time_above_90_percent", format_percent(shared.right.percent_above[90], language)),
+        "left_90": (
+            "left_time_above_90_percent",
+            format_percent(shared.left.time_above_percent[90], language),
+        ),
+        "right_90": (
+            "right_time_above_90_percent",
+            format_percent(shared.right.time_above_percent[90], language),
+        ),
         "left_p50": ("left_elevation_p50_deg", format_angle(shared.left.percentiles_deg[50], language)),
         "right_p50": ("right_elevation_p50_deg", format_angle(shared.right.percentiles_deg[50], language)),
         "ratio": ("right_to_left_time_above_60", "" if ratio == NONE else ratio),
@@ -535,8 +610,8 @@ def _format_ranges_note(pair: ArmPair, entry: Words) -> str:
 def _build_days(pair: ArmPair, sides: Sequence[PairSide], language: Language) -> Chart:
     """Draw both days one above the other, on the clock of the first."""
     entry, report_words = load_pair_words(language)["days"], load_wording(language)
-    first_s = min(0.0, pair.offset_s)
-    begins_s = (0.0 - first_s, pair.offset_s - first_s)
+    first_s = min(0.0, pair.clock.offset_s)
+    begins_s = (0.0 - first_s, pair.clock.offset_s - first_s)
     lasts_s = [side.kept.findings.recording.duration_us / MICROSECONDS for side in sides]
     whole_s = max(begin + lasts for begin, lasts in zip(begins_s, lasts_s, strict=True))
     start = Clock(pair.left.findings.recording.start, language).at(first_s)
@@ -589,8 +664,8 @@ def _build_figures(pair: ArmPair, entry: Words, language: Language) -> Section:
         interval = _format_interval(pair, name, language)
         return fill(entry["cell"], {"value": value, "range": interval if value != NONE else ""})
 
-    for c in shared.left.percent_above:
-        above = tuple(format_percent(arm.percent_above[c], language) for arm in arms)
+    for c in shared.left.time_above_percent:
+        above = tuple(format_percent(arm.time_above_percent[c], language) for arm in arms)
         both = format_percent(shared.both_above_60_percent if c == 60 else None, language)
         add("above", int(c), f"time_above_{c:g}_percent", above, tell(both, "both_above_60_percent"))
     for p in shared.left.percentiles_deg:
@@ -600,8 +675,12 @@ def _build_figures(pair: ArmPair, entry: Words, language: Language) -> Section:
     return Section("figures", entry["title"], tables=(table,))
 
 
-def _build_trunk(pair: ArmPair, words: Words, language: Language) -> Section:
-    """Return the arm's elevation minus the trunk's inclination, or state which data is missing."""
+def _build_trunk(pair: ArmPair, bodies: Sequence[PairSide], words: Words, language: Language) -> Section:
+    """Return the arm's elevation minus the trunk's inclination, or state which data is missing.
+
+    It has no ranges: the error of a sensor on the trunk was not measured, and that of the arm alone would
+    give ranges that are too narrow. A pose of the trunk that nobody confirmed is named.
+    """
     entry = words["trunk"]
     rows = tuple(
         (
@@ -614,8 +693,9 @@ def _build_trunk(pair: ArmPair, words: Words, language: Language) -> Section:
     )
     if not rows:
         return Section("trunk", entry["title"], (entry["missing"],))
-    table = Table.build(entry, rows)
-    return Section("trunk", entry["title"], (entry["limit"],), tables=(table,))
+    paragraphs = (entry["limit"], entry["no_range"], format_unconfirmed(bodies, "trunk", language))
+    shown = tuple(filter(None, paragraphs))
+    return Section("trunk", entry["title"], shown, tables=(Table.build(entry, rows),))
 
 
 # A day compared with an earlier one.
@@ -656,13 +736,15 @@ def check_comparable(
     same_subject: bool = False,
     mixed_methods: bool = False,
 ) -> None:
-    """Reject two people, the same hours of one arm, one analysis twice, and unrequested mixed methods.
+    """Reject two people, the trunk, the same hours of one arm, one analysis twice, and mixed methods.
 
     The two arms of one shift are not a change either; the report of :func:`build_comparison` states this.
 
     ``same_subject``: a person states that both are from one person, if a code is missing. ``mixed_methods``:
     allow figures of two methods, or of two versions of one. Raises CannotCompare.
     """
+    if "trunk" in {before.subject.side, after.subject.side}:
+        raise CannotCompare(why="trunk")
     differences = _compare(before, after).differences
     if before.findings == after.findings:
         raise CannotCompare(why="same")

@@ -8,16 +8,16 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
-from app.report.export.all import export_results
-from app.report.export.fhir import encode_fhir
-from app.report.export.results import decode_results, identify_report, relabel_results
-from app.report.figures import load_results
-from app.report.findings import Findings, ReleaseStamp, ReportSubject, Software
-from app.report.render.write import RESULTS, write_reports
-from app.request import ReportRequest
-from app.store.day_file import DAY_NAME
-from app.version import software_revision, software_version
-from fusion.settings import AnalysisSettings
+from acromion.app.report.export.all import export_results
+from acromion.app.report.export.fhir import encode_fhir
+from acromion.app.report.export.results import decode_results, identify_report, relabel_results
+from acromion.app.report.figures import load_results
+from acromion.app.report.findings import Findings, ReleaseStamp, ReportSubject, Software
+from acromion.app.report.render.write import RESULTS, write_reports
+from acromion.app.request import ReportRequest
+from acromion.app.store.day_file import DAY_NAME
+from acromion.app.version import software_version, source_revision
+from acromion.fusion.settings import AnalysisSettings
 
 FHIR, ELEVATION = "fhir.json", "elevation.parquet"
 MEASURED = (ELEVATION, DAY_NAME)
@@ -81,7 +81,7 @@ def describe_subject(
         file_name=request.file_name,
         subject=request.subject,
         side=request.side,
-        software=software or Software(software_version(), software_revision()),
+        software=software or Software(software_version(), source_revision()),
         version=request.version,
         changes=request.changes,
         reason=request.reason,

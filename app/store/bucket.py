@@ -22,9 +22,9 @@ import obstore
 from obstore.exceptions import BaseError
 from obstore.store import S3Store
 
-from app.errors import StoreAway
-from app.settings import Settings
-from app.store.folder import (
+from acromion.app.errors import StoreAway
+from acromion.app.settings import Settings
+from acromion.app.store.folder import (
     COPY_BYTES,
     Fetched,
     Mark,
@@ -39,7 +39,7 @@ from app.store.folder import (
     read_mark,
     translate_disk_full,
 )
-from app.store.permissions import create_file
+from acromion.app.store.permissions import create_file
 
 if TYPE_CHECKING:
     from obstore import ObjectMeta

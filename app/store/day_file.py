@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.conventions import MAIN_THRESHOLD_DEG
+from acromion.fusion.conventions import MAIN_THRESHOLD_DEG
 
 DAY_NAME = "day.bin"
 OWN_CURVE, REFERENCE_CURVE = "own.bin", "reference.bin"

@@ -25,9 +25,9 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.store.permissions import create_file, make_folder
-from fusion.clocks import in_zone
-from fusion.recording import QualityFlag, Recording, Segment, Span, Stated
+from acromion.app.store.permissions import create_file, make_folder
+from acromion.fusion.clocks import in_zone
+from acromion.fusion.recording import QualityFlag, Recording, Segment, Span, Stated
 
 LONGEST_HEAD_BYTES = 16 << 20
 SPARE_TIMES = 3

@@ -2,16 +2,17 @@
 
  root/uploads/<name>.part             bytes still arriving, and copies from a bucket while they are read
  root/recordings/<recording>          bytes whose arrival was acknowledged
- root/recordings/<recording>.json     its side file: a copy of its rows (:mod:`app.library.side_files`)
- root/quarantine/<name>               unknown entries among the recordings; only people remove them
- root/analyses/<analysis>/<attempt>/  the files of one attempt; the job row states which attempt counts
- root/erasures.jsonl                  the ledger of erasures: one line each, only id and time,
+ root/recordings/<recording>.json     its side file: a copy of its rows
+ (:mod:`acromion.app.library.side_files`) root/quarantine/<name>               unknown entries among the
+ recordings; only people remove them root/analyses/<analysis>/<attempt>/  the files of one attempt; the job
+ row states which attempt counts root/erasures.jsonl                  the ledger of erasures: one line each,
+ only id and time,
                                       synced before the first file is deleted
 
 The ledger is outside the database: ``restore``, ``recover`` and every start erase its entries again.
 
-With many machines, recordings and results are objects in a bucket instead (:mod:`app.store.bucket`), under
-the same names; the folder then contains only temporary files.
+With many machines, recordings and results are objects in a bucket instead (:mod:`acromion.app.store.bucket`),
+under the same names; the folder then contains only temporary files.
 
 The program creates every name on disk and never uses a person's file name. A file counts once its row is
 committed, and is on disk before that: write, fsync, rename, fsync of the folder, commit, response.
@@ -41,7 +42,7 @@ from stat import S_ISREG
 from types import ModuleType
 from typing import IO, TYPE_CHECKING, ClassVar
 
-from app.errors import (
+from acromion.app.errors import (
     AppError,
     DiskFull,
     FileTooLarge,
@@ -54,12 +55,12 @@ from app.errors import (
     ResultDamaged,
     StoreDamaged,
 )
-from app.store.permissions import FILE_MODE, FOLDER_MODE, create_file, make_folder
-from fusion.documents import HEAD_BYTES, refuse_document
+from acromion.app.store.permissions import FILE_MODE, FOLDER_MODE, create_file, make_folder
+from acromion.fusion.documents import HEAD_BYTES, refuse_document
 
 if TYPE_CHECKING:
-    from app.settings import Settings
-    from app.store.decoded import DecodedCache
+    from acromion.app.settings import Settings
+    from acromion.app.store.decoded import DecodedCache
 
 
 if sys.platform != "win32":
@@ -174,7 +175,7 @@ class Upload(ABC):
     def keep(self) -> StoredRecording:
         """Make the bytes durable under their final name.
 
-        Raises DiskFull, StoreAway, or fusion.errors.UnknownFormat for a photo or a document.
+        Raises DiskFull, StoreAway, or acromion.fusion.errors.UnknownFormat for a photo or a document.
         """
         refuse_document(self._head)
         self._keep()
@@ -220,7 +221,7 @@ class FolderUpload(Upload):
 
 @dataclass(frozen=True, slots=True)
 class Storage:
-    """Storage of recordings and results: a folder, or a bucket (:mod:`app.store.bucket`).
+    """Storage of recordings and results: a folder, or a bucket (:mod:`acromion.app.store.bucket`).
 
     :meth:`fetch` returns a file of this machine, which the caller releases. It verifies nothing: use
     :func:`borrow_recording` and :func:`borrow_result` for everything that is shown or computed. A name
@@ -737,7 +738,7 @@ def open_storage(settings: "Settings") -> Storage:
     """Open the folder or the bucket. Raises NotInstalled, StoreAway."""
     if not settings.object_store:
         return Storage(settings.data_dir)
-    bucket: Storage = load_extra("app.store.bucket").open_bucket(settings)
+    bucket: Storage = load_extra("acromion.app.store.bucket").open_bucket(settings)
     return bucket
 
 

@@ -18,9 +18,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
-from app.errors import TooMany
-from app.store.folder import sync_folder, translate_disk_full
-from app.store.permissions import create_file
+from acromion.app.errors import TooMany
+from acromion.app.store.folder import sync_folder, translate_disk_full
+from acromion.app.store.permissions import create_file
 
 _OWN_NAME = re.compile(r"(up_[0-9a-f]{28,32})(\.\w+)?")
 

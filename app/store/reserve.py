@@ -11,7 +11,7 @@ import shutil
 from contextlib import suppress
 from pathlib import Path
 
-from app.store.permissions import create_file
+from acromion.app.store.permissions import create_file
 
 RESERVE_FILE = "reserve"
 RESERVE_BYTES = 16 << 20

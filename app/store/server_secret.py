@@ -16,9 +16,9 @@ from cryptography.fernet import Fernet, InvalidToken
 from cryptography.hazmat.primitives.hashes import SHA256
 from cryptography.hazmat.primitives.kdf.hkdf import HKDF
 
-from app.errors import SecretUnreadable
-from app.store.folder import sync_folder, translate_disk_full
-from app.store.permissions import create_file, make_folder
+from acromion.app.errors import SecretUnreadable
+from acromion.app.store.folder import sync_folder, translate_disk_full
+from acromion.app.store.permissions import create_file, make_folder
 
 LENGTH_BYTES = 45
 SECRET_FILE = "server.key"  # noqa: S105 - the name of a file

@@ -17,10 +17,10 @@ from pathlib import Path
 from fastapi.testclient import TestClient
 from typer.testing import CliRunner
 
-from app.cli import app
-from app.main import create_app
-from app.settings import Settings
-from fusion.errors import FusionError
+from acromion.app.cli import app
+from acromion.app.main import create_app
+from acromion.app.settings import Settings
+from acromion.fusion.errors import FusionError
 from tests.badfiles.expected import ALWAYS, BAD_FILES, PARTS
 from tests.badfiles.outcomes import BadFile
 from tests.badfiles.ways_in import Server, analyse_by_fusion, codes_in, content_of

@@ -21,8 +21,8 @@ COMPILED = re.compile(r"^@(njit|kernel|inner)\b", re.MULTILINE)
 
 def make_target(name: str) -> Callable[[bytes], None]:
     """Return the function that libFuzzer calls with each input."""
-    readers = importlib.import_module("fusion.readers")
-    errors = importlib.import_module("fusion.errors")
+    readers = importlib.import_module("acromion.fusion.readers")
+    errors = importlib.import_module("acromion.fusion.errors")
     outcome = importlib.import_module("benchmarks.fuzz.outcome")
     mutations = importlib.import_module("benchmarks.fuzz.mutations")
     seeds = importlib.import_module("benchmarks.fuzz.seeds")

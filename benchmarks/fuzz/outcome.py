@@ -7,11 +7,11 @@ from random import Random
 
 import numpy as np
 
+from acromion.fusion.errors import FusionError
+from acromion.fusion.readers import read_recording
+from acromion.fusion.recording import MICROSECONDS, Recording
 from benchmarks.fuzz.mutations import mutate, mutate_blocks, mutate_records
 from benchmarks.fuzz.seeds import SEEDS, wrap
-from fusion.errors import FusionError
-from fusion.readers import read_recording
-from fusion.recording import MICROSECONDS, Recording
 
 SAMPLES_PER_BYTE = 64
 SPARE_BYTES = 1 << 20

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from fusion.recording import STANDARD_GRAVITY
+from acromion.fusion.recording import STANDARD_GRAVITY
 from tests.fusion.made_motion import rest_and_turn
 from tests.fusion.readers.cwa.cwa_builder import START_US as CWA_START_US
 from tests.fusion.readers.cwa.cwa_builder import block as cwa_block

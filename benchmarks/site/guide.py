@@ -10,12 +10,18 @@ from pathlib import Path
 
 from jinja2 import ChoiceLoader, Environment, FileSystemLoader
 
-from app.errors import list_refusals
-from app.http.pages.help import POSES, draw_example
-from app.http.pages.rendering import pages
-from app.report.words.messages import CaveatWords, Problem, describe_flag, describe_problem, find_flag_codes
-from app.report.words.wording import Language, load_wording
-from fusion.recording import QualityFlag
+from acromion.app.errors import list_refusals
+from acromion.app.http.pages.help import POSES, draw_example
+from acromion.app.http.pages.rendering import pages
+from acromion.app.report.words.messages import (
+    CaveatWords,
+    Problem,
+    describe_flag,
+    describe_problem,
+    find_flag_codes,
+)
+from acromion.app.report.words.wording import Language, load_wording
+from acromion.fusion.recording import QualityFlag
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 TEMPLATES = DOCS / "site"

@@ -15,16 +15,15 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
-from app.http.pages.help import find_example
-from app.main import create_app
-from app.report.export.results import decode_results
-from app.report.model import Report
-from app.report.render.html import render_html
-from app.report.render.pdf import render_pdf
-from app.report.single.report import build_report
-from app.report.words.wording import LANGUAGES, Language
-from app.settings import Settings
-from benchmarks.site.bibliography import cite
+from acromion.app.http.pages.help import find_example
+from acromion.app.main import create_app
+from acromion.app.report.export.results import decode_results
+from acromion.app.report.model import Report
+from acromion.app.report.render.html import render_html
+from acromion.app.report.render.pdf import render_pdf
+from acromion.app.report.single.report import build_report
+from acromion.app.report.words.wording import LANGUAGES, Language
+from acromion.app.settings import Settings
 from benchmarks.site.notebook import run_notebook, write_markdown
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -86,8 +85,6 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     """Correct links that leave ``docs/``; add links to the example's report and to the executed notebook."""
     if page.file.src_uri.endswith("/codes.md") and _find_language(page):
         page.meta["search"] = {"boost": 10}
-    if "bibliography" in page.meta:
-        markdown = cite(markdown, DOCS / str(page.meta["bibliography"]))
     up = "../" * page.file.src_uri.count("/")
     markdown = _TO_ROOT.sub(f"]({up}", markdown)
     if page.file.src_uri in SHARED_PAGES:

@@ -15,7 +15,7 @@ from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
-from app.version import software_revision, software_version
+from acromion.app.version import software_version, source_revision
 from benchmarks.validation.document import (
     Section,
     assemble,
@@ -118,7 +118,7 @@ def _list_makers(arguments: argparse.Namespace) -> Mapping[str, Callable[[], Sec
 def _describe_makers(date: str) -> str:
     """Return the versions of the software; sections may have been made at different times."""
     packages = ", ".join(f"{name} {version(name)}" for name in PACKAGES)
-    own = f"acromion {software_version()}, revision {software_revision()}"
+    own = f"acromion {software_version()}, revision {source_revision()}"
     return f"{own}, Python {platform.python_version()}, {packages}" + (f", on {date}" if date else "")
 
 

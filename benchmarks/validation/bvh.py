@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fusion.recording import Float64Array
+from acromion.fusion.recording import Float64Array
 
 UPPER_ARMS = {"r": ("UpperArm_R", "RightArm"), "l": ("UpperArm_L", "LeftArm")}
 FOREARMS = {"r": ("LowerArm_R", "RightForeArm"), "l": ("LowerArm_L", "LeftForeArm")}

@@ -16,9 +16,9 @@ KIBIBYTES = 1024.0
 
 
 def measure_memory(rate_hz: float) -> float:
+    from acromion.fusion.elevation import estimate_elevation  # noqa: PLC0415
+    from acromion.fusion.pose.calibrate import calibrate  # noqa: PLC0415
     from benchmarks.validation.speed import repeat_quarter  # noqa: PLC0415 (the other question must not pay)
-    from fusion.elevation import estimate_elevation  # noqa: PLC0415
-    from fusion.pose.calibrate import calibrate  # noqa: PLC0415
 
     warming, recording = repeat_quarter(rate_hz, 0.1), repeat_quarter(rate_hz)
     estimate_elevation(calibrate(warming))
@@ -30,7 +30,7 @@ def measure_memory(rate_hz: float) -> float:
 
 def measure_first() -> tuple[float, float]:
     began = time.process_time()
-    from fusion import estimate_vertical  # noqa: PLC0415 (its import is a part of what is measured)
+    from acromion.fusion import estimate_vertical  # noqa: PLC0415 (its import is a part of what is measured)
 
     imported = time.process_time()
     estimate_vertical(np.tile([0.0, 0.0, 1.0], (1000, 1)), np.zeros((1000, 3)), 100.0)

@@ -13,14 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
+from acromion.fusion.numerics import compute_angle_deg
+from acromion.fusion.recording import Float64Array
+from acromion.fusion.simulation.activities import Choreography, draw_person, stand, walk
+from acromion.fusion.simulation.body import Body, play
+from acromion.fusion.simulation.body import compute_readings as compute_body_readings
 from benchmarks.validation.document import Section, draw_table
 from benchmarks.validation.real_clips import CLIP_HZ, Clip, Side, compute_readings, load_library
 from benchmarks.validation.stated import DATA
-from fusion.numerics import compute_angle_deg
-from fusion.recording import Float64Array
-from fusion.simulation.activities import Choreography, draw_person, stand, walk
-from fusion.simulation.body import Body, play
-from fusion.simulation.body import compute_readings as compute_body_readings
 
 RATE_HZ, STAND_S, WALK_S, ENDS_S = 50.0, 60.0, 60.0, 4.0
 SIDES: tuple[Side, ...] = ("r", "l")

@@ -6,15 +6,15 @@ from pathlib import Path
 import numpy as np
 from scipy.io import loadmat
 
+from acromion.fusion.pose.calibrate import CalibratedSamples, calibrate
+from acromion.fusion.readers import read_recording
+from acromion.fusion.recording import Recording, Segment
+from acromion.fusion.sensor.gyroscope import build_identity_gyro_scale
+from acromion.fusion.sensor.model import build_identity_accelerometer
+from acromion.fusion.simulation import simulate_shift
 from benchmarks.validation.document import Goal, Section, draw_table, judge
 from benchmarks.validation.invariance import STANDARD_GRAVITY, Angle, fuse
 from benchmarks.validation.worn import DEVICES, NAMES, at_rows, find_rmse_deg, wear
-from fusion.pose.calibrate import CalibratedSamples, calibrate
-from fusion.readers import read_recording
-from fusion.recording import Recording, Segment
-from fusion.sensor.gyroscope import build_identity_gyro_scale
-from fusion.sensor.model import build_identity_accelerometer
-from fusion.simulation import simulate_shift
 from tests.simulated_shifts import make_perfect
 
 HOURS, SEEDS = 0.5, (1, 2)

@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from acromion.fusion.comparison.alignment import Run, interpolate
+from acromion.fusion.elevation import estimate_elevation, group_rows
+from acromion.fusion.pose.calibrate import CalibratedSamples, calibrate
+from acromion.fusion.recording import MICROSECONDS, Recording, Segment
+from acromion.fusion.sensor.model import view_segment
+from acromion.fusion.sensor.stillness import find_still_moments, reduce_run
+from acromion.fusion.simulation import simulate_shift
 from benchmarks.validation.document import Goal, Section, draw_table, judge
 from benchmarks.validation.worn import DEVICES, NAMES, find_rmse_deg, wear
-from fusion.comparison.alignment import Run, interpolate
-from fusion.elevation import estimate_elevation, group_rows
-from fusion.pose.calibrate import CalibratedSamples, calibrate
-from fusion.recording import MICROSECONDS, Recording, Segment
-from fusion.sensor.model import view_segment
-from fusion.sensor.stillness import find_still_moments, reduce_run
-from fusion.simulation import simulate_shift
 from tests.simulated_shifts import make_perfect
 
 HOURS, SEED = 0.5, 1

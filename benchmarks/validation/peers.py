@@ -11,8 +11,8 @@ import imufusion
 import numpy as np
 import vqf
 
-from fusion.orientation import MethodName, estimate_vertical
-from fusion.sensor.model import SensorRun
+from acromion.fusion.orientation import MethodName, estimate_vertical
+from acromion.fusion.sensor.model import SensorRun
 from tests.estimates import estimate_gyro_bias, smooth_vertical
 from tests.validation.broad import Estimator, Table
 

@@ -16,18 +16,18 @@ from pathlib import Path
 
 import numpy as np
 
+from acromion.fusion.conventions import NPOSE_ERROR_DEG
+from acromion.fusion.elevation import Elevation, ElevationSegment
+from acromion.fusion.exposure.resampling import FULL_AT_DEG
+from acromion.fusion.exposure.summary import LEAST_BIN_DEG, summarise_exposure
+from acromion.fusion.exposure.types import Exposure, Interval
+from acromion.fusion.pipeline import SOFT_TISSUE_SIGMA_DEG, Analysis, analyse
+from acromion.fusion.pose.rules import HELD_SIGMA_DEG
+from acromion.fusion.recording import Float64Array
 from benchmarks.validation.document import Section, draw_table
 from benchmarks.validation.stated import DATA, SCENARIOS, Subject, choose_settings, find_missing, wear_day
 from benchmarks.validation.stated import KINDS as DAYS
 from benchmarks.validation.worn import DEVICES, WornDay, name_devices
-from fusion.conventions import NPOSE_ERROR_DEG
-from fusion.elevation import Elevation, ElevationSegment
-from fusion.exposure.resampling import FULL_AT_DEG
-from fusion.exposure.summary import LEAST_BIN_DEG, summarise_exposure
-from fusion.exposure.types import Exposure, Interval
-from fusion.pipeline import SOFT_TISSUE_SIGMA_DEG, Analysis, analyse
-from fusion.pose.rules import HELD_SIGMA_DEG
-from fusion.recording import Float64Array
 
 KINDS = ("time above", "bins", "entries", "percentiles")
 GOAL_PERCENT = 90.0

@@ -21,9 +21,9 @@ from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
+from acromion.fusion.recording import STANDARD_GRAVITY, Float64Array
+from acromion.fusion.simulation.body import ArmState
 from benchmarks.validation.bvh import ArmMotion, read_bvh
-from fusion.recording import STANDARD_GRAVITY, Float64Array
-from fusion.simulation.body import ArmState
 
 Side = Literal["r", "l"]
 

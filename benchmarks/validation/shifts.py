@@ -7,16 +7,16 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from acromion.fusion.elevation import Elevation, ElevationSegment, estimate_elevation
+from acromion.fusion.exposure.bins import BIN_EDGES_DEG, CELLS_PER_DEG
+from acromion.fusion.exposure.summary import summarise_exposure
+from acromion.fusion.exposure.types import Exposure
+from acromion.fusion.pipeline import analyse
+from acromion.fusion.pose.calibrate import calibrate
+from acromion.fusion.simulation import simulate_shift
+from acromion.fusion.simulation.sensor import Device
 from benchmarks.validation.document import Goal, Section, draw_table, judge
 from benchmarks.validation.worn import DEVICES, NAMES, Worn, at_rows, find_rmse_deg, wear
-from fusion.elevation import Elevation, ElevationSegment, estimate_elevation
-from fusion.exposure.bins import BIN_EDGES_DEG, CELLS_PER_DEG
-from fusion.exposure.summary import summarise_exposure
-from fusion.exposure.types import Exposure
-from fusion.pipeline import analyse
-from fusion.pose.calibrate import calibrate
-from fusion.simulation import simulate_shift
-from fusion.simulation.sensor import Device
 
 COARSE_EDGES_DEG = (0, 30, 60, 90, 120, 150, 180)
 LIMITS_DEG: Mapping[Device, float] = {"gt9x": 0.40, "lsm9ds1": 0.50}

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from acromion.fusion.recording import Float64Array
 from benchmarks.validation.real_clips import (
     CLIP_HZ,
     Clip,
@@ -19,7 +20,6 @@ from benchmarks.validation.real_clips import (
     make_continuous,
     resample,
 )
-from fusion.recording import Float64Array
 
 LOW_DEG = 25.0
 """Below this elevation the plate's mean orientation defines the mounting: it counts as that of the arm."""

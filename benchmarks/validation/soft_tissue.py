@@ -17,6 +17,13 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from acromion.fusion.elevation import measure_elevation
+from acromion.fusion.pipeline import Analysis, analyse
+from acromion.fusion.pose.rules import HELD_SIGMA_DEG
+from acromion.fusion.recording import Float64Array
+from acromion.fusion.settings import AnalysisSettings
+from acromion.fusion.simulation.body import ArmState
+from acromion.fusion.simulation.sensor import Device
 from benchmarks.validation.document import Section, draw_table
 from benchmarks.validation.peers import QUICK
 from benchmarks.validation.pose_error import KINDS, Ranged, holds, read_turned
@@ -30,13 +37,6 @@ from benchmarks.validation.worn import (
     name_devices,
     record_motion,
 )
-from fusion.elevation import measure_elevation
-from fusion.pipeline import Analysis, analyse
-from fusion.pose.rules import HELD_SIGMA_DEG
-from fusion.recording import Float64Array
-from fusion.settings import AnalysisSettings
-from fusion.simulation.body import ArmState
-from fusion.simulation.sensor import Device
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "skin_motion"
 RATE_HZ, DAY_S, POSE_S, PAUSE_SHARE, SEEDS = 100.0, 1800.0, 10.0, 0.5, 3

@@ -13,13 +13,13 @@ from statistics import median
 import numpy as np
 import vqf
 
+from acromion.fusion.elevation import estimate_elevation
+from acromion.fusion.pose.calibrate import calibrate
+from acromion.fusion.recording import MICROSECONDS, Recording, Segment
+from acromion.fusion.simulation import simulate_shift
 from benchmarks.validation.document import Goal, Section, draw_table, judge
 from benchmarks.validation.peers import run_imufusion, run_madgwick, run_mahony, to_vqf
 from benchmarks.validation.worn import wear
-from fusion.elevation import estimate_elevation
-from fusion.pose.calibrate import calibrate
-from fusion.recording import MICROSECONDS, Recording, Segment
-from fusion.simulation import simulate_shift
 
 ROUNDS = 3
 HOURS = 8.0

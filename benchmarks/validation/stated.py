@@ -21,22 +21,22 @@ from typing import Literal
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from acromion.fusion.conventions import CalibrationState
+from acromion.fusion.elevation import Elevation, ElevationSegment
+from acromion.fusion.errors import FusionError
+from acromion.fusion.exposure.summary import summarise_exposure
+from acromion.fusion.exposure.types import Exposure
+from acromion.fusion.numerics import compute_angle_deg
+from acromion.fusion.pipeline import Analysis, analyse
+from acromion.fusion.quality import Verdict
+from acromion.fusion.recording import Float64Array
+from acromion.fusion.settings import AnalysisSettings
+from acromion.fusion.simulation.body import ArmState
+from acromion.fusion.simulation.sensor import Device
 from benchmarks.validation.document import Goal, Section, draw_table, judge
 from benchmarks.validation.real_clips import STRIDE_TURN_S, Clip, Track, compute_readings, load_library
 from benchmarks.validation.skin_clips import Strap, load_skin_library
 from benchmarks.validation.worn import DEVICES, WornDay, find_rmse_deg, name_devices, record_motion
-from fusion.conventions import CalibrationState
-from fusion.elevation import Elevation, ElevationSegment
-from fusion.errors import FusionError
-from fusion.exposure.summary import summarise_exposure
-from fusion.exposure.types import Exposure
-from fusion.numerics import compute_angle_deg
-from fusion.pipeline import Analysis, analyse
-from fusion.quality import Verdict
-from fusion.recording import Float64Array
-from fusion.settings import AnalysisSettings
-from fusion.simulation.body import ArmState
-from fusion.simulation.sensor import Device
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 Kind = Literal["skin", "seated", "walking", "carrying"]

@@ -6,22 +6,22 @@ from pathlib import Path
 import numpy as np
 from scipy.io import loadmat
 
-from benchmarks.validation.document import Goal, Section, draw_table, judge
-from benchmarks.validation.invariance import STANDARD_GRAVITY
-from benchmarks.validation.real_clips import Clip, compute_readings, load_clip
-from benchmarks.validation.skin_clips import load_skin_library
-from fusion.errors import FusionError
-from fusion.pose.calibrate import (
+from acromion.fusion.errors import FusionError
+from acromion.fusion.pose.calibrate import (
     TABLE_SWAY_DPS,
     find_still_stretches,
     measure_stretch,
     measure_window,
     reduce_recording,
 )
-from fusion.readers import read_recording
-from fusion.recording import Float64Array, Recording, Segment
-from fusion.sensor.self_calibration import calibrate_accelerometer
-from fusion.sensor.stillness import find_still_moments
+from acromion.fusion.readers import read_recording
+from acromion.fusion.recording import Float64Array, Recording, Segment
+from acromion.fusion.sensor.self_calibration import calibrate_accelerometer
+from acromion.fusion.sensor.stillness import find_still_moments
+from benchmarks.validation.document import Goal, Section, draw_table, judge
+from benchmarks.validation.invariance import STANDARD_GRAVITY
+from benchmarks.validation.real_clips import Clip, compute_readings, load_clip
+from benchmarks.validation.skin_clips import load_skin_library
 from tests.validation.broad import load_trials
 
 DESKS = ("gt9x/*.gt3x", "gt9x/*.csv", "other_layouts/xio_seconds*.csv")

@@ -5,16 +5,16 @@ from functools import cache
 
 import numpy as np
 
+from acromion.fusion.comparison.change import QUASI_STATIC, TABLE_1, TaskFigures
+from acromion.fusion.elevation import estimate_elevation
+from acromion.fusion.orientation import MethodName
+from acromion.fusion.pose.calibrate import calibrate
+from acromion.fusion.settings import AnalysisSettings
+from acromion.fusion.simulation.sensor import Device
 from benchmarks.validation.document import Goal, Section, draw_table, judge
 from benchmarks.validation.weights import PROSE as WEIGHTS_PROSE
 from benchmarks.validation.weights import draw_sweep
 from benchmarks.validation.worn import DEVICES, NAMES, Worn, at_rows, compare, find_rows, wear
-from fusion.comparison.change import QUASI_STATIC, TABLE_1, TaskFigures
-from fusion.elevation import estimate_elevation
-from fusion.orientation import MethodName
-from fusion.pose.calibrate import calibrate
-from fusion.settings import AnalysisSettings
-from fusion.simulation.sensor import Device
 from tests.simulated_tasks import TASKS, TITLES, simulate_session, simulate_task
 
 PEOPLE = (1, 2, 3, 4, 5)

@@ -4,15 +4,15 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from acromion.fusion.comparison.change import QUASI_STATIC, TABLE_1, TaskFigures
+from acromion.fusion.elevation import measure_elevation
+from acromion.fusion.orientation.published import PublishedParameters, estimate_published
+from acromion.fusion.pose.calibrate import calibrate
+from acromion.fusion.sensor.model import view_segment
+from acromion.fusion.settings import AnalysisSettings
+from acromion.fusion.simulation.sensor import Device
 from benchmarks.validation.document import draw_table
 from benchmarks.validation.worn import Worn, compare, find_rows
-from fusion.comparison.change import QUASI_STATIC, TABLE_1, TaskFigures
-from fusion.elevation import measure_elevation
-from fusion.orientation.published import PublishedParameters, estimate_published
-from fusion.pose.calibrate import calibrate
-from fusion.sensor.model import view_segment
-from fusion.settings import AnalysisSettings
-from fusion.simulation.sensor import Device
 from tests.simulated_tasks import TITLES
 
 TIME_CONSTANTS_S = (0.5, 1.0, 2.0, 5.0, 10.0)

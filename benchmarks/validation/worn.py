@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.comparison.change import TaskFigures
-from fusion.recording import MICROSECONDS, BoolArray, Float64Array, Recording, Segment
-from fusion.simulation import SimulatedShift
-from fusion.simulation.body import ArmState
-from fusion.simulation.sensor import PARTS, Device, Part, draw_errors, quantise, sense
-from fusion.simulation.shift import START
+from acromion.fusion.comparison.change import TaskFigures
+from acromion.fusion.recording import MICROSECONDS, BoolArray, Float64Array, Recording, Segment
+from acromion.fusion.simulation import SimulatedShift
+from acromion.fusion.simulation.body import ArmState
+from acromion.fusion.simulation.sensor import PARTS, Device, Part, draw_errors, quantise, sense
+from acromion.fusion.simulation.shift import START
 from tests.simulated_shifts import play_shift
 from tests.simulated_tasks import LOWERING_S
 

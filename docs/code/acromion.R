@@ -8,14 +8,11 @@
 #
 # Base R reads the tables; the API needs the packages httr2 and jsonlite.
 
-read_summary <- function(out) {
-  # Return one row for each recording. Subject codes stay text: "007" is not a number.
-  read.csv(file.path(out, "summary.csv"), colClasses = c(subject = "character"), na.strings = "", encoding = "UTF-8")
-}
-
-read_periods <- function(out) {
-  # Return one row for each hour and each period of the diary.
-  read.csv(file.path(out, "periods.csv"), colClasses = c(subject = "character"), na.strings = "", encoding = "UTF-8")
+read_table <- function(out, name = "summary") {
+  # Return a table: "summary", "days", "hours", "periods", "tasks", "postures", "marks" or "pairs". Subject codes stay
+  # text: "007" is not a number.
+  path <- file.path(out, paste0(name, ".csv"))
+  read.csv(path, colClasses = c(subject = "character"), na.strings = "", encoding = "UTF-8")
 }
 
 usable <- function(summary) {
@@ -44,7 +41,7 @@ analyse <- function(path, address, ..., secret = Sys.getenv("ACROMION_SECRET")) 
 tabulate_time_above <- function(results) {
   # Return time at or above 30, 60 and 90 degrees with the ends of the 95 % range (NA if there is none).
   rows <- lapply(results$exposure$time_above, function(row) {
-    ends <- if (is.null(row$interval)) list(low = NA, high = NA) else row$interval
+    ends <- lapply(row[c("low", "high")], function(end) if (is.null(end)) NA else end)
     data.frame(threshold_deg = row$threshold_deg, percent = row$percent, low = ends$low, high = ends$high)
   })
   do.call(rbind, rows)
@@ -52,8 +49,8 @@ tabulate_time_above <- function(results) {
 
 arguments <- commandArgs(trailingOnly = TRUE)
 if (length(arguments) >= 1) {
-  good <- usable(read_summary(arguments[1]))
+  good <- usable(read_table(arguments[1]))
   print(good[, c("subject", "analysed_s", "time_above_60_percent", "verdict")])
-  print(nrow(read_periods(arguments[1])))
+  print(nrow(read_table(arguments[1], "hours")))
 }
 if (length(arguments) == 3) print(tabulate_time_above(analyse(arguments[2], arguments[3], subject = "S014")))

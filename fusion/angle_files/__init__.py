@@ -7,17 +7,17 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import BinaryIO
 
-from fusion.angle_files import elevation_parquet, mvnx, tables
-from fusion.angle_files.angle_series import (
+from acromion.fusion.angle_files import elevation_parquet, mvnx, tables
+from acromion.fusion.angle_files.angle_series import (
     AngleFile,
     AngleFileOptions,
     calibrate_alone,
     calibrate_file,
     resample_file,
 )
-from fusion.errors import EmptyFile
-from fusion.readers import explain_refusal
-from fusion.readers.source import Source, open_source
+from acromion.fusion.errors import EmptyFile
+from acromion.fusion.readers import explain_refusal
+from acromion.fusion.readers.source import Source, open_source
 
 __all__ = [
     "AngleFile",
@@ -70,7 +70,7 @@ def read_angle_file(file: BinaryIO, file_name: str = "", options: AngleFileOptio
 
     Raises
     ------
-    fusion.errors.FusionError
+    acromion.fusion.errors.FusionError
         No angle can be read; code and facts say why.
     """
     source = open_source(file, file_name)

@@ -12,10 +12,10 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from pyarrow import csv
 
-from fusion.caveats import Caveat
-from fusion.conventions import NPOSE_ERROR_DEG
-from fusion.elevation import Elevation, ElevationSegment, measure_elevation
-from fusion.errors import (
+from acromion.fusion.caveats import Caveat
+from acromion.fusion.conventions import NPOSE_ERROR_DEG
+from acromion.fusion.elevation import Elevation, ElevationSegment, measure_elevation
+from acromion.fusion.errors import (
     EmptyFile,
     TooShort,
     UnknownAxis,
@@ -25,9 +25,17 @@ from fusion.errors import (
     UnusableTime,
     WrongAngle,
 )
-from fusion.readers.source import Source, hash_source
-from fusion.recording import MICROSECONDS, Float64Array, FloatArray, IntArray, QualityFlag, Recording, Segment
-from fusion.runs import find_runs
+from acromion.fusion.readers.source import Source, hash_source
+from acromion.fusion.recording import (
+    MICROSECONDS,
+    Float64Array,
+    FloatArray,
+    IntArray,
+    QualityFlag,
+    Recording,
+    Segment,
+)
+from acromion.fusion.runs import find_runs
 
 # An angle series: a CSV with the columns ``time_s`` and ``elevation_deg``; an empty cell is missing.
 #

@@ -2,7 +2,7 @@
 
 ``acromion.elevation/2`` contains integers: ``time_us`` from the first sample, ``elevation_cdeg`` (0.01 deg,
 so the rounding error is at most 0.005 deg; null if no angle was measured), ``valid`` and, in newer files,
-``analysed``. Version 1 contained ``time_s``, ``elevation_deg`` and ``valid``.
+``analysed`` and ``acceleration_cg``. Version 1 contained ``time_s``, ``elevation_deg`` and ``valid``.
 """
 
 from collections.abc import Sequence
@@ -17,18 +17,19 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from fusion.angle_files.angle_series import HOLE_PERIODS, AngleFile, AngleFileOptions
-from fusion.angle_files.tables import build_angle_file, check_times
-from fusion.elevation import Elevation, ElevationSegment
-from fusion.errors import UnknownColumns, UnreadableFile
-from fusion.readers import RecordingFile
-from fusion.readers.samples import check_rows
-from fusion.readers.source import Source, open_source
-from fusion.readers.tables.parquet import check_pages
-from fusion.recording import MICROSECONDS, BoolArray, Float64Array
+from acromion.fusion.angle_files.angle_series import HOLE_PERIODS, AngleFile, AngleFileOptions
+from acromion.fusion.angle_files.tables import build_angle_file, check_times
+from acromion.fusion.elevation import Elevation, ElevationSegment
+from acromion.fusion.errors import UnknownColumns, UnreadableFile
+from acromion.fusion.readers import RecordingFile
+from acromion.fusion.readers.samples import check_rows
+from acromion.fusion.readers.source import Source, open_source
+from acromion.fusion.readers.tables.parquet import check_pages
+from acromion.fusion.recording import MICROSECONDS, BoolArray, Float64Array
 
 SCHEMA = "acromion.elevation/2"
 STEPS_PER_DEG = 100
+ACCELERATION, STEPS_PER_G = "acceleration_cg", 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +111,7 @@ def read_elevation(file: RecordingFile) -> Elevation:
 
     Raises
     ------
-    fusion.errors.FusionError
+    acromion.fusion.errors.FusionError
         As :func:`read_rows`; times that do not increase.
     OSError
         The path cannot be opened.
@@ -140,7 +141,7 @@ def read_rows(file: RecordingFile) -> ElevationRows:
     Raises
     ------
     UnknownColumns, UnreadableFile
-    fusion.errors.UnsafeArchive, fusion.errors.TooLong
+    acromion.fusion.errors.UnsafeArchive, acromion.fusion.errors.TooLong
         The compressed data is larger than any angle series.
     OSError
         The path cannot be opened.

@@ -21,7 +21,7 @@ from xml.sax.handler import ContentHandler, feature_external_ges, feature_extern
 import numpy as np
 from defusedxml.common import DefusedXmlException
 
-from fusion.angle_files.angle_series import (
+from acromion.fusion.angle_files.angle_series import (
     AngleFile,
     AngleFileOptions,
     Up,
@@ -30,11 +30,11 @@ from fusion.angle_files.angle_series import (
     compute_up_from_row,
     measure_from_up,
 )
-from fusion.caveats import Caveat
-from fusion.errors import MissingSegment, RefusedXml, TooShort, UnknownRate
-from fusion.readers.samples import check_rows
-from fusion.readers.source import CHUNK_BYTES, Source
-from fusion.recording import Float64Array, QualityFlag
+from acromion.fusion.caveats import Caveat
+from acromion.fusion.errors import MissingSegment, RefusedXml, TooShort, UnknownRate
+from acromion.fusion.readers.samples import check_rows
+from acromion.fusion.readers.source import CHUNK_BYTES, Source
+from acromion.fusion.recording import Float64Array, QualityFlag
 
 MARK = b"<mvnx"
 DEFAULT_SIDE = "right"
@@ -63,7 +63,7 @@ def read(source: Source, options: AngleFileOptions) -> AngleFile:
     ------
     RefusedXml
         A document type, entities, cut off, not MVNX, or an element that no export contains.
-    fusion.errors.TooLong
+    acromion.fusion.errors.TooLong
     MissingSegment
         No upper arm of that side, or neither its orientation nor its position.
     UnknownRate

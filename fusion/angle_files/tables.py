@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 from pyarrow import csv
 
-from fusion.angle_files.angle_series import (
+from acromion.fusion.angle_files.angle_series import (
     AngleFile,
     AngleFileOptions,
     Up,
@@ -19,10 +19,17 @@ from fusion.angle_files.angle_series import (
     compute_up_from_quaternion,
     compute_up_from_row,
 )
-from fusion.errors import EmptyFile, MissingSegment, UnknownRate, UnreadableRows, UnusableTime, WrongAngle
-from fusion.readers.samples import check_rows
-from fusion.readers.source import Source, hash_source
-from fusion.recording import Float64Array
+from acromion.fusion.errors import (
+    EmptyFile,
+    MissingSegment,
+    UnknownRate,
+    UnreadableRows,
+    UnusableTime,
+    WrongAngle,
+)
+from acromion.fusion.readers.samples import check_rows
+from acromion.fusion.readers.source import Source, hash_source
+from acromion.fusion.recording import Float64Array
 
 MISSING = ["", "NaN", "nan", "NAN", "NA", "N/A", "null", "-"]
 DELIMITERS = ("\t", ";", ",", " ")
@@ -71,7 +78,7 @@ def read_columns(source: Source, layout: Layout, wanted: Sequence[str]) -> Mappi
         More than 5 % of the rows have too many or too few fields.
     EmptyFile
         A header without rows.
-    fusion.errors.TooLong
+    acromion.fusion.errors.TooLong
     """
     broken: list[int | None] = []
 

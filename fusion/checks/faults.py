@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.caveats import Caveat
-from fusion.checks.summary import BLOCK_ROWS, SensorSummary, measure_step, summarise
-from fusion.errors import DeadSensor, UnusableTime
-from fusion.numba_kernels import inner, kernel
-from fusion.recording import (
+from acromion.fusion.caveats import Caveat
+from acromion.fusion.checks.summary import BLOCK_ROWS, SensorSummary, measure_step, summarise
+from acromion.fusion.errors import DeadSensor, UnusableTime
+from acromion.fusion.numba_kernels import inner, kernel
+from acromion.fusion.recording import (
     LONGEST_BRIDGE_US,
     MICROSECONDS,
     Recording,
@@ -26,7 +26,7 @@ from fusion.recording import (
     flag_spans,
     join_overlapping,
 )
-from fusion.runs import find_runs
+from acromion.fusion.runs import find_runs
 
 Rows = NDArray[np.int64]
 """Ranges of rows, shape (m, 2): first row and first row after, in order."""
@@ -123,7 +123,9 @@ LEAST_PART, MOST_TIMES = 0.1, 3.0
 COARSE_STEPS = 5.0
 LOOKED_AT_ROWS = 10_000
 MOST_RUNS_SHARE, FREE_RUNS = 0.1, 100
-"""If more than one row in ten starts a gap, the file is not evenly sampled (see fusion.readers.time.grid)."""
+"""If more than one row in ten starts a gap, the file is not evenly sampled (see
+acromion.fusion.readers.time.grid).
+"""
 
 
 def leave_out_zeros(recording: Recording) -> Recording:

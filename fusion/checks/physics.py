@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.caveats import Caveat
-from fusion.checks.summary import (
+from acromion.fusion.caveats import Caveat
+from acromion.fusion.checks.summary import (
     LEAST_ACC_TOP_G,
     LEAST_GYR_TOP_DPS,
     RANGE_SHARE,
@@ -28,10 +28,17 @@ from fusion.checks.summary import (
     measure_rest_scale,
     summarise,
 )
-from fusion.clocks import read_clock
-from fusion.errors import ExchangedSensors, MixedColumns, NoGravity, TooShort, UnknownUnit, WrongScale
-from fusion.numba_kernels import inner, kernel
-from fusion.recording import (
+from acromion.fusion.clocks import read_clock
+from acromion.fusion.errors import (
+    ExchangedSensors,
+    MixedColumns,
+    NoGravity,
+    TooShort,
+    UnknownUnit,
+    WrongScale,
+)
+from acromion.fusion.numba_kernels import inner, kernel
+from acromion.fusion.recording import (
     DEG_PER_RAD,
     MICROSECONDS,
     STANDARD_GRAVITY,
@@ -120,7 +127,7 @@ def cut_windows(segments: Sequence[Segment]) -> GravityWindows:
             if float(np.abs(segment.gyr_dps[first : first + rows]).max()) < RANGE_SHARE * cut_off
         ]
     chosen = places[:: max(1, -(-len(places) // MOST_WINDOWS))]
-    # A channel that never changes is dead; :mod:`fusion.checks.faults` rejects it.
+    # A channel that never changes is dead; :mod:`acromion.fusion.checks.faults` rejects it.
     flat = np.array([_find_flat(*place) for place in chosen], np.bool_).reshape(-1, 6)
     is_stuck = np.asarray((flat & ~flat.all(axis=0)).any(axis=1))
     cut = [_cut_window(*place) for place, stuck in zip(chosen, is_stuck, strict=True) if not stuck]
@@ -339,7 +346,7 @@ CERTAIN_NATS, KNOWN_RATIO = 25.0, 0.75
 RIVAL_NATS = 4.0
 SCALES = (0.25, 0.5, 0.7, 1.4, 2.0, 4.0)
 SCALE_TOLERANCE, SCALE_ERRORS = 0.05, 6.0
-"""Sensors are up to 3 % off; the fusion estimates and corrects this (fusion.sensor)."""
+"""Sensors are up to 3 % off; the fusion estimates and corrects this (acromion.fusion.sensor)."""
 SLOW_DPS = 45.0
 """Windows up to this rate (root mean square) are used for the scale: at 0.3 m from the axis, the centripetal
 acceleration is then 0.02 g. In fast movement it imitates a scale: correct gyroscopes seemed to need factors

@@ -10,11 +10,11 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.caveats import Caveat
-from fusion.numba_kernels import kernel
-from fusion.numerics import weigh_cauchy
-from fusion.recording import Float64Array, QualityFlag, Recording, Segment
-from fusion.still_limits import MOMENT, POSE
+from acromion.fusion.caveats import Caveat
+from acromion.fusion.numba_kernels import kernel
+from acromion.fusion.numerics import weigh_cauchy
+from acromion.fusion.recording import Float64Array, QualityFlag, Recording, Segment
+from acromion.fusion.still_limits import MOMENT, POSE
 
 # Summary of the samples, sixty-four rows at a time: computed in one pass, used by every check of a sensor.
 #
@@ -371,10 +371,10 @@ def number_directions(unit: Float64Array, near_deg: float) -> NDArray[np.intp]:
 
 # Scale of the accelerometer: the length of gravity at rest, in all directions of the recording.
 #
-# The fusion corrects the usual few per cent of a sensor (:mod:`fusion.sensor.self_calibration`). A larger
-# factor, for example from a wrong sensitivity, makes its fit fail, or looks like an offset, which distorts
-# every angle. Only rests in many directions separate offset and factor: in a single direction both look the
-# same.
+# The fusion corrects the usual few per cent of a sensor (:mod:`acromion.fusion.sensor.self_calibration`). A
+# larger factor, for example from a wrong sensitivity, makes its fit fail, or looks like an offset, which
+# distorts every angle. Only rests in many directions separate offset and factor: in a single direction both
+# look the same.
 
 CELL_DEG, FEWEST_DIRECTIONS = 10.0, 6
 CELL_SD_G, REST_SD_G = 0.002, 0.004

@@ -8,8 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from fusion.angle_files import AngleFile, calibrate_file, resample_file
-from fusion.comparison.alignment import (
+from acromion.fusion.angle_files import AngleFile, calibrate_file, resample_file
+from acromion.fusion.comparison.alignment import (
     LEAST_R,
     Alignment,
     ClockSettings,
@@ -25,12 +25,12 @@ from fusion.comparison.alignment import (
     measure_path,
     pair,
 )
-from fusion.diary import TaskWindow
-from fusion.errors import NotAligned, NothingInCommon, UnknownAxis
-from fusion.exposure.summary import summarise_exposure
-from fusion.exposure.types import Exposure
-from fusion.pipeline import FusedRecording
-from fusion.recording import Float64Array, FloatArray, join_overlapping
+from acromion.fusion.diary import TaskWindow
+from acromion.fusion.errors import NotAligned, NothingInCommon, UnknownAxis
+from acromion.fusion.exposure.summary import summarise_exposure
+from acromion.fusion.exposure.types import Exposure
+from acromion.fusion.pipeline import FusedRecording
+from acromion.fusion.recording import Float64Array, FloatArray, join_overlapping
 
 # Agreement of two angles. ``ours`` and ``reference`` are always shape (n,), deg, at the same moments.
 #
@@ -243,7 +243,7 @@ def spread(values: Iterable[float]) -> Spread:
 class Side:
     """One measurement of the arm, in its own clock.
 
-    ``device``, ``sha256``, ``understood``: as in :class:`fusion.recording.Recording`.
+    ``device``, ``sha256``, ``understood``: as in :class:`acromion.fusion.recording.Recording`.
     ``duration_s``: from the first to the last row.
     ``runs``: the elevation, deg; empty until the arm axis is known.
     ``paths``: the path of the vertical, deg; empty if only angles are known.
@@ -408,7 +408,7 @@ def compare_sides(ours: Side, reference: AngleFile, settings: ComparisonSettings
 
     Raises
     ------
-    fusion.errors.UnusableComparison
+    acromion.fusion.errors.UnusableComparison
         The motions are not alike, or have no time in common.
     UnknownAxis
         An orientation in which the direction of the arm is not known.

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from scipy.signal import correlate
 from scipy.stats import theilslopes
 
-from fusion.elevation import Elevation, ElevationSegment
-from fusion.errors import NotAligned, NothingInCommon
-from fusion.numba_kernels import njit
-from fusion.numerics import weigh_huber
-from fusion.recording import MICROSECONDS, Float64Array, FloatArray
-from fusion.runs import find_runs
+from acromion.fusion.elevation import Elevation, ElevationSegment
+from acromion.fusion.errors import NotAligned, NothingInCommon
+from acromion.fusion.numba_kernels import njit
+from acromion.fusion.numerics import weigh_huber
+from acromion.fusion.recording import MICROSECONDS, Float64Array, FloatArray
+from acromion.fusion.runs import find_runs
 
 # The angle of one side as unbroken, even runs in its own clock.
 

@@ -10,13 +10,20 @@ from typing import Literal
 
 import numpy as np
 
-from fusion.elevation import Elevation
-from fusion.errors import TooShort
-from fusion.exposure.bins import CELLS, CELLS_PER_DEG, THRESHOLDS_DEG
-from fusion.exposure.metric_filter import MetricAngle, filter_elevation
-from fusion.exposure.resampling import DRAWS, Figures, draw_blocks, draw_errors, find_intervals, sum_below
-from fusion.exposure.types import LEAST_RANGED_S, Interval
-from fusion.recording import Float64Array, IntArray
+from acromion.fusion.elevation import Elevation
+from acromion.fusion.errors import TooShort
+from acromion.fusion.exposure.bins import CELLS, CELLS_PER_DEG, THRESHOLDS_DEG
+from acromion.fusion.exposure.metric_filter import MetricAngle, filter_elevation
+from acromion.fusion.exposure.resampling import (
+    DRAWS,
+    Figures,
+    draw_blocks,
+    draw_errors,
+    find_intervals,
+    sum_below,
+)
+from acromion.fusion.exposure.types import LEAST_RANGED_S, Interval
+from acromion.fusion.recording import Float64Array, IntArray
 
 BLOCK_S = 300.0
 PERCENTS = (10, 50, 90, 99)
@@ -73,7 +80,7 @@ class ArmShare:
     """One arm in the time in which both were valid."""
 
     percentiles_deg: dict[int, float]
-    percent_above: dict[int, float]
+    time_above_percent: dict[int, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,9 +99,7 @@ class PairedArms:
     ratio_above_60: float | None
     ratio_p50: float | None
     intervals: dict[str, Interval] = field(default_factory=dict)
-    """By name (:func:`fusion.comparison.arms.draw_pair`); empty if the error of an angle is unknown, and
-    under half an hour.
-    """
+    """By name (:func:`draw_pair`); empty if the error of an angle is unknown, and under half an hour."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,6 +121,7 @@ def pair_arms(
     right: Elevation,
     offset_s: float = 0.0,
     sigmas_deg: tuple[float, float] | None = None,
+    drift_ppm: float = 0.0,
 ) -> PairedArms:
     """Compare two arms.
 
@@ -123,10 +129,11 @@ def pair_arms(
     ``offset_s``: time of the right recording's first sample, seconds after the left's (negative: before).
     ``sigmas_deg``: standard deviation of the constant error of the left and of the right angle. Without it,
     or with less than half an hour, there are no ranges.
+    ``drift_ppm``: how much faster the clock of the right recording runs.
 
     Raises TooShort: there is no time in which both are valid.
     """
-    time_s, a, b = _share_grid(left, right, offset_s)
+    time_s, a, b = _share_grid(left, right, offset_s, drift_ppm)
     shared_s = len(a) / GRID_HZ
     both = 100.0 * float(np.mean((a >= 60.0) & (b >= 60.0)))
     left_share, right_share = _describe(a), _describe(b)
@@ -135,13 +142,15 @@ def pair_arms(
         left_share,
         right_share,
         both,
-        _divide(right_share.percent_above[60], left_share.percent_above[60]),
+        _divide(right_share.time_above_percent[60], left_share.time_above_percent[60]),
         _divide(right_share.percentiles_deg[50], left_share.percentiles_deg[50]),
         draw_pair(time_s, a, b, sigmas_deg) if sigmas_deg and shared_s >= LEAST_RANGED_S else {},
     )
 
 
-def relate_to_trunk(arm: Elevation, trunk: Elevation | None, offset_s: float = 0.0) -> TrunkRelative:
+def relate_to_trunk(
+    arm: Elevation, trunk: Elevation | None, offset_s: float = 0.0, drift_ppm: float = 0.0
+) -> TrunkRelative:
     """Return the arm's elevation minus the trunk's inclination; without a trunk sensor, only the limit.
 
     ``trunk`` is also an elevation: 0 upright, as calibrated standing.
@@ -150,18 +159,18 @@ def relate_to_trunk(arm: Elevation, trunk: Elevation | None, offset_s: float = 0
     """
     if trunk is None:
         return TrunkRelative("no trunk sensor")
-    _, a, b = _share_grid(arm, trunk, offset_s)
+    _, a, b = _share_grid(arm, trunk, offset_s, drift_ppm)
     return TrunkRelative("sagittal plane only", len(a) / GRID_HZ, _find_percentiles(a - b))
 
 
 def _share_grid(
-    first: Elevation, second: Elevation, offset_s: float
+    first: Elevation, second: Elevation, offset_s: float, drift_ppm: float
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
     """Return the points at which both are valid, on the first one's clock, and both angles, shapes (n,)."""
     runs, others = ([filter_elevation(s) for s in arm.segments if len(s)] for arm in (first, second))
     end_s = max((run.start_us / 1e6 + len(run) / run.rate_hz for run in runs), default=0.0)
     time_s = np.arange(int(end_s * GRID_HZ)) / GRID_HZ
-    a, b = _read_at(runs, time_s), _read_at(others, time_s - offset_s)
+    a, b = _read_at(runs, time_s), _read_at(others, (time_s - offset_s) * (1.0 + drift_ppm / 1e6))
     known = np.isfinite(a) & np.isfinite(b)
     if not known.any():
         raise TooShort(s=0.0)

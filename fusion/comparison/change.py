@@ -15,22 +15,19 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from fusion.clocks import measure_us
-from fusion.exposure.types import Exposure
-from fusion.recording import MICROSECONDS
+from acromion.fusion.clocks import measure_us
+from acromion.fusion.conventions import HOUR_S, WHOLE_DAY_S
+from acromion.fusion.exposure.types import Exposure
+from acromion.fusion.recording import MICROSECONDS
 
 # Published values as data: value, source, scope, and how well it is confirmed.
 #
-# ``fusion.conventions`` has the elevation classes of the standards. Unverified values are excluded:
+# ``acromion.fusion.conventions`` has the elevation classes of the standards. Unverified values are excluded:
 # :data:`NOT_SHIPPED` lists them with the reason. No value is turned into a score or into a person's risk.
 
 
 Status = Literal["proposal", "guidance", "context"]
 Reason = Literal["", "short", "poor", "not computed"]
-
-HOUR_S = 3600.0
-WHOLE_DAY_S = 4 * 3600.0
-"""Least analysed time for a comparison with a value for a whole working day (A15)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,14 +247,11 @@ def compare_days(before: ComparedDay, after: ComparedDay) -> DayComparison:
 
 
 def _list_figures(exposure: Exposure) -> dict[str, float]:
-    above = {f"time_above_{item.threshold_deg:g}_percent": item.percent for item in exposure.time_above}
-    percentiles = {f"elevation_p{p}_deg": exposure.percentiles_deg[p] for p in (10, 50, 90, 99)}
-    entries = {
-        f"entries_above_{item.threshold_deg:g}_per_h": item.per_hour
-        for item in exposure.entries
-        if item.per_hour is not None
-    }
-    return {**above, **percentiles, **entries}
+    figures = exposure.figures
+    above = (f"time_above_{item.threshold_deg:g}_percent" for item in exposure.time_above)
+    entries = (f"entries_above_{item.threshold_deg:g}_per_h" for item in exposure.entries)
+    named = (*above, *(f"elevation_p{p}_deg" for p in (10, 50, 90, 99)), *entries)
+    return {name: value for name in named if (value := figures[name]) is not None}
 
 
 def _find_differences(before: ComparedDay, after: ComparedDay) -> tuple[Difference, ...]:

@@ -3,19 +3,19 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from math import inf, sqrt
+from math import inf, isfinite, sqrt
 from typing import Literal
 
 import numpy as np
-from scipy.special import chdtri, stdtrit
+from scipy.special import chdtri, fdtri, stdtrit
 
-from fusion.clocks import list_zone_changes
-from fusion.comparison.change import find_detectable_change
-from fusion.elevation import Elevation
-from fusion.exposure.bins import CELLS, CELLS_PER_DEG, find_percentiles
-from fusion.exposure.metric_filter import filter_elevation
-from fusion.exposure.types import Interval
-from fusion.recording import MICROSECONDS, Float64Array
+from acromion.fusion.clocks import list_zone_changes
+from acromion.fusion.comparison.change import find_detectable_change
+from acromion.fusion.elevation import Elevation
+from acromion.fusion.exposure.bins import CELLS, CELLS_PER_DEG, find_percentiles
+from acromion.fusion.exposure.metric_filter import filter_elevation
+from acromion.fusion.exposure.types import Interval
+from acromion.fusion.recording import MICROSECONDS, Float64Array
 
 # Days overlaid by clock time, as the Ambulatory Glucose Profile overlays days of glucose.
 #
@@ -177,6 +177,7 @@ class GroupSpread:
     ``within_sd``: between the days of one person; None if nobody has two days.
     ``between_sd``: between people, without the variation of days; 0 if people differ no more than their days;
     None if ``within_sd`` is None.
+    ``within_range``, ``between_range``: the 95 % ranges of both deviations; None if unknown.
     """
 
     people: int
@@ -185,14 +186,18 @@ class GroupSpread:
     mean_range: Interval | None
     within_sd: float | None
     between_sd: float | None
+    within_range: Interval | None = None
+    between_range: Interval | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class GroupChange:
     """After minus before, of the people with days on both sides, each person once.
 
-    ``change_range``: 95 % range of the mean change, t with people - 1 degrees of freedom; None for one
-    person.
+    ``people``: their number.
+    ``before``, ``after``: means of the people's means.
+    ``change``: mean of the people's changes.
+    ``change_range``: its 95 % range, t with people - 1 degrees of freedom; None for one person.
     """
 
     people: int
@@ -213,12 +218,7 @@ def describe_days(values: Sequence[float], most: float = inf) -> DayMean:
     if n < 2:
         return DayMean(n, mean)
     sd = float(np.std(values, ddof=1))
-    sd_range = None
-    if sd > 0.0:
-        sd_range = Interval(
-            *(sd * sqrt((n - 1) / float(chdtri(n - 1, tail))) for tail in (_TAIL, 1.0 - _TAIL))
-        )
-    return DayMean(n, mean, sd, _find_mean_range(values, most), sd_range)
+    return DayMean(n, mean, sd, _find_mean_range(values, most), _find_deviation_range(sd, n - 1))
 
 
 def _find_mean_range(values: Sequence[float], most: float, least: float = 0.0) -> Interval | None:
@@ -305,22 +305,63 @@ def pool_deviation(sides: Sequence[Sequence[float]]) -> tuple[float, int] | None
 def describe_group(people: Mapping[str, Sequence[float]], most: float = inf) -> GroupSpread:
     """Split the variation of a group, given each person's days, into between and within people.
 
-    The mean is the mean of the people's means: each person counts once, however many days they have. No range
-    exceeds ``most``, the largest possible value.
+    The mean is the mean of the people's means: each person counts once, however many days they have. With a
+    people, N days, n days of a person, and the mean squares MSB and MSW between and within people, the
+    variances are MSW and (MSB - MSW) / n0, n0 = (N - sum of n squared / N) / (a - 1) (Searle, Casella and
+    McCulloch 1992, doi:10.1002/9780470316856). The range of the first is SSW / chi square. The ends of the
+    second are (a - 1) (S2 - F MSW) / (h chi square), with the harmonic mean h of n and S2 = h times the
+    variance of the people's means (Williams 1962, Biometrika 49:278; for unequal n approximate: Thomas and
+    Hultquist 1978, doi:10.1214/aos/1176344202). Days of one person are treated as independent, and the figure
+    as normal.
 
-    Raises ValueError: there is no day.
+    Parameters
+    ----------
+    people
+        The values of each person's days, by the code of the person (:func:`acromion.list_days`).
+    most
+        The largest possible value, such as 100 for a share; no range exceeds it.
+
+    Returns
+    -------
+    GroupSpread
+        The mean and the deviations, each with its range.
+
+    Raises
+    ------
+    ValueError
+        There is no day, or a value is missing or infinite.
     """
+    _check_finite(people)
     series = [values for values in people.values() if values]
     if not series:
         raise ValueError("no days")
     means = [float(np.mean(values)) for values in series]
     days = sum(map(len, series))
     pooled = pool_deviation(series)
-    within_sd = pooled[0] if pooled else None
-    between_sd = _find_between(series, within_sd) if within_sd is not None else None
+    mean, mean_range = float(np.mean(means)), _find_mean_range(means, most)
+    if pooled is None:
+        return GroupSpread(len(series), days, mean, mean_range, None, None)
+    within_sd, freedom = pooled
     return GroupSpread(
-        len(series), days, float(np.mean(means)), _find_mean_range(means, most), within_sd, between_sd
+        len(series),
+        days,
+        mean,
+        mean_range,
+        within_sd,
+        _find_between(series, within_sd),
+        _find_deviation_range(within_sd, freedom),
+        _find_between_range(series, within_sd, freedom),
     )
+
+
+def _check_finite(people: Mapping[str, Sequence[float]], name: str = "people") -> None:
+    """Raise ValueError that names the person with a value that is missing or infinite."""
+    for person, values in people.items():
+        wrong = [value for value in values if not isfinite(value)]
+        if wrong:
+            raise ValueError(
+                f"{name}: {person} has a day with the value {wrong[0]}; omit days without a figure"
+            )
 
 
 def _find_between(series: Sequence[Sequence[float]], within_sd: float) -> float | None:
@@ -334,10 +375,129 @@ def _find_between(series: Sequence[Sequence[float]], within_sd: float) -> float 
     return sqrt(max((squares / (people - 1) - within_sd**2) / typical, 0.0))
 
 
+def _find_deviation_range(sd: float, freedom: int) -> Interval | None:
+    """Return the range of a deviation by chi square; None if it is 0."""
+    if sd <= 0.0:
+        return None
+    low, high = (sd * sqrt(freedom / float(chdtri(freedom, tail))) for tail in (_TAIL, 1.0 - _TAIL))
+    return Interval(low, high)
+
+
+def _find_between_range(series: Sequence[Sequence[float]], within_sd: float, freedom: int) -> Interval | None:
+    """Return the range of the deviation between people by the formula of :func:`describe_group`.
+
+    None if the means differ so little that both ends are 0: the model does not fit.
+    """
+    others = len(series) - 1
+    if others < 1:
+        return None
+    typical = len(series) / sum(1.0 / len(values) for values in series)
+    mean_square = typical * float(np.var([float(np.mean(values)) for values in series], ddof=1))
+    low, high = (
+        sqrt(
+            max(mean_square - float(fdtri(others, freedom, 1.0 - tail)) * within_sd**2, 0.0)
+            * others
+            / (typical * float(chdtri(others, tail)))
+        )
+        for tail in (_TAIL, 1.0 - _TAIL)
+    )
+    return Interval(low, high) if high > 0.0 else None
+
+
+@dataclass(frozen=True, slots=True)
+class Design:
+    """A plan of measurements.
+
+    ``people``: number of people.
+    ``days``: days of each person.
+    ``margin``: expected half width of the 95 % range of the mean, in the figure's own unit.
+    """
+
+    people: int
+    days: int
+    margin: float
+
+
+def find_designs(
+    within_sd: float,
+    between_sd: float,
+    margin: float,
+    days: Sequence[int] = DAYS,
+    of: Literal["mean", "change"] = "mean",
+) -> tuple[Design, ...]:
+    """Return the fewest people for each number of days whose mean is within a margin.
+
+    The half width is t(people - 1) sqrt(V / people). V, the variance of one person's value, is
+    between_sd**2 + within_sd**2 / days for a mean (Mathiassen, Möller and Forsman 2003,
+    doi:10.1080/0014013031000090125), and 2 within_sd**2 / days for the change of people who are measured on
+    ``days`` days before it and after it, because a person's own level cancels.
+
+    Parameters
+    ----------
+    within_sd, between_sd
+        Deviations between the days of one person, and between people, of a pilot study
+        (:func:`acromion.describe_group`). ``between_sd`` is not used for a change.
+    margin
+        Wanted half width of the 95 % range, in the unit of the deviations.
+    days
+        Days of each person to compare.
+    of
+        "mean" of a group, or "change" of the same people.
+
+    Returns
+    -------
+    tuple of Design
+        One for each number of days. A pilot's deviations are uncertain: also try the ends of their ranges.
+
+    Raises
+    ------
+    ValueError
+        A deviation is negative, the margin is not positive, one of them is missing or infinite, there is no
+        number of days, or one is less than 1.
+    """
+    for name, sd in (("within_sd", within_sd), ("between_sd", between_sd)):
+        if not (isfinite(sd) and sd >= 0.0):
+            raise ValueError(f"{name}: {sd}; allowed: a number of 0 or more")
+    if not (isfinite(margin) and margin > 0.0):
+        raise ValueError(f"margin: {margin}; allowed: a number above 0")
+    if of not in ("mean", "change"):
+        raise ValueError(f"of: {of}; allowed: mean, change")
+    if not days or any(not isfinite(number) or number < 1 or number % 1 for number in days):
+        raise ValueError(f"days: {days}; allowed: whole numbers of 1 or more")
+    designs = []
+    for number in days:
+        variance = 2 * within_sd**2 / number if of == "change" else between_sd**2 + within_sd**2 / number
+        people = max(int(1.96**2 * variance / margin**2), 2)
+        while (half := float(stdtrit(people - 1, 1.0 - _TAIL)) * sqrt(variance / people)) > margin:
+            people += 1
+        designs.append(Design(people, number, half))
+    return tuple(designs)
+
+
 def compare_people(
     before: Mapping[str, Sequence[float]], after: Mapping[str, Sequence[float]]
 ) -> GroupChange | None:
-    """Compare two sides of a group, each person with themselves; None if nobody has days on both."""
+    """Compare two sides of a group, each person with themselves: the person is the unit, not the recording.
+
+    A paired t test of the people's means (Student 1908, doi:10.1093/biomet/6.1.1).
+
+    Parameters
+    ----------
+    before, after
+        The values of each person's days, by the code of the person (:func:`acromion.list_days`).
+
+    Returns
+    -------
+    GroupChange or None
+        The mean change of the people with days on both sides; None if nobody has.
+
+    Raises
+    ------
+    ValueError
+        A value is missing or infinite.
+    """
+    _check_finite(before, "before")
+    _check_finite(after, "after")
     both = [name for name, values in before.items() if values and after.get(name)]
     if not both:
         return None

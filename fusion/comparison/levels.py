@@ -10,19 +10,18 @@ from dataclasses import dataclass
 from math import hypot
 from typing import Literal
 
-from fusion.comparison.change import (
+from acromion.fusion.comparison.change import (
     BETWEEN_DAY_SD,
     REFERENCES,
-    WHOLE_DAY_S,
     Reason,
     Reference,
     find_left_out_reason,
     find_measured,
 )
-from fusion.conventions import MAIN_THRESHOLD_DEG, CalibrationState
-from fusion.exposure.types import Exposure, Interval
-from fusion.quality import TimeAccount, Verdict
-from fusion.recording import MICROSECONDS, Span
+from acromion.fusion.conventions import MAIN_THRESHOLD_DEG, WHOLE_DAY_S, CalibrationState
+from acromion.fusion.exposure.types import Exposure, Interval
+from acromion.fusion.quality import TimeAccount, Verdict
+from acromion.fusion.recording import MICROSECONDS, Span
 
 Standing = Literal["below", "above", "cannot tell"]
 Extent = Literal["short", "part", "day", "unknown"]

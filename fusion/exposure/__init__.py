@@ -1,5 +1,5 @@
 """Compute how much the arm was raised: time in bins, percentiles, repetitions, episodes, peaks, speeds.
 
-:mod:`fusion.exposure.types` defines the figures as values and does not load the compiler, so a report can be
-written without it.
+:mod:`acromion.fusion.exposure.types` defines the figures as values and does not load the compiler, so a
+report can be written without it.
 """

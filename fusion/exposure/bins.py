@@ -11,12 +11,12 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.conventions import Convention
-from fusion.exposure.metric_filter import MetricAngle
-from fusion.exposure.types import ElevationBin, TimeAbove
-from fusion.numba_kernels import kernel, kernel_making_arrays
-from fusion.recording import MICROSECONDS, Float64Array, IntArray
-from fusion.runs import add_time, find_first_rows, find_parts, find_touched_parts
+from acromion.fusion.conventions import Convention
+from acromion.fusion.exposure.metric_filter import MetricAngle
+from acromion.fusion.exposure.types import ElevationBin, TimeAbove
+from acromion.fusion.numba_kernels import kernel, kernel_making_arrays
+from acromion.fusion.recording import MICROSECONDS, Float64Array, IntArray
+from acromion.fusion.runs import add_time, find_first_rows, find_parts, find_touched_parts
 
 BIN_EDGES_DEG = (0, 20, 30, 45, 60, 80, 90, 120, 150, 180)
 THRESHOLDS_DEG = (30, 60, 90)

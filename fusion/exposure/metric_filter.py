@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.elevation import ElevationSegment
-from fusion.numba_kernels import inner, kernel, kernel_making_arrays
-from fusion.recording import LONGEST_BRIDGE_US, BoolArray, Float64Array
-from fusion.runs import find_runs
+from acromion.fusion.elevation import ElevationSegment
+from acromion.fusion.numba_kernels import inner, kernel, kernel_making_arrays
+from acromion.fusion.recording import LONGEST_BRIDGE_US, BoolArray, Float64Array
+from acromion.fusion.runs import find_runs
 
 CORNER_HZ = 5.0
 PADDING_ROWS = 9  # sosfiltfilt's default for one second-order section: three times its three taps

@@ -7,21 +7,22 @@ from math import ceil
 
 import numpy as np
 
-from fusion.clocks import read_clock
-from fusion.exposure.bins import (
+from acromion.fusion.clocks import is_repeated, read_clock
+from acromion.fusion.diary import POSTURES
+from acromion.fusion.exposure.bins import (
     AnyArray,
     PartHistograms,
     find_percentile_cells,
     find_percentiles,
     summarise_time_above,
 )
-from fusion.exposure.metric_filter import MetricAngle
-from fusion.exposure.periods import Mark, Period, Piece
-from fusion.exposure.resampling import Figures, Resampling
-from fusion.exposure.types import MinuteProfile, PartExposure, PeakWindow
-from fusion.numba_kernels import kernel
-from fusion.recording import MICROSECONDS, Float64Array, IntArray
-from fusion.runs import EvenRun, find_end_us, find_part_rows
+from acromion.fusion.exposure.metric_filter import MetricAngle
+from acromion.fusion.exposure.periods import Mark, Period, Piece
+from acromion.fusion.exposure.resampling import Figures, Resampling
+from acromion.fusion.exposure.types import MinuteProfile, PartExposure, PeakWindow
+from acromion.fusion.numba_kernels import kernel
+from acromion.fusion.recording import MICROSECONDS, Float64Array, IntArray
+from acromion.fusion.runs import EvenRun, find_end_us, find_part_rows
 
 # The figures of the parts of the day: minutes, clock hours, periods of the diary.
 
@@ -47,19 +48,20 @@ def split_hours(start: datetime | None, duration_us: int) -> DayParts:
     """Split the recording at the full hours of its clock, or every hour if it has no clock.
 
     A start with a time zone follows its zone over clock changes (an hour may occur twice or not at all); a
-    device clock without a zone does not change. Labels are "2027-03-14T22:00", or "+01:00" from the first
-    sample.
+    device clock without a zone does not change. Labels are "2027-03-14T22:00", with the offset from UTC if
+    the zone has that hour twice ("2026-10-25T02:00+02:00"), or "+01:00" from the first sample.
     """
     into_us = 0 if start is None else (start.minute * 60 + start.second) * MICROSECONDS + start.microsecond
     full_us = np.arange(HOUR_US - into_us, duration_us, HOUR_US, dtype=np.int64)
     edges_us = np.concatenate([[0], full_us, [duration_us]])
-    labels = (
-        f"+{edge_us // HOUR_US:02d}:00"
-        if start is None
-        else read_clock(start, edge_us).strftime("%Y-%m-%dT%H:00")
-        for edge_us in edges_us[:-1].tolist()
-    )
-    return DayParts(edges_us, tuple(labels))
+
+    def label(edge_us: int) -> str:
+        if start is None:
+            return f"+{edge_us // HOUR_US:02d}:00"
+        shown = read_clock(start, edge_us)
+        return f"{shown:%Y-%m-%dT%H:00}" + (shown.isoformat()[-6:] if is_repeated(shown) else "")
+
+    return DayParts(edges_us, tuple(map(label, edges_us[:-1].tolist())))
 
 
 def profile_minutes(minutes: PartHistograms) -> MinuteProfile:
@@ -111,11 +113,12 @@ Group = tuple[int, ...]
 
 @dataclass(frozen=True, slots=True)
 class DayDivision:
-    """The diary's periods, the pieces of the whole recording that belong to each, and its marks."""
+    """The diary's periods, the pieces of the whole recording that belong to each, its marks and postures."""
 
     periods: tuple[Period, ...] = ()
     pieces: tuple[Piece, ...] = ()
     marks: tuple[Mark, ...] = ()
+    postures: tuple[Period, ...] = ()
 
     def list_edges(self) -> IntArray:
         """Return the edges of the pieces, shape (p + 1,); empty without a diary."""
@@ -126,6 +129,18 @@ class DayDivision:
         """Return the 15 minutes before each mark, within the recording: microseconds, shape (m, 2)."""
         ends_us = np.array([mark.time_us for mark in self.marks], np.int64)
         return np.stack([np.maximum(ends_us - BEFORE_MARK_US, 0), ends_us], axis=1)
+
+    def list_posture_edges(self) -> IntArray:
+        """Return where the posture may change, in any order."""
+        return np.array([edge for p in self.postures for edge in (p.start_us, p.end_us)], np.int64)
+
+    def find_postures(self, begins_us: IntArray) -> IntArray:
+        """Return the place in :data:`acromion.fusion.diary.POSTURES` at sorted times; -1: not stated."""
+        found = np.full(len(begins_us), -1, np.int64)
+        for period in self.postures:
+            first, stop = np.searchsorted(begins_us, (period.start_us, period.end_us))
+            found[first:stop] = POSTURES.index(period.kind)
+        return found
 
     def group_by_row(self) -> tuple[Group, ...]:
         """Return the pieces of each row, in the order of the diary, then the pieces without a row.
@@ -201,8 +216,8 @@ def summarise_group(
         recorded_s=sum(piece.end_us - piece.start_us for piece in pieces) / MICROSECONDS,
         reason=pieces[0].reason,
         periods=len({piece.period for piece in pieces}),
-        longest_above_60_s=(float(longest_s[chosen].max()) or None) if part.analysed_s else None,
-        neutral_slow_percent=(
+        episodes_above_60_longest_s=(float(longest_s[chosen].max()) or None) if part.analysed_s else None,
+        recovery_neutral_slow_percent=(
             100.0 * float(rest_s[chosen].sum()) / part.analysed_s if part.analysed_s else None
         ),
     )

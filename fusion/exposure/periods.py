@@ -12,17 +12,24 @@ from dataclasses import dataclass, replace
 from datetime import datetime, time, timedelta
 from itertools import pairwise
 
-from fusion.caveats import Caveat
-from fusion.clocks import find_instants, measure_us
-from fusion.diary import KINDS, DiaryEntry, Kind, parse_clock, refuse_slips
-from fusion.errors import UnusableDiary, split_facts
-from fusion.recording import MICROSECONDS, QualityFlag, Span, flag_stretches
+from acromion.fusion.caveats import Caveat
+from acromion.fusion.clocks import find_instants, measure_us
+from acromion.fusion.diary import (
+    KINDS,
+    NAMED,
+    POSTURES,
+    WORDS,
+    DiaryEntry,
+    Kind,
+    parse_clock,
+    plain_word,
+    refuse_slips,
+)
+from acromion.fusion.errors import UnusableDiary, UnusablePostures, split_facts
+from acromion.fusion.recording import MICROSECONDS, QualityFlag, Span, flag_stretches
 
 REASONS: dict[str, str] = {"break": "break", "outside": "outside", "not_worn": "not-worn"}
 """Kinds that are excluded from the denominator, and the reason for each."""
-
-NAMED = ("task", "seated", "supported")
-"""Kinds whose time is counted under a separate name."""
 
 OVERLAP_US = MICROSECONDS
 """Two rows of one kind may overlap by up to a second, because times are rounded; the later row wins."""
@@ -39,6 +46,12 @@ class Period:
     reason: str = ""
     """Why its time is excluded; empty if it is analysed."""
     line: int = 0
+
+    @property
+    def is_posture_only(self) -> bool:
+        """Whether it states a posture and no task: seated or upright time with a label is also a task."""
+        is_named = self.label and WORDS.get(plain_word(self.label)) != self.kind
+        return self.kind == "posture" or (self.kind in POSTURES and not (is_named or self.reason))
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +73,15 @@ class Placed:
     flags: tuple[QualityFlag, ...] = ()
     shift_us: int | None = None
     marks: tuple[Mark, ...] = ()
+    measured: tuple[Period, ...] = ()
+    """Rows that state a posture and no task; they divide only the figures by posture."""
+
+    @property
+    def postures(self) -> tuple[Period, ...]:
+        """Every stretch with a posture as its kind; of two that overlap, the later in the list applies."""
+        stated = (period for period in (*self.periods, *self.measured) if period.kind in POSTURES)
+        named = (replace(p, kind=kind) for p in self.measured for kind in POSTURES if kind == p.label)
+        return *sorted(stated, key=lambda period: POSTURES.index(period.kind)), *named
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +113,7 @@ def place_diary(entries: Sequence[DiaryEntry], start: datetime | None, duration_
         try:
             bounds_us = _bound(entry, following, start, duration_us)
         except UnusableDiary as error:
-            row_errors.append(error)
+            row_errors.append(UnusablePostures(**error.facts) if entry.kind == "posture" else error)
         else:
             whole.append((entry, Period(*bounds_us, entry.kind, entry.label, reason, entry.line)))
             is_here = bounds_us[0] < duration_us and bounds_us[1] > 0
@@ -110,19 +132,25 @@ def place_diary(entries: Sequence[DiaryEntry], start: datetime | None, duration_
     outside = [entry for entry, period in whole if period.start_us >= duration_us or period.end_us <= 0]
     outside += (entry for entry, mark in marks if not 0 <= mark.time_us <= duration_us)
     shown = tuple(mark for _, mark in marks if 0 <= mark.time_us <= duration_us)
+    has_posture = any(period.kind == "posture" for period in inside)
+    if has_posture:  # a sensor on the thigh is often worn for longer
+        outside = [entry for entry in outside if entry.kind != "posture"]
     unused = [entry for entry in outside if not _is_of_other_day(entry, start, duration_us)]
-    if unused and not inside and not shown:
-        raise UnusableDiary(
-            line=unused[0].line, why="outside recording", cure="clock", value=_format_times(unused[0])
-        )
+    is_elsewhere = not has_posture and any(entry.kind == "posture" for entry in unused)
+    if unused and ((not inside and not shown) or is_elsewhere):
+        first = next(entry for entry in unused if entry.kind == "posture" or not is_elsewhere)
+        kind = UnusablePostures if first.kind == "posture" else UnusableDiary
+        raise kind(line=first.line, why="outside recording", cure="clock", value=_format_times(first))
     _refuse_overlap(inside)
-    cut = tuple(
+    every = tuple(
         replace(period, start_us=max(period.start_us, 0), end_us=min(period.end_us, duration_us))
         for period in inside
     )
+    measured = tuple(period for period in every if period.is_posture_only)
+    cut = tuple(period for period in every if not period.is_posture_only)
     count = len(unused if inside or shown else outside)
     left_aside = (QualityFlag(Caveat.DIARY, count),) if count else ()
-    return Placed(cut, (*left_aside, *_flag_overlaps(cut)), sum(shifts_us) or None, shown)
+    return Placed(cut, (*left_aside, *_flag_overlaps(cut)), sum(shifts_us) or None, shown, measured)
 
 
 def _is_of_other_day(entry: DiaryEntry, start: datetime | None, duration_us: int) -> bool:
@@ -135,14 +163,15 @@ def _is_of_other_day(entry: DiaryEntry, start: datetime | None, duration_us: int
 
 LOCAL_MOMENT = re.compile(r"\d{4}-\d{2}-\d{2}T[0-9:.]+")
 """A date and a clock time, without an offset from UTC."""
+CLOCK_TIME = re.compile(r"\d{2}:\d{2}:\d{2}(?:\.\d+)?")
 LONGEST_US = 366 * 86_400 * MICROSECONDS
 
 
 def check_diary(entries: Sequence[DiaryEntry]) -> None:
-    """Compare the rows with one another before a recording is read, if their times need no recording.
+    """Compare the rows with one another before a recording is read.
 
-    These are rows in seconds, and rows with dates. Raises UnusableDiary with every row that ends before it
-    starts or overlaps another of its kind.
+    Raises UnusableDiary with every row that overlaps another of its kind. A row in seconds or with dates is
+    also refused if it ends before it starts; a clock time without a date may be on the next day.
     """
     row_errors: list[UnusableDiary] = []
     for file in dict.fromkeys(entry.file for entry in entries):
@@ -155,7 +184,31 @@ def check_diary(entries: Sequence[DiaryEntry]) -> None:
                 place_diary(rows, start, LONGEST_US)
             except UnusableDiary as error:
                 row_errors += (UnusableDiary(**facts) for facts in split_facts(error.facts))
+        try:
+            _refuse_overlap(_place_on_one_day(own))
+        except UnusableDiary as error:
+            row_errors += (UnusableDiary(**facts) for facts in split_facts(error.facts))
     refuse_slips(row_errors)
+
+
+def _place_on_one_day(entries: Sequence[DiaryEntry]) -> list[Period]:
+    """Place the rows with bare clock times on one day; a row over midnight is placed twice."""
+    day_us, periods = 86_400 * MICROSECONDS, list[Period]()
+    for entry in entries:
+        clocks = (str(entry.start), str(entry.end))
+        if all(CLOCK_TIME.fullmatch(clock) for clock in clocks):
+            start_us, end_us = map(_measure_clock_us, clocks)
+            is_over_midnight = end_us < start_us
+            for moved_us in (0, -day_us) if is_over_midnight else (0,):
+                bounds_us = start_us + moved_us, end_us + moved_us + day_us * is_over_midnight
+                periods.append(Period(*bounds_us, entry.kind, entry.label, "", entry.line))
+    return periods
+
+
+def _measure_clock_us(clock: str) -> int:
+    """Return a clock time in microseconds since midnight."""
+    shown = time.fromisoformat(clock)
+    return ((shown.hour * 60 + shown.minute) * 60 + shown.second) * MICROSECONDS + shown.microsecond
 
 
 def find_diary_poses(
@@ -205,9 +258,13 @@ def _intersect(away: Sequence[Period], named: Sequence[Period]) -> Iterator[tupl
 
 
 def pair_with_next(entries: Sequence[DiaryEntry]) -> Iterator[tuple[DiaryEntry, DiaryEntry | None]]:
-    """Yield each row with the next one, at which it ends if it states no end; marks end nothing."""
-    entries = [entry for entry in entries if entry.kind != "mark"]
-    return zip(entries, [*entries[1:], None], strict=False)
+    """Yield each row with the next one, at which it ends if it states no end; marks end nothing.
+
+    Rows of the kind "posture" follow one another only.
+    """
+    for is_posture in (False, True):
+        own = [e for e in entries if e.kind != "mark" and (e.kind == "posture") is is_posture]
+        yield from zip(own, [*own[1:], None], strict=False)
 
 
 def _bound(
@@ -283,10 +340,10 @@ def _list_places(start: datetime, moment: datetime) -> list[int]:
 
 
 def _refuse_overlap(periods: Sequence[Period]) -> None:
-    """Raise UnusableDiary if two rows of one kind overlap."""
+    """Raise UnusableDiary if two rows of one kind overlap, or two rows with a posture as their kind."""
     row_errors = []
-    for kind in KINDS:
-        same = sorted((period for period in periods if period.kind == kind), key=lambda p: p.start_us)
+    for kinds in (*((kind,) for kind in KINDS if kind not in POSTURES), POSTURES):
+        same = sorted((period for period in periods if period.kind in kinds), key=lambda p: p.start_us)
         row_errors += [
             UnusableDiary(
                 line=after.line, why="overlap", cure="overlap", other=before.line, value=after.label

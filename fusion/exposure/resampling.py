@@ -16,11 +16,11 @@ from statistics import NormalDist
 
 import numpy as np
 
-from fusion.conventions import NPOSE_ERROR_DEG
-from fusion.exposure.bins import CELLS_PER_DEG, AnyArray
-from fusion.exposure.types import Interval
-from fusion.numba_kernels import inner, kernel
-from fusion.recording import BoolArray, Float64Array
+from acromion.fusion.conventions import NPOSE_ERROR_DEG
+from acromion.fusion.exposure.bins import CELLS_PER_DEG, AnyArray
+from acromion.fusion.exposure.types import Interval
+from acromion.fusion.numba_kernels import inner, kernel
+from acromion.fusion.recording import BoolArray, Float64Array
 
 DRAWS = 200
 SEED = 0

@@ -6,14 +6,14 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.elevation import ElevationSegment, Vertical
-from fusion.exposure.bins import find_percentile_cells
-from fusion.exposure.metric_filter import MetricAngle, filter_rows
-from fusion.exposure.resampling import Figures, Resampling, scale_draws
-from fusion.exposure.types import Cycles, Frequency, Velocity
-from fusion.numba_kernels import inner, kernel, kernel_making_arrays
-from fusion.recording import MICROSECONDS, BoolArray, Float64Array, IntArray, Segment
-from fusion.runs import EvenRun, find_part, find_part_rows, find_parts, find_runs
+from acromion.fusion.elevation import ElevationSegment, Vertical
+from acromion.fusion.exposure.bins import find_percentile_cells
+from acromion.fusion.exposure.metric_filter import MetricAngle, filter_rows
+from acromion.fusion.exposure.resampling import Figures, Resampling, scale_draws
+from acromion.fusion.exposure.types import Cycles, Frequency, Velocity
+from acromion.fusion.numba_kernels import inner, kernel, kernel_making_arrays
+from acromion.fusion.recording import MICROSECONDS, BoolArray, Float64Array, IntArray, Segment
+from acromion.fusion.runs import EvenRun, find_part, find_part_rows, find_parts, find_runs
 
 # Four speeds of the upper arm, deg/s. They are not interchangeable.
 #
@@ -96,11 +96,13 @@ class FrequencyTally:
     def draw(self, frequency: Frequency, draws: Resampling, block_s: Float64Array) -> Figures:
         """Draw the figures with the sampling of the day only: a constant error does not change a speed."""
         found: Figures = {}
-        if frequency.mean_power_hz is not None:
+        if frequency.inclination_velocity_mpf_hz is not None:
             drawn = draws.sum(self.moments)
             drawn_hz = drawn[:, 0] / np.where(drawn[:, 1] > 0, drawn[:, 1], np.nan)
             coarse_hz = divide_moments(self.moments) or 0.0
-            found["inclination_velocity_mpf_hz"] = scale_draws(frequency.mean_power_hz, drawn_hz, coarse_hz)
+            found["inclination_velocity_mpf_hz"] = scale_draws(
+                frequency.inclination_velocity_mpf_hz, drawn_hz, coarse_hz
+            )
         drawn_per_h = draws.sum(self.crossings) * 3600.0 / draws.sum(block_s)
         return {**found, "inclination_velocity_zero_crossings_per_h": drawn_per_h}
 

@@ -6,8 +6,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.conventions import MAIN_THRESHOLD_DEG
-from fusion.exposure.bins import (
+from acromion.fusion.conventions import MAIN_THRESHOLD_DEG
+from acromion.fusion.exposure.bins import (
     BLOCK_MINUTES,
     THRESHOLDS_DEG,
     PartHistograms,
@@ -15,12 +15,12 @@ from fusion.exposure.bins import (
     find_percentile_cells,
     sum_groups,
 )
-from fusion.exposure.metric_filter import MetricAngle
-from fusion.exposure.resampling import GROWTH, Figures, Resampling, lower_thresholds, scale_draws
-from fusion.exposure.types import Entries, Episodes, Eva, EvaSummary, Recovery
-from fusion.numba_kernels import inner, kernel
-from fusion.recording import MICROSECONDS, BoolArray, Float64Array, IntArray
-from fusion.runs import (
+from acromion.fusion.exposure.metric_filter import MetricAngle
+from acromion.fusion.exposure.resampling import GROWTH, Figures, Resampling, lower_thresholds, scale_draws
+from acromion.fusion.exposure.types import Entries, Episodes, Eva, EvaSummary, Recovery
+from acromion.fusion.numba_kernels import inner, kernel
+from acromion.fusion.recording import MICROSECONDS, BoolArray, Float64Array, IntArray
+from acromion.fusion.runs import (
     IS_CUT,
     IS_ENTRY,
     LEVEL,
@@ -291,8 +291,8 @@ def _find_lengths(cells: Float64Array) -> Float64Array:
     return np.asarray(SHORTEST_S * 2.0 ** (places / CELLS_PER_OCTAVE))
 
 
-# Entries with the one-sided error of the N-pose (:mod:`fusion.exposure.resampling`): both thresholds of the
-# trigger are lowered and move slightly closer to each other.
+# Entries with the one-sided error of the N-pose (:mod:`acromion.fusion.exposure.resampling`): both thresholds
+# of the trigger are lowered and move slightly closer to each other.
 
 
 HALF_WIDTHS_DEG = (HALF_HYSTERESIS_DEG / (1.0 + GROWTH), HALF_HYSTERESIS_DEG)
@@ -405,9 +405,9 @@ class RecoveryTally:
         rest, slow = self.rest[middle].sum(axis=0), self.slow.sum(axis=0)
         return Recovery(
             neutral_slow_percent=float(rest[REST_S]) * percent,
-            neutral_slow_per_hour=float(rest[RESTS]) * per_hour,
+            neutral_slow_per_h=float(rest[RESTS]) * per_hour,
             slow_percent=float(slow[REST_S]) * percent,
-            slow_per_hour=float(slow[RESTS]) * per_hour,
+            slow_per_h=float(slow[RESTS]) * per_hour,
             longest_without_s=float(self.longest_s[middle]),
         )
 

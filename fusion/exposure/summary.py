@@ -9,10 +9,11 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from fusion.conventions import CONVENTIONS, MAIN_THRESHOLD_DEG
-from fusion.elevation import Elevation, ElevationSegment
-from fusion.errors import TooShort
-from fusion.exposure.bins import (
+from acromion.fusion.conventions import CONVENTIONS, MAIN_THRESHOLD_DEG
+from acromion.fusion.diary import POSTURES
+from acromion.fusion.elevation import Elevation, ElevationSegment
+from acromion.fusion.errors import TooShort
+from acromion.fusion.exposure.bins import (
     BIN_EDGES_DEG,
     CELLS,
     PERCENTS,
@@ -28,8 +29,8 @@ from fusion.exposure.bins import (
     summarise_bins,
     summarise_time_above,
 )
-from fusion.exposure.metric_filter import CORNER_HZ, MetricAngle, filter_elevation, is_filtered
-from fusion.exposure.parts import (
+from acromion.fusion.exposure.metric_filter import CORNER_HZ, MetricAngle, filter_elevation, is_filtered
+from acromion.fusion.exposure.parts import (
     PART_PERCENTS,
     DayDivision,
     Group,
@@ -44,7 +45,7 @@ from fusion.exposure.parts import (
     summarise_part,
     summarise_parts,
 )
-from fusion.exposure.resampling import (
+from acromion.fusion.exposure.resampling import (
     DrawnDistribution,
     Figures,
     Resampling,
@@ -54,14 +55,14 @@ from fusion.exposure.resampling import (
     spread_errors,
     sum_below,
 )
-from fusion.exposure.speeds import (
+from acromion.fusion.exposure.speeds import (
     CycleTally,
     FrequencyTally,
     SpeedTally,
     measure_generalised,
     measure_inclination,
 )
-from fusion.exposure.stays import (
+from acromion.fusion.exposure.stays import (
     SHAPE,
     SLOW_DPS,
     EvaTally,
@@ -75,7 +76,7 @@ from fusion.exposure.stays import (
     summarise_episodes,
     summarise_eva_matrix,
 )
-from fusion.exposure.types import (
+from acromion.fusion.exposure.types import (
     LEAST_RANGED_S,
     ElevationBin,
     Entries,
@@ -86,8 +87,8 @@ from fusion.exposure.types import (
     PartExposure,
     TimeAbove,
 )
-from fusion.recording import MICROSECONDS, BoolArray, Float64Array, IntArray, Recording, Segment
-from fusion.runs import find_end_us, find_valid_samples
+from acromion.fusion.recording import MICROSECONDS, BoolArray, Float64Array, IntArray, Recording, Segment
+from acromion.fusion.runs import find_end_us, find_valid_samples
 
 # Everything that is counted segment by segment: sums that are filled in place, and stays in time order.
 
@@ -163,7 +164,7 @@ class DayTally:
             split_minutes(duration_us),
             self.hours.edges_us,
             division.list_edges(),
-            division.list_windows().ravel(),
+            np.concatenate([division.list_windows().ravel(), division.list_posture_edges()]),
         )
         hours, stretches = len(self.hours.labels), len(self.stretches.minute_of)
         self.by_hour = PartHistograms(self.hours.edges_us, np.zeros((hours, CELLS), np.int64))
@@ -198,7 +199,7 @@ class DayTally:
         return np.concatenate([stays.entry_us for stays in self.stays[threshold_deg]])
 
 
-# The interval of every figure: its range over draws of the day (:mod:`fusion.exposure.resampling`).
+# The interval of every figure: its range over draws of the day (:mod:`acromion.fusion.exposure.resampling`).
 #
 # The figures of a part of the day (an hour, a period, a task) are drawn from the part's own 5-minute blocks,
 # with shortened blocks at its edges. The interval of a part of one block only includes the error of the
@@ -342,7 +343,7 @@ def _add_part_intervals(exposure: Exposure, day: DayTally, errors: ErrorTally) -
         if not figures:
             return nothing
         figures |= _draw_longest_and_rest(part, day, errors, chosen, group)
-        if part.less_rest_percent is not None:
+        if part.time_above_60_less_rest_percent is not None:
             less, less_raised = _draw_less_rest(figures, raised, day, errors, chosen)
             figures, raised = figures | less, raised | less_raised
         return figures, raised
@@ -351,6 +352,8 @@ def _add_part_intervals(exposure: Exposure, day: DayTally, errors: ErrorTally) -
         drawn = [draw_group(part, group) for part, group in zip(parts, groups, strict=True)]
         return _add_ranges_to_parts(parts, drawn)
 
+    posture_of = day.division.find_postures(day.stretches.edges_us[:-1])
+    by_posture = [draw(part, posture_of == k) for k, part in zip(PLACES, exposure.by_posture, strict=False)]
     by_hour = [draw(hour, hour_of == k) for k, hour in enumerate(exposure.by_hour)]
     varied = draw_variation(exposure.by_hour, [drawn for drawn, _ in by_hour], exposure.hour_variation)
     return replace(
@@ -358,6 +361,7 @@ def _add_part_intervals(exposure: Exposure, day: DayTally, errors: ErrorTally) -
         by_hour=_add_ranges_to_parts(exposure.by_hour, by_hour),
         by_period=add(exposure.by_period, day.division.group_by_row()),
         by_task=add(exposure.by_task, day.division.group_by_task()),
+        by_posture=_add_ranges_to_parts(exposure.by_posture, by_posture),
         intervals={**exposure.intervals, **find_intervals(varied)},
     )
 
@@ -394,7 +398,7 @@ def _draw_longest_and_rest(
     rest_s = draws.sum_with_error(sum_groups(rest.rest_s[:, chosen], blocks_of), rest.errors_deg)
     analysed_s = draws.sum(block_us) / MICROSECONDS
     drawn = {"recovery_neutral_slow_percent": 100.0 * rest_s / analysed_s}
-    if errors.sigma_deg > 0 and part.longest_above_60_s is not None:
+    if errors.sigma_deg > 0 and part.episodes_above_60_longest_s is not None:
         longest_s = stays.pick(stays.piece_longest_s[:, list(group)].max(axis=1), MAIN_THRESHOLD_DEG)
         drawn[f"episodes_above_{MAIN_THRESHOLD_DEG}_longest_s"] = draws.look_up(longest_s, stays.errors_deg)
     return drawn
@@ -443,7 +447,7 @@ def describe_hours(hours: Sequence[PartExposure]) -> dict[str, HourVariation]:
         return {}
     figures = {
         "elevation_p50_deg": [hour.percentiles_deg[50] for hour in kept],
-        "time_above_60_percent": [hour.percent_above[60] for hour in kept],
+        "time_above_60_percent": [hour.time_above_percent[60] for hour in kept],
         "entries_above_60_per_h": [hour.entries_above_60_per_h or 0.0 for hour in kept],
     }
     found = {}
@@ -566,7 +570,7 @@ def summarise_exposure(
         The periods of the diary, for the figures by period; time that they exclude must not be valid.
     is_npose
         Whether the arm axis is that of the N-pose. Its one-sided error then widens the intervals of time
-        above, bins from 30 deg, percentiles and entries (:mod:`fusion.exposure.resampling`).
+        above, bins from 30 deg, percentiles and entries (:mod:`acromion.fusion.exposure.resampling`).
 
     Raises
     ------
@@ -644,7 +648,25 @@ def _summarise_day(day: DayTally, metric_filter_hz: float | None) -> Exposure:
     )
     if day.division.marks:
         exposure = replace(exposure, by_mark=_look_before_marks(day, cell_us))
+    if day.division.postures:
+        exposure = replace(exposure, by_posture=_divide_by_posture(day))
     return _divide_day(exposure, day) if day.division.pieces else exposure
+
+
+PLACES = (*range(len(POSTURES)), -1)
+"""Places of the postures in the order of ``by_posture``; the last is the time without a posture."""
+
+
+def _divide_by_posture(day: DayTally) -> tuple[PartExposure, ...]:
+    """Return the figures of the time in each posture, then of the time whose posture is not stated."""
+    begins_us, entry_us = day.stretches.edges_us[:-1], np.sort(day.list_entries(MAIN_THRESHOLD_DEG))
+    posture_of, entered = day.division.find_postures(begins_us), day.division.find_postures(entry_us)
+    whole_us, parts = np.array([0, day.duration_us], np.int64), []
+    for place in PLACES:
+        inside_us: IntArray = day.by_stretch.cell_us[posture_of == place].sum(axis=0, dtype=np.int64)
+        part = summarise_part("", whole_us, inside_us, int((entered == place).sum()))
+        parts.append(replace(part, kind=POSTURES[place] if place >= 0 else "unstated"))
+    return tuple(parts)
 
 
 def _look_before_marks(day: DayTally, cell_us: IntArray) -> tuple[PartExposure, ...]:
@@ -697,7 +719,7 @@ def compare_with_rest(tasks: Sequence[PartExposure]) -> tuple[PartExposure, ...]
     """Add each task's share of time above 60 deg minus that of all other analysed time."""
 
     def find_above_s(part: PartExposure) -> float:
-        return part.percent_above.get(MAIN_THRESHOLD_DEG, 0.0) / 100.0 * part.analysed_s
+        return part.time_above_percent.get(MAIN_THRESHOLD_DEG, 0.0) / 100.0 * part.analysed_s
 
     whole_s, above_s = sum(task.analysed_s for task in tasks), sum(map(find_above_s, tasks))
     compared = []
@@ -705,8 +727,8 @@ def compare_with_rest(tasks: Sequence[PartExposure]) -> tuple[PartExposure, ...]
         others_s, less = whole_s - task.analysed_s, None
         if task.analysed_s > 0 and others_s > 1e-6:
             others_percent = 100.0 * (above_s - find_above_s(task)) / others_s
-            less = task.percent_above[MAIN_THRESHOLD_DEG] - others_percent
-        compared.append(replace(task, less_rest_percent=less))
+            less = task.time_above_percent[MAIN_THRESHOLD_DEG] - others_percent
+        compared.append(replace(task, time_above_60_less_rest_percent=less))
     return tuple(compared)
 
 
@@ -730,9 +752,10 @@ def remove_short_ranges(exposure: Exposure) -> Exposure:
         by_period=_replace_each(exposure.by_period, **no_rates),
         by_task=_replace_each(exposure.by_task, **no_rates),
         by_mark=_replace_each(exposure.by_mark, **no_rates),
+        by_posture=_replace_each(exposure.by_posture, **no_rates),
         intervals={},
-        recovery=recovery and replace(recovery, neutral_slow_per_hour=None, slow_per_hour=None),
-        frequency=frequency and replace(frequency, crossings_per_hour=None),
+        recovery=recovery and replace(recovery, neutral_slow_per_h=None, slow_per_h=None),
+        frequency=frequency and replace(frequency, inclination_velocity_zero_crossings_per_h=None),
         conventions={
             key: _replace_each(classes, interval=None) for key, classes in exposure.conventions.items()
         },

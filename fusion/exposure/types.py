@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from fusion.recording import Float64Array
+from acromion.fusion.recording import Float64Array
 
 LEAST_RANGED_S = 1800.0
 """With less analysed time, under six blocks of 5 minutes, there are no ranges and no rates per hour."""
@@ -12,9 +12,10 @@ LEAST_RANGED_S = 1800.0
 class Interval:
     """95 % range of a figure, in the figure's own unit.
 
-    ``low``, ``high``: its limits: percentiles 2.5 and 97.5 of the draws (:mod:`fusion.exposure.summary`).
-    ``low_pose``, ``high_pose``: the limits of the range that also includes the one-sided error of the N-pose;
-    None for any other pose, and for figures without this range.
+    ``low``, ``high``: its limits: percentiles 2.5 and 97.5 of the draws
+    (:mod:`acromion.fusion.exposure.summary`).
+    ``low_pose``, ``high_pose``: the limits of the range that also
+    includes the one-sided error of the N-pose; None for any other pose, and for figures without this range.
     """
 
     low: float
@@ -173,16 +174,19 @@ class PartExposure:
     ``start_s``, ``end_s``: from the recording's first sample.
     ``analysed_s``: analysed time inside.
     ``percentiles_deg``: elevation by percent.
-    ``percent_above``: share of the analysed time at or above a threshold, by the threshold in deg.
+    ``time_above_percent``: share of the analysed time at or above a threshold, by the threshold in deg.
     ``entries_above_60_per_h``: rises above 60 deg per analysed hour; None if nothing was analysed.
     ``kind``: of a period: "work", "break" and so on; empty for an hour.
     ``recorded_s``: of a period: its duration minus the time that belongs to other periods.
     ``reason``: of a period: why its time is excluded; empty if it is analysed.
     ``intervals``: by the names of the figures; empty if not known.
     ``periods``: how many rows of the diary were pooled.
-    ``longest_above_60_s``: of a period or task: longest episode above 60 deg, cut at the edges of the rows.
-    ``neutral_slow_percent``: of a period or task: share of its analysed time with arm down and nearly still.
-    ``less_rest_percent``: of a task: its share of time above 60 deg minus that of all other analysed time.
+    ``episodes_above_60_longest_s``: of a period or task: longest episode above 60 deg, cut at the edges of
+    the rows.
+    ``recovery_neutral_slow_percent``: of a period or task: share of its analysed time with arm down and
+    nearly still.
+    ``time_above_60_less_rest_percent``: of a task: its share of time above 60 deg minus that of all other
+    analysed time.
     """
 
     label: str
@@ -190,32 +194,32 @@ class PartExposure:
     end_s: float
     analysed_s: float
     percentiles_deg: dict[int, float]
-    percent_above: dict[int, float]
+    time_above_percent: dict[int, float]
     entries_above_60_per_h: float | None
     kind: str = ""
     recorded_s: float | None = None
     reason: str = ""
     intervals: dict[str, Interval] = field(default_factory=dict)
     periods: int = 1
-    longest_above_60_s: float | None = None
-    neutral_slow_percent: float | None = None
-    less_rest_percent: float | None = None
+    episodes_above_60_longest_s: float | None = None
+    recovery_neutral_slow_percent: float | None = None
+    time_above_60_less_rest_percent: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Recovery:
     """Time in which the arm recovers: arm down and nearly still, or slow at any angle.
 
-    ``neutral_slow_percent``, ``neutral_slow_per_hour``: arm down and nearly still: share of the analysed
+    ``neutral_slow_percent``, ``neutral_slow_per_h``: arm down and nearly still: share of the analysed
     time, and periods per analysed hour (None under half an hour).
-    ``slow_percent``, ``slow_per_hour``: slow at any angle: the same.
+    ``slow_percent``, ``slow_per_h``: slow at any angle: the same.
     ``longest_without_s``: longest time without a period of arm down and nearly still.
     """
 
     neutral_slow_percent: float
-    neutral_slow_per_hour: float | None
+    neutral_slow_per_h: float | None
     slow_percent: float
-    slow_per_hour: float | None
+    slow_per_h: float | None
     longest_without_s: float
 
 
@@ -223,12 +227,13 @@ class Recovery:
 class Frequency:
     """How fast the arm moves up and down.
 
-    ``mean_power_hz``: mean power frequency of the speed of inclination; None without an unbroken minute.
-    ``crossings_per_hour``: reversals per analysed hour; None under half an hour.
+    ``inclination_velocity_mpf_hz``: mean power frequency of the speed of inclination; None without an
+    unbroken minute.
+    ``inclination_velocity_zero_crossings_per_h``: reversals per analysed hour; None under half an hour.
     """
 
-    mean_power_hz: float | None
-    crossings_per_hour: float | None
+    inclination_velocity_mpf_hz: float | None
+    inclination_velocity_zero_crossings_per_h: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -303,8 +308,8 @@ class Exposure:
     ``recovery``, ``frequency``: None if not computed.
     ``hour_variation``: variation between the hours, by figure.
     ``eva_summary``: summary figures of the EVA matrix.
-    ``conventions``: the bins summed to the classes of each of :data:`fusion.conventions.CONVENTIONS`, by its
-    key.
+    ``conventions``: the bins summed to the classes of each of
+    :data:`acromion.fusion.conventions.CONVENTIONS`, by its key.
     ``by_task``: the periods again, with those of one kind and label pooled; they also add up to the
     recording.
     ``angle_sigma_deg``: standard deviation of a constant error of the angle that the intervals include; None
@@ -312,6 +317,8 @@ class Exposure:
     ``quarter_hours``: up to three windows of 15 minutes with the most time above 60 deg, largest first,
     without overlap.
     ``by_mark``: the 15 minutes before each mark of the diary, then all other analysed time (kind "rest").
+    ``by_posture``: the time in each of :data:`acromion.fusion.diary.POSTURES`, then the time whose posture
+    is not stated (kind "unstated"); empty if no posture is stated.
     """
 
     analysed_s: float
@@ -340,6 +347,17 @@ class Exposure:
     angle_sigma_deg: float | None = None
     quarter_hours: tuple[PeakWindow, ...] = ()
     by_mark: tuple[PartExposure, ...] = ()
+    by_posture: tuple[PartExposure, ...] = ()
+
+    @property
+    def figures(self) -> dict[str, float | None]:
+        """The main figures by the names of the tables, such as ``time_above_60_percent``; None: unknown."""
+        return {
+            **{f"time_{b.lower_deg:g}_{b.upper_deg:g}_percent": b.percent for b in self.bins},
+            **{f"time_above_{item.threshold_deg:g}_percent": item.percent for item in self.time_above},
+            **{f"elevation_p{percent}_deg": angle for percent, angle in self.percentiles_deg.items()},
+            **{f"entries_above_{item.threshold_deg:g}_per_h": item.per_hour for item in self.entries},
+        }
 
     def __repr__(self) -> str:
         above = ", ".join(

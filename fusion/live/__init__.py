@@ -1,6 +1,6 @@
 """The angle while the sensor is worn: samples in, angle out; and a live session."""
 
-from fusion.live.session import (
+from acromion.fusion.live.session import (
     HOLD_S,
     THRESHOLDS_DEG,
     Frames,

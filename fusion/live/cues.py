@@ -7,8 +7,8 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Literal
 
-from fusion.live.session import LiveRows
-from fusion.recording import MICROSECONDS
+from acromion.fusion.live.session import LiveRows
+from acromion.fusion.recording import MICROSECONDS
 
 CueKind = Literal["hold", "share", "stays"]
 SHARE_WINDOW_S, STAYS_WINDOW_S = 900.0, 300.0

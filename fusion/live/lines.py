@@ -1,7 +1,7 @@
 """Read a board's lines as they arrive: identify the columns, then return the values of each whole row.
 
-The header is read as that of a file (:mod:`fusion.readers.tables`): by the device table and the column names.
-Units must be stated, because there is no motion yet that could show them.
+The header is read as that of a file (:mod:`acromion.fusion.readers.tables`): by the device table and the
+column names. Units must be stated, because there is no motion yet that could show them.
 """
 
 import math
@@ -14,14 +14,14 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.errors import FusionError, UnknownColumns, UnknownRate, UnknownUnit, UnusableTime
-from fusion.live.session import Frames
-from fusion.readers.tables.csv import choose_rate_hz, read_positive
-from fusion.readers.tables.csv_lines import STAMP
-from fusion.readers.tables.layout import TextLayout, find_layout, is_row, split_fields
-from fusion.readers.tables.rows import plan_table
-from fusion.readers.time.grid import estimate_period_us
-from fusion.recording import MICROSECONDS, acc_scale_g, gyr_scale_dps
+from acromion.fusion.errors import FusionError, UnknownColumns, UnknownRate, UnknownUnit, UnusableTime
+from acromion.fusion.live.session import Frames
+from acromion.fusion.readers.tables.csv import choose_rate_hz, read_positive
+from acromion.fusion.readers.tables.csv_lines import STAMP
+from acromion.fusion.readers.tables.layout import TextLayout, find_layout, is_row, split_fields
+from acromion.fusion.readers.tables.rows import plan_table
+from acromion.fusion.readers.time.grid import estimate_period_us
+from acromion.fusion.recording import MICROSECONDS, acc_scale_g, gyr_scale_dps
 
 # The clock of a stream: counters that wrap, boards that restart.
 
@@ -201,10 +201,11 @@ class LineReader:
 
         Raises
         ------
-        fusion.errors.UnknownColumns, fusion.errors.UnknownUnit, fusion.errors.UnreadableFile
+        acromion.fusion.errors.UnknownColumns, acromion.fusion.errors.UnknownUnit,
+        acromion.fusion.errors.UnreadableFile
             The rows have no header, or one without columns and units.
-        fusion.errors.UnknownRate
-        fusion.errors.UnusableTime
+        acromion.fusion.errors.UnknownRate
+        acromion.fusion.errors.UnusableTime
             The rate changed.
         """
         rows = [row for line in self._split(piece) for row in self._take(line, arrived_us)]

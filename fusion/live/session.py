@@ -1,9 +1,9 @@
 """One person's session: frames in; angle, time above 60 deg, rises and losses so far out.
 
-The angle is bit-identical to that of :class:`fusion.live.LiveElevation` with the session's axis. A gap of at
-most 50 ms is bridged for the filter only, as in a file. A longer one ends the segment: the direction is
-estimated again and the gyroscope's bias is kept. Nothing is counted in a gap or in the first 3 s of a
-segment, where the filter has few samples (as in :func:`fusion.elevation.estimate_elevation`).
+The angle is bit-identical to that of :class:`acromion.fusion.live.LiveElevation` with the session's axis. A
+gap of at most 50 ms is bridged for the filter only, as in a file. A longer one ends the segment: the
+direction is estimated again and the gyroscope's bias is kept. Nothing is counted in a gap or in the first 3 s
+of a segment, where the filter has few samples (as in :func:`acromion.fusion.elevation.estimate_elevation`).
 """
 
 from array import array
@@ -15,12 +15,12 @@ from typing import IO, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fusion.elevation import Elevation, measure_elevation
-from fusion.orientation.live import LiveParameters, LiveVertical
-from fusion.pose.rules import RULES, window_rejection_reason
-from fusion.readers.samples import open_rows
-from fusion.recording import LONGEST_BRIDGE_US, MICROSECONDS, Float64Array, IntArray, Recording
-from fusion.sensor.model import RADIANS, check_arrays, check_direction, check_gravity
+from acromion.fusion.elevation import Elevation, measure_elevation
+from acromion.fusion.orientation.live import LiveParameters, LiveVertical
+from acromion.fusion.pose.rules import RULES, window_rejection_reason
+from acromion.fusion.readers.samples import open_rows
+from acromion.fusion.recording import LONGEST_BRIDGE_US, MICROSECONDS, Float64Array, IntArray, Recording
+from acromion.fusion.sensor.model import RADIANS, check_arrays, check_direction, check_gravity
 
 # The angle alone, for other programs.
 
@@ -136,8 +136,8 @@ class LiveStatus:
     ``is_frame_doubtful``: whether gravity turns against the gyroscope (:class:`FrameWatch`): the angle is
     then wrong while the arm moves.
     ``pose``, ``pose_left_s``, ``pose_refused``, ``still_g``: state of the pose; seconds until it starts or
-    has been held; why the last one was rejected (:func:`fusion.pose.rules.window_rejection_reason`, "hole");
-    the largest standard deviation of an accelerometer axis in the last second.
+    has been held; why the last one was rejected (:func:`acromion.fusion.pose.rules.window_rejection_reason`,
+    "hole"); the largest standard deviation of an accelerometer axis in the last second.
     """
 
     elapsed_s: float
@@ -328,7 +328,7 @@ class LiveSession:
 #
 # Seen from a turning sensor, gravity turns backwards: ``da/dt = -(w x a)``. In a left-handed frame it turns
 # forwards, and the live angle is wrong while the arm moves. The same equation corrects a file
-# (:mod:`fusion.checks.physics`); a stream is only flagged.
+# (:mod:`acromion.fusion.checks.physics`); a stream is only flagged.
 
 BLOCK_S = 0.1
 SLOWEST_DPS = 20.0

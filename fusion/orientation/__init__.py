@@ -5,15 +5,15 @@ from typing import get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fusion.conventions import MethodName
-from fusion.errors import UnusableArrays
-from fusion.orientation.live import LiveVertical
-from fusion.orientation.published import estimate_published
-from fusion.orientation.smoothed import smooth_nodes
-from fusion.recording import Float64Array
-from fusion.sensor.model import SensorRun, check_arrays, check_gravity, propagate_vertical
-from fusion.sensor.self_calibration import calibrate_sensor
-from fusion.sensor.stillness import find_quietest_rate, find_still_moments, reduce_run
+from acromion.fusion.conventions import MethodName
+from acromion.fusion.errors import UnusableArrays
+from acromion.fusion.orientation.live import LiveVertical
+from acromion.fusion.orientation.published import estimate_published
+from acromion.fusion.orientation.smoothed import smooth_nodes
+from acromion.fusion.recording import Float64Array
+from acromion.fusion.sensor.model import SensorRun, check_arrays, check_gravity, propagate_vertical
+from acromion.fusion.sensor.self_calibration import calibrate_sensor
+from acromion.fusion.sensor.stillness import find_quietest_rate, find_still_moments, reduce_run
 
 __all__ = ["MethodName", "estimate_vertical"]
 
@@ -41,7 +41,7 @@ def estimate_vertical(
 
     Raises
     ------
-    fusion.errors.UnusableArrays
+    acromion.fusion.errors.UnusableArrays
         A ValueError: wrong shapes, no sample, values that are not finite, a rate that is not positive, an
         acceleration whose median length is under 1/3 or over 3 (m/s2, mg, counts; all zeros), an unknown
         method.

@@ -1,7 +1,7 @@
 """`live`: uses only past samples, one by one or in chunks of any size, in constant memory.
 
-A one-sided form of :mod:`fusion.orientation.smoothed`: the acceleration is low-passed in a frame that turns
-with the gyroscope, and the filter's state is kept between samples. The weight at age ``s = t /
+A one-sided form of :mod:`acromion.fusion.orientation.smoothed`: the acceleration is low-passed in a frame
+that turns with the gyroscope, and the filter's state is kept between samples. The weight at age ``s = t /
 time_constant_s`` is ``exp(-s) (freshness cos s + sin s)``: a second-order Butterworth low-pass plus a small
 share of the newest samples, which the start needs.
 
@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fusion.numba_kernels import inner, kernel
-from fusion.recording import Float64Array
-from fusion.sensor.model import RADIANS, bend, carry, check_arrays, check_rate, turn_factors
-from fusion.sensor.stillness import RULES
+from acromion.fusion.numba_kernels import inner, kernel
+from acromion.fusion.recording import Float64Array
+from acromion.fusion.sensor.model import RADIANS, bend, carry, check_arrays, check_rate, turn_factors
+from acromion.fusion.sensor.stillness import RULES
 
 # Indices in the state: filter, previous rate, bias, then the sums of the current moment.
 REAL, IMAGINARY, RATE, BIAS, ACC_SUM, ACC_SQUARE, GYR_SUM, GYR_SQUARE, ACC_TREND = range(0, 27, 3)

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.numba_kernels import inner, kernel
-from fusion.recording import Float64Array, FloatArray
-from fusion.sensor.model import RADIANS, SensorRun, carry, turn_factors
+from acromion.fusion.numba_kernels import inner, kernel
+from acromion.fusion.recording import Float64Array, FloatArray
+from acromion.fusion.sensor.model import RADIANS, SensorRun, carry, turn_factors
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,8 +147,9 @@ def estimate_published(
     parameters: PublishedParameters | None = None,
     dtype: type[np.float32] | type[np.float64] = np.float64,
 ) -> FloatArray:
-    """Return the unit vector to the zenith at each sample, (n, 3); ``bias_dps``: mean rate of the
-    calibration.
+    """Return the unit vector to the zenith at each sample, (n, 3).
+
+    ``bias_dps``: mean rate of the calibration.
     """
     parameters = parameters or PublishedParameters()
     steps = (

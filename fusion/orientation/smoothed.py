@@ -3,14 +3,14 @@
 In a frame that turns with the gyroscope the vertical is constant, and a person's own acceleration averages
 out over a few seconds. The acceleration is low-passed in that frame in both directions, then transformed back
 to the sensor. Only the vertical is needed, so the frame itself is never computed: the filter's state is a
-vector that is rotated to the sensor's next position (:mod:`fusion.sensor.model`).
+vector that is rotated to the sensor's next position (:mod:`acromion.fusion.sensor.model`).
 
 The weights of the two-sided mean are ``exp(-s)(cos s + sin s)`` with ``s = |t| / time_constant_s``. This is
 the zero-phase second-order Butterworth low-pass ``1 / (1 + (w T)^4 / 4)``, with half power at ``sqrt(2) / (2
 pi T)``, 0.075 Hz for 3 s. It corrects the slow error of the gyroscope's integral and suppresses the arm's
 acceleration.
 
-Such a slow filter does not need every sample. It runs at nodes (:mod:`fusion.sensor.model`), and the
+Such a slow filter does not need every sample. It runs at nodes (:mod:`acromion.fusion.sensor.model`), and the
 gyroscope alone propagates the vertical from each node to the samples around it.
 """
 
@@ -20,9 +20,9 @@ from typing import Any
 
 import numpy as np
 
-from fusion.numba_kernels import fused, kernel
-from fusion.recording import Float64Array
-from fusion.sensor.model import NODE_RATE_HZ, AccelerometerCorrection, Nodes, carry, turn_factors
+from acromion.fusion.numba_kernels import fused, kernel
+from acromion.fusion.recording import Float64Array
+from acromion.fusion.sensor.model import NODE_RATE_HZ, AccelerometerCorrection, Nodes, carry, turn_factors
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,10 +142,10 @@ def _scale_to_unit(past: Any, future: Any, present: Any) -> Any:  # pragma: no c
 #
 # Three variances are added. First, errors that a recording cannot show, such as the gyroscope's misalignment.
 # Second, the part of the accelerometer's offset that the directions at rest leave undetermined
-# (:mod:`fusion.sensor.self_calibration`); it is large if the arm only hung. Third, the effect of the day's
-# movements: half the angle between the estimate from the past alone and that from the future alone, averaged
-# over nine seconds. Faster movements make this angle larger, so speed is not a separate term (a fit gave it
-# zero weight).
+# (:mod:`acromion.fusion.sensor.self_calibration`); it is large if the arm only hung. Third, the effect of the
+# day's movements: half the angle between the estimate from the past alone and that from the future alone,
+# averaged over nine seconds. Faster movements make this angle larger, so speed is not a separate term (a fit
+# gave it zero weight).
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,10 +7,10 @@ from typing import Literal
 
 import numpy as np
 
-from fusion.conventions import CONFIRMED, SAID_S, CalibrationState, Pose, PoseHeld
-from fusion.errors import UnusableCalibration
-from fusion.numerics import compute_angle_deg, scale_to_unit
-from fusion.pose.rules import (
+from acromion.fusion.conventions import CONFIRMED, SAID_S, CalibrationState, Pose, PoseHeld
+from acromion.fusion.errors import UnusableCalibration
+from acromion.fusion.numerics import compute_angle_deg, scale_to_unit
+from acromion.fusion.pose.rules import (
     ALIKE_DEG,
     ASSUMED_SIGMA_DEG,
     AXIS_SIGMA_DEG,
@@ -27,7 +27,7 @@ from fusion.pose.rules import (
     select_distinct_axes,
     window_rejection_reason,
 )
-from fusion.pose.wear import (
+from acromion.fusion.pose.wear import (
     MOVED_SHARE,
     Question,
     Wear,
@@ -37,17 +37,17 @@ from fusion.pose.wear import (
     find_walking,
     find_wear,
 )
-from fusion.recording import MICROSECONDS, Float64Array, Recording, Segment, join_overlapping
-from fusion.sensor.gyroscope import GyroScale, build_identity_gyro_scale
-from fusion.sensor.model import AccelerometerCorrection, GyroBias, view_segment
-from fusion.sensor.self_calibration import (
+from acromion.fusion.recording import MICROSECONDS, Float64Array, Recording, Segment, join_overlapping
+from acromion.fusion.sensor.gyroscope import GyroScale, build_identity_gyro_scale
+from acromion.fusion.sensor.model import AccelerometerCorrection, GyroBias, view_segment
+from acromion.fusion.sensor.self_calibration import (
     CalibratedRun,
     SensorCalibration,
     apply_calibration,
     calibrate_accelerometer,
     calibrate_sensor,
 )
-from fusion.sensor.stillness import (
+from acromion.fusion.sensor.stillness import (
     BLOCK_S,
     QuarterSeconds,
     QuietTable,
@@ -55,7 +55,7 @@ from fusion.sensor.stillness import (
     reduce_run,
     summarise_windows,
 )
-from fusion.settings import DEFAULT_SETTINGS, AnalysisSettings
+from acromion.fusion.settings import DEFAULT_SETTINGS, AnalysisSettings, CarriedPose
 
 # Stretches in which the arm did not move, and measurements of one.
 
@@ -79,9 +79,10 @@ class StillPeriod:
     ``start_s``, ``duration_s``: seconds from the recording's first sample.
     ``gravity_g``: shape (3,): mean acceleration, points to the zenith.
     ``gyro_bias_dps``: shape (3,): mean angular rate.
-    ``score``: 0 to 1: how still, how near 1 g, how long (:func:`fusion.pose.rules.score_still_period`).
-    ``sway_dps``: typical distance of the angular rate, averaged over quarter seconds, from its median; an arm
-    sways, a table does not.
+    ``score``: 0 to 1: how still, how near 1 g, how long
+    (:func:`acromion.fusion.pose.rules.score_still_period`).
+    ``sway_dps``: typical distance of the angular
+    rate, averaged over quarter seconds, from its median; an arm sways, a table does not.
     ``is_moving``: whether it moves more than a pose; only possible for a window that a person entered.
     """
 
@@ -139,11 +140,16 @@ def find_tables(recording: Recording, stretches_s: Sequence[Window]) -> list[Win
 
 def measure_window(recording: Recording, window_s: Window) -> StillPeriod:
     """Measure a window that a person chose; raises UnusableCalibration."""
+    check_window(window_s, recording.duration_us)
+    return _measure(recording, *window_s, refuses_motion=True)
+
+
+def check_window(window_s: Window, duration_us: int) -> None:
+    """Raise UnusableCalibration if a window is outside the recording or too short."""
     start_s, end_s = window_s
-    is_outside = start_s < 0.0 or end_s * MICROSECONDS > recording.duration_us + 1
+    is_outside = start_s < 0.0 or end_s * MICROSECONDS > duration_us + 1
     if is_outside or end_s - start_s < RULES.shortest_window_s - 1e-9:
         raise UnusableCalibration(why="outside" if is_outside else "short", start_s=start_s, end_s=end_s)
-    return _measure(recording, start_s, end_s, refuses_motion=True)
 
 
 def measure_pair(recording: Recording, windows_s: Sequence[Window]) -> tuple[StillPeriod, StillPeriod]:
@@ -519,7 +525,7 @@ class Calibration:
     ``arm_axis``: shape (3,): unit vector in the sensor frame along the upper arm towards the shoulder. It
     points to the zenith when the arm hangs, so elevation is the angle between it and the vertical.
     ``sigma_deg``: standard deviation of the axis.
-    ``state``: how the axis was determined: one of :data:`fusion.conventions.CalibrationState`.
+    ``state``: how the axis was determined: one of :data:`acromion.fusion.conventions.CalibrationState`.
     ``windows``: the pose and its repetitions; for `two-point` hanging and level. Empty if none was held.
     ``gyro_bias_dps``: shape (3,): mean angular rate in the pose; without a pose, the mean of the tracked
     bias.
@@ -611,6 +617,8 @@ def calibrate(
     early = find_early_stills(recording, wears, stretches_s)
     found, windows = _find_stated(recording, wears[0], correction, settings)
     assumed = assume_pose(early[0], correction, settings.pose_held)
+    if settings.carried is not None and (assumed is None or assumed.state not in CONFIRMED):
+        assumed = _take_carried(settings.carried, wears[0])
     poses = found or (assumed or estimate_axis_without_pose(recording, blocks, wears[0], correction),)
     questions = tuple(find_questions(wears, poses, (*settings.slip_times_s, *settings.no_slip_times_s)))
     put_back = assume_put_back(wears, early, questions, correction)
@@ -659,7 +667,10 @@ def _find_stated(
     if settings.arm_axis is not None:
         along, worn_s = point_along(settings.arm_axis), wear.worn_from_s
         return (FoundPose("axis", worn_s, worn_s, along, AXIS_SIGMA_DEG),), ()
-    if settings.carried is not None:
-        axis, worn_s = scale_to_unit(np.array(settings.carried.axis)), wear.worn_from_s
-        return (FoundPose("carried", worn_s, worn_s, axis, settings.carried.sigma_deg),), ()
     return (), ()
+
+
+def _take_carried(carried: CarriedPose, wear: Wear) -> FoundPose:
+    """Return the pose of the earlier shift as if it was held when wear began."""
+    axis = scale_to_unit(np.array(carried.axis))
+    return FoundPose("carried", wear.worn_from_s, wear.worn_from_s, axis, carried.sigma_deg)

@@ -6,17 +6,17 @@ from itertools import combinations
 
 import numpy as np
 
-from fusion.conventions import ARM_AXES, ArmAxis
-from fusion.numerics import compute_angle_deg
-from fusion.recording import Float64Array
-from fusion.still_limits import POSE
+from acromion.fusion.conventions import ARM_AXES, ArmAxis
+from acromion.fusion.numerics import compute_angle_deg
+from acromion.fusion.recording import Float64Array
+from acromion.fusion.still_limits import POSE
 
 # Limits of stillness for a calibration.
 
 
 @dataclass(frozen=True, slots=True)
 class CalibrationRules:
-    """Limits of a still period (:data:`fusion.still_limits.POSE`), and of a window with too much motion.
+    """Limits of a still period (:data:`acromion.fusion.still_limits.POSE`), and of a moving window.
 
     The acceleration must be within ``one_g_within`` of 1 g, before or after the accelerometer's correction.
     Of a longer still period only the first ``measured_s`` are measured. The last fields are the limits to

@@ -1,7 +1,7 @@
 """Find when the sensor was worn, how the arm hangs in walking, and when the sensor may have moved.
 
 A recording is split at times when the sensor may have been off the arm: five minutes or more on a table
-(:func:`fusion.pose.calibrate.find_tables`), or a gap of that length.
+(:func:`acromion.fusion.pose.calibrate.find_tables`), or a gap of that length.
 """
 
 from collections.abc import Sequence
@@ -12,10 +12,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.numerics import compute_angle_deg, compute_rotation, cos_deg
-from fusion.recording import Float64Array
-from fusion.sensor.model import AccelerometerCorrection
-from fusion.sensor.stillness import QuarterSeconds
+from acromion.fusion.numerics import compute_angle_deg, compute_rotation, cos_deg
+from acromion.fusion.recording import Float64Array
+from acromion.fusion.sensor.model import AccelerometerCorrection
+from acromion.fusion.sensor.stillness import QuarterSeconds
 
 # Directions of gravity in the sensor, in windows of 2 s, at rest and in walking.
 

@@ -6,7 +6,7 @@ Importing the package only loads the values, so a report can be written without 
 from dataclasses import dataclass
 from typing import Literal
 
-from fusion.recording import QualityFlag
+from acromion.fusion.recording import QualityFlag
 
 Verdict = Literal["good", "caution", "poor"]
 

@@ -10,13 +10,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.caveats import Caveat
-from fusion.elevation import AngleRows, Elevation, group_rows
-from fusion.errors import TooShort
-from fusion.numba_kernels import kernel
-from fusion.pose.calibrate import Blocks, reduce_recording
-from fusion.quality import TimeAccount, TimePart
-from fusion.recording import (
+from acromion.fusion.caveats import Caveat
+from acromion.fusion.elevation import AngleRows, Elevation, group_rows
+from acromion.fusion.errors import TooShort
+from acromion.fusion.numba_kernels import kernel
+from acromion.fusion.pose.calibrate import Blocks, reduce_recording
+from acromion.fusion.quality import TimeAccount, TimePart
+from acromion.fusion.recording import (
     MICROSECONDS,
     IntArray,
     QualityFlag,
@@ -25,15 +25,15 @@ from fusion.recording import (
     Span,
     find_missing,
 )
-from fusion.runs import (
+from acromion.fusion.runs import (
     find_end_us,
     find_runs,
     find_touched_rows,
     find_valid_samples,
     list_touched_rows,
 )
-from fusion.sensor.self_calibration import find_limits
-from fusion.still_limits import OFF_THE_ARM
+from acromion.fusion.sensor.self_calibration import find_limits
+from acromion.fusion.still_limits import OFF_THE_ARM
 
 # Where a sensor reached the end of its range.
 
@@ -44,9 +44,9 @@ FloatMatrix = NDArray[np.float32]
 
 
 def _find_clipped(recording: Recording, blocks: Blocks) -> list[Span]:
-    """Return the stretches with a clipped sample (:func:`fusion.sensor.self_calibration.find_limits`).
+    """Return the stretches with a clipped sample, widened by 100 ms (in whole rows) on each side.
 
-    They are widened by 100 ms (in whole rows) on each side.
+    Limits: :func:`acromion.fusion.sensor.self_calibration.find_limits`.
     """
     pairs = [pair for pair in zip(recording.segments, blocks, strict=True) if len(pair[0])]
     segments, parts = [segment for segment, _ in pairs], [part for _, part in pairs]
@@ -172,7 +172,9 @@ def leave_out(elevation: Elevation, exclusions: tuple[Span, ...]) -> Elevation:
 
 Account = Literal["analysed", "excluded", "missing"]
 
-STATED_REASONS = frozenset({"break", "not-worn", "outside", "seated", "supported", "task", "work", "shift"})
+STATED_REASONS = frozenset(
+    {"break", "not-worn", "outside", "seated", "upright", "supported", "task", "work", "shift"}
+)
 
 
 CAUSES = {Caveat.RESOLUTION: "resolution", Caveat.ACC_DRIFT: "drift"}

@@ -4,16 +4,16 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from fusion.caveats import FEW_H, TIME_LOST, Caveat, Grade
-from fusion.checks.summary import number_directions
-from fusion.conventions import NPOSE_ERROR_DEG, is_npose
-from fusion.elevation import Elevation, group_rows
-from fusion.exposure.types import LEAST_RANGED_S, Exposure
-from fusion.pose.calibrate import TABLE_SWAY_DPS, CalibratedSamples, Calibration, StillPeriod
-from fusion.pose.rules import RULES
-from fusion.quality import Quality, TimeAccount, Verdict
-from fusion.quality.time_account import count_partial_rows_us
-from fusion.recording import (
+from acromion.fusion.caveats import FEW_H, TIME_LOST, Caveat, Grade
+from acromion.fusion.checks.summary import number_directions
+from acromion.fusion.conventions import NPOSE_ERROR_DEG, is_npose
+from acromion.fusion.elevation import Elevation, group_rows
+from acromion.fusion.exposure.types import LEAST_RANGED_S, Exposure
+from acromion.fusion.pose.calibrate import TABLE_SWAY_DPS, CalibratedSamples, Calibration, StillPeriod
+from acromion.fusion.pose.rules import RULES
+from acromion.fusion.quality import Quality, TimeAccount, Verdict
+from acromion.fusion.quality.time_account import count_partial_rows_us
+from acromion.fusion.recording import (
     MICROSECONDS,
     Float64Array,
     QualityFlag,
@@ -23,14 +23,14 @@ from fusion.recording import (
     flag_spans,
     flag_stretches,
 )
-from fusion.runs import find_runs, list_touched_rows
-from fusion.sensor.model import AccelerometerCorrection, GyroBias
-from fusion.sensor.stillness import QuietTable
-from fusion.settings import AnalysisSettings
+from acromion.fusion.runs import find_runs, list_touched_rows
+from acromion.fusion.sensor.model import AccelerometerCorrection, GyroBias
+from acromion.fusion.sensor.stillness import QuietTable
+from acromion.fusion.settings import AnalysisSettings
 
 HOUR_S = 3600.0
 VERDICTS: tuple[Verdict, ...] = ("good", "caution", "poor")
-"""By :class:`fusion.caveats.Grade`."""
+"""By :class:`acromion.fusion.caveats.Grade`."""
 SIGNAL_REASONS = frozenset({"docked", "asleep", "clipped", "short-segment", "spikes", "stuck"})
 
 

@@ -1,4 +1,4 @@
-"""From a file's bytes to a :class:`fusion.recording.Recording`: one format, one file."""
+"""From a file's bytes to a :class:`acromion.fusion.recording.Recording`: one format, one file."""
 
 import re
 from collections.abc import Callable, Sequence
@@ -11,20 +11,20 @@ from typing import BinaryIO, TypeVar
 
 import numpy as np
 
-from fusion.caveats import Caveat
-from fusion.checks.faults import (
+from acromion.fusion.caveats import Caveat
+from acromion.fusion.checks.faults import (
     exclude_faults,
     exclude_stuck,
     leave_out_held,
     leave_out_zeros,
     refuse_dead,
 )
-from fusion.checks.physics import add_flags, are_units_stated, check_physics, refuse_impossible_rates
-from fusion.checks.summary import flag_resolution, forget_summaries
-from fusion.clocks import ShiftWindow
-from fusion.devices import UNREAD_FORMATS
-from fusion.documents import MAGIC, find_document
-from fusion.errors import (
+from acromion.fusion.checks.physics import add_flags, are_units_stated, check_physics, refuse_impossible_rates
+from acromion.fusion.checks.summary import flag_resolution, forget_summaries
+from acromion.fusion.clocks import ShiftWindow
+from acromion.fusion.devices import UNREAD_FORMATS
+from acromion.fusion.documents import MAGIC, find_document
+from acromion.fusion.errors import (
     BlankFile,
     EmptyFile,
     FailedReader,
@@ -41,21 +41,21 @@ from fusion.errors import (
     UnusableProfile,
     WrongExtension,
 )
-from fusion.plugins import find_entry_points, find_version
-from fusion.readers import cwa, gt3x
-from fusion.readers.archive import is_in_zip, unpack
-from fusion.readers.source import Source, hash_source, open_source, read_chunks
-from fusion.readers.tables import actilife as actilife_csv
-from fusion.readers.tables import csv as lsm9ds1_csv
-from fusion.readers.tables import pair, parquet
-from fusion.readers.tables.columns import (
+from acromion.fusion.plugins import find_entry_points, find_version
+from acromion.fusion.readers import cwa, gt3x
+from acromion.fusion.readers.archive import is_in_zip, unpack
+from acromion.fusion.readers.source import Source, hash_source, open_source, read_chunks
+from acromion.fusion.readers.tables import actilife as actilife_csv
+from acromion.fusion.readers.tables import csv as lsm9ds1_csv
+from acromion.fusion.readers.tables import pair, parquet
+from acromion.fusion.readers.tables.columns import (
     GYROSCOPE,
     name_missing,
     parse_column_name,
     read_axis,
     read_named_axis,
 )
-from fusion.readers.tables.layout import (
+from acromion.fusion.readers.tables.layout import (
     DELIMITERS,
     MIN_COLUMNS,
     NUMBER,
@@ -68,7 +68,7 @@ from fusion.readers.tables.layout import (
     read_labels,
     split_fields,
 )
-from fusion.readers.tables.profile import (
+from acromion.fusion.readers.tables.profile import (
     ColumnProfile,
     ProfileProposal,
     check_profile,
@@ -76,10 +76,10 @@ from fusion.readers.tables.profile import (
     parse_profile,
     propose_profile,
 )
-from fusion.readers.time.clock import flag_days
-from fusion.readers.time.joining import join_recordings
-from fusion.readers.time.window import cut_recording
-from fusion.recording import ACC_UNITS_G, QualityFlag, Recording
+from acromion.fusion.readers.time.clock import flag_days
+from acromion.fusion.readers.time.joining import join_recordings
+from acromion.fusion.readers.time.window import cut_recording
+from acromion.fusion.recording import ACC_UNITS_G, QualityFlag, Recording
 
 __all__ = [
     "READERS",
@@ -163,7 +163,7 @@ def read_recording(
 
     Raises
     ------
-    fusion.errors.FusionError
+    acromion.fusion.errors.FusionError
         The file cannot be read as a recording; code and facts give the reason.
     OSError
         A path that cannot be opened.
@@ -201,6 +201,27 @@ def read_recording(
     hashed = replace(recording, sha256=sha256 or hash_source(source), pose_held=held or recording.pose_held)
     checked = _check_readings(hashed)
     return cut_recording(checked, window) if window else checked
+
+
+def read_thigh(file: BinaryIO, file_name: str = "") -> Recording:
+    """Read a recording of the thigh; it needs no gyroscope.
+
+    Without a gyroscope it may be an Axivity AX3 .cwa, ActiLife's raw CSV, or a table with named columns.
+
+    Raises as :func:`read_recording`.
+    """
+    try:
+        return read_recording(file, file_name=file_name)
+    except NoGyroscope as refusal:
+        source = replace(unpack(open_source(file, file_name)), is_thigh=True)
+        if source.extension == ".gt3x" or source.pair is not None:
+            raise
+        readers = (cwa, actilife_csv)
+        read = next((one.read for one in readers if one.recognise(source)), lsm9ds1_csv.read)
+        try:
+            return read(source, None)
+        except UnknownColumns:
+            raise refusal from None
 
 
 def measure_extent(
@@ -291,8 +312,8 @@ def read_recordings(
 
     Raises
     ------
-    fusion.errors.FusionError
-        As :func:`read_recording`, and :class:`fusion.errors.UnusableJoin`.
+    acromion.fusion.errors.FusionError
+        As :func:`read_recording`, and :class:`acromion.fusion.errors.UnusableJoin`.
     """
     return join_recordings([read_recording(file, rate_hz=rate_hz, profile=profile) for file in files])
 
@@ -461,7 +482,7 @@ class PlugIn:
         ------
         FailedReader
             The plug-in fails, or returns something other than a recording.
-        fusion.errors.FusionError
+        acromion.fusion.errors.FusionError
             As the plug-in refuses the file.
         """
         recording = self._ask(lambda: self.entry.load().read(source, rate_hz))

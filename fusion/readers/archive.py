@@ -11,8 +11,8 @@ from itertools import product
 from pathlib import PurePath
 from typing import IO, BinaryIO, Literal, cast
 
-from fusion.conventions import is_sidecar
-from fusion.errors import (
+from acromion.fusion.conventions import is_sidecar
+from acromion.fusion.errors import (
     EmptyFile,
     FusionError,
     NoGyroscope,
@@ -21,7 +21,7 @@ from fusion.errors import (
     UnsafeArchive,
     UnusableTime,
 )
-from fusion.readers.source import (
+from acromion.fusion.readers.source import (
     EMPTY_ZIP_MAGIC,
     GZIP_MAGIC,
     HEAD_BYTES,
@@ -32,10 +32,16 @@ from fusion.readers.source import (
     open_archive,
     read_text,
 )
-from fusion.readers.tables.columns import find_own_axes, read_named_axis
-from fusion.readers.tables.layout import COLUMNS_OF_ONE, MIN_COLUMNS, TextLayout, decode_head, find_layout
-from fusion.readers.tables.rows import LONGEST_LIST, plan_table
-from fusion.recording import ACC_UNITS_G, GYR_UNITS_DPS
+from acromion.fusion.readers.tables.columns import find_own_axes, read_named_axis
+from acromion.fusion.readers.tables.layout import (
+    COLUMNS_OF_ONE,
+    MIN_COLUMNS,
+    TextLayout,
+    decode_head,
+    find_layout,
+)
+from acromion.fusion.readers.tables.rows import LONGEST_LIST, plan_table
+from acromion.fusion.recording import ACC_UNITS_G, GYR_UNITS_DPS
 
 PHYPHOX_FOLDER = "meta/"
 OWN_FOLDERS = ("xl/", "word/")

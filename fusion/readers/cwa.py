@@ -14,13 +14,20 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.caveats import Caveat
-from fusion.errors import DamagedFile, NoGyroscope, NoSamples, UnknownColumns, UnknownRate, UnusableTime
-from fusion.numba_kernels import inner, kernel
-from fusion.readers.samples import SampleColumns
-from fusion.readers.source import EARLY_END_S, MAX_DAMAGED_PERCENT, Source, read_chunks, scan_pieces
-from fusion.readers.time.clock import datetime_at_us, flag_drift, hash_serial, trust_clock
-from fusion.readers.time.grid import (
+from acromion.fusion.caveats import Caveat
+from acromion.fusion.errors import (
+    DamagedFile,
+    NoGyroscope,
+    NoSamples,
+    UnknownColumns,
+    UnknownRate,
+    UnusableTime,
+)
+from acromion.fusion.numba_kernels import inner, kernel
+from acromion.fusion.readers.samples import SampleColumns
+from acromion.fusion.readers.source import EARLY_END_S, MAX_DAMAGED_PERCENT, Source, read_chunks, scan_pieces
+from acromion.fusion.readers.time.clock import datetime_at_us, flag_drift, hash_serial, trust_clock
+from acromion.fusion.readers.time.grid import (
     FASTEST_HZ,
     LONGEST_GAP_US,
     SLOWEST_HZ,
@@ -30,7 +37,7 @@ from fusion.readers.time.grid import (
     flag_time,
     place_segments,
 )
-from fusion.recording import (
+from acromion.fusion.recording import (
     LONGEST_BRIDGE_US,
     MICROSECONDS,
     QualityFlag,
@@ -169,12 +176,28 @@ def take_samples(buffer, starts, layouts, scales, into):  # type: ignore[no-unty
     """Write the samples of blocks one after the other, acceleration and angular rate.
 
     ``layouts``: rows and axes of each block, shape (n, 2); ``scales``: g and deg/s of one count, (n, 2). A
-    row is the gyroscope's three int16, the accelerometer's three, and what else there is, little-endian.
+    row is the gyroscope's three int16, the accelerometer's three, and what else there is, little-endian. Of
+    an AX3 it is the accelerometer alone: three int16, or (0 axes) three numbers of 10 bits with an exponent.
     """
     acc, gyr = into
     row = 0
     for block in range(len(starts)):
         step = 2 * layouts[block, 1]
+        if step < 12:
+            for k in range(layouts[block, 0]):
+                at = starts[block] + HEAD_BYTES + k * (step if step else 4)
+                packed = np.int64(0)
+                for place in range(4):
+                    packed |= np.int64(buffer[at + place]) << (8 * place)
+                for axis in range(3):
+                    pull = np.int16(buffer[at + 2 * axis] | (buffer[at + 2 * axis + 1] << 8))
+                    if step == 0:
+                        low = (packed >> (10 * axis)) & 1023
+                        pull = np.int16((low - 1024 if low > 511 else low) << (packed >> 30))
+                    gyr[row, axis] = 0.0
+                    acc[row, axis] = pull * scales[block, 0]
+                row += 1
+            continue
         for k in range(layouts[block, 0]):
             at = starts[block] + HEAD_BYTES + k * step
             for axis in range(3):
@@ -588,9 +611,9 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
 
     Raises
     ------
-    fusion.errors.UnreadableFile
+    acromion.fusion.errors.UnreadableFile
         The gyroscope was off (or it is an AX3), or more than 5 % of the file is damaged.
-    NoSamples, fusion.errors.UnusableTime, fusion.errors.UnknownRate
+    NoSamples, acromion.fusion.errors.UnusableTime, acromion.fusion.errors.UnknownRate
     """
     log = decode_log(read_chunks(source, HEADER_BYTES), source.size_bytes, source)
     log.refuse_unusable()
@@ -650,13 +673,17 @@ def decode_log(pieces: Iterable[bytes], size_bytes: int = 0, source: Source | No
         rows_of_bytes = buffer[starts[:, np.newaxis] + np.arange(HEAD_BYTES)]
         heads = np.ascontiguousarray(rows_of_bytes).reshape(-1).view(BLOCK_HEAD)
         axes, rows = (heads["axes"] >> 4).astype(np.int64), heads["count"].astype(np.int64)
-        is_inertial = np.isin(axes, INERTIAL_AXES) & (heads["axes"] & 0xF == WORDS)
-        fits = is_inertial & (rows > 0) & (rows * axes * 2 <= SAMPLE_BYTES)
+        is_packed = heads["axes"] & 0xF != WORDS
+        is_inertial = np.isin(axes, INERTIAL_AXES) & ~is_packed
+        row_bytes = np.where(is_packed, 4, 2 * axes)
+        if source is not None and source.is_thigh:
+            is_inertial = axes == PLAIN_AXES
+        fits = is_inertial & (rows > 0) & (rows * row_bytes <= SAMPLE_BYTES)
         log.n_plain += int(np.count_nonzero(axes == PLAIN_AXES))
         log.n_unknown += int(np.count_nonzero(~fits & (rows > 0) & (axes != PLAIN_AXES)))
         columns = log.columns
         room = columns.extend(int(rows[fits].sum()))
-        layouts = np.stack([rows[fits], axes[fits]], axis=1)
+        layouts = np.stack([rows[fits], np.where(is_packed, 0, axes)[fits]], axis=1)
         scales = np.stack(find_ranges(heads[fits]), axis=1) / np.float32(FULL_COUNT)
         take_samples(buffer, starts[fits], layouts, scales, (columns.acc[room], columns.gyr[room]))
         log.parts.append(heads[fits])

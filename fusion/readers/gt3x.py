@@ -20,12 +20,19 @@ from zoneinfo import ZoneInfo
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.caveats import Caveat
-from fusion.clocks import ShiftWindow, format_offset, parse_offset_s
-from fusion.errors import DamagedFile, MissingMember, NoGyroscope, NoSamples, UnknownColumns, UnusableShift
-from fusion.numba_kernels import njit
-from fusion.readers.samples import SampleColumns
-from fusion.readers.source import (
+from acromion.fusion.caveats import Caveat
+from acromion.fusion.clocks import ShiftWindow, format_offset, parse_offset_s
+from acromion.fusion.errors import (
+    DamagedFile,
+    MissingMember,
+    NoGyroscope,
+    NoSamples,
+    UnknownColumns,
+    UnusableShift,
+)
+from acromion.fusion.numba_kernels import njit
+from acromion.fusion.readers.samples import SampleColumns
+from acromion.fusion.readers.source import (
     EARLY_END_S,
     EMPTY_ZIP_MAGIC,
     MAX_DAMAGED_PERCENT,
@@ -37,8 +44,14 @@ from fusion.readers.source import (
     read_text,
     scan_pieces,
 )
-from fusion.readers.time.clock import find_zone, flag_drift, flag_zone_changes, hash_serial, trust_clock
-from fusion.recording import (
+from acromion.fusion.readers.time.clock import (
+    find_zone,
+    flag_drift,
+    flag_zone_changes,
+    hash_serial,
+    trust_clock,
+)
+from acromion.fusion.recording import (
     MICROSECONDS,
     QualityFlag,
     Recording,
@@ -51,7 +64,7 @@ from fusion.recording import (
     flag_spans,
     join_overlapping,
 )
-from fusion.still_limits import BOTH_ACCELEROMETERS
+from acromion.fusion.still_limits import BOTH_ACCELEROMETERS
 
 # The records of log.bin, found by their checksums even in a damaged file, and their contents.
 #
@@ -653,7 +666,7 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
 
     Raises
     ------
-    fusion.errors.UnreadableFile
+    acromion.fusion.errors.UnreadableFile
         The archive is cut, corrupt or unsafe, parts are missing, there is no gyroscope, or more than 5 % of
         the records are damaged.
     NoSamples

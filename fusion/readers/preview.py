@@ -11,18 +11,18 @@ from datetime import datetime
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.caveats import Caveat
-from fusion.checks.physics import GyroModel, cut_windows, judge_frame, measure_miss, measure_scale
-from fusion.checks.summary import find_rests
-from fusion.clocks import format_offset
-from fusion.conventions import is_sidecar
-from fusion.errors import EmptyFile, FusionError, NoGyroscope, UnknownFormat
-from fusion.readers import cwa, gt3x, read_recording
-from fusion.readers.archive import PHYPHOX_FOLDER, TABLES, find_recordings
-from fusion.readers.cwa import HEADER_BYTES, parse_header
-from fusion.readers.gt3x import find_start, order_seconds, parse_device_text
-from fusion.readers.source import GZIP_MAGIC, MAX_TEXT_BYTES, ZIP_MAGIC
-from fusion.recording import MICROSECONDS, Recording, Span, find_missing
+from acromion.fusion.caveats import Caveat
+from acromion.fusion.checks.physics import GyroModel, cut_windows, judge_frame, measure_miss, measure_scale
+from acromion.fusion.checks.summary import find_rests
+from acromion.fusion.clocks import format_offset
+from acromion.fusion.conventions import is_sidecar
+from acromion.fusion.errors import EmptyFile, FusionError, NoGyroscope, UnknownFormat
+from acromion.fusion.readers import cwa, gt3x, read_recording
+from acromion.fusion.readers.archive import PHYPHOX_FOLDER, TABLES, find_recordings
+from acromion.fusion.readers.cwa import HEADER_BYTES, parse_header
+from acromion.fusion.readers.gt3x import find_start, order_seconds, parse_device_text
+from acromion.fusion.readers.source import GZIP_MAGIC, MAX_TEXT_BYTES, ZIP_MAGIC
+from acromion.fusion.recording import MICROSECONDS, Recording, Span, find_missing
 
 # Figures by which the maker of a logger sees whether axes, scales and clock of a recording are right.
 
@@ -38,7 +38,7 @@ def measure_sanity(recording: Recording) -> dict[str, object]:
     that explain them as rates about x, y and z, "+x +y +z" where all is right. ``gyro_scale``: the factor on
     the rates that explains slow ones best, 1 if it is right, give or take ``gyro_scale_margin`` (twice
     its standard error). Figures from turns are None if there are too few turns. The recording has already
-    passed :mod:`fusion.checks.physics`; its corrections are among the warnings.
+    passed :mod:`acromion.fusion.checks.physics`; its corrections are among the warnings.
     """
     rests = find_rests(recording.segments)
     offset_dps = np.median(rests.gyr, axis=0) if len(rests) else np.zeros(3)

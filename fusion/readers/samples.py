@@ -9,13 +9,13 @@ from typing import IO, Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.caveats import Caveat
-from fusion.checks.faults import is_too_frequent, mark_fillers, measure_usual
-from fusion.errors import TooLong, UnsafeArchive
-from fusion.numba_kernels import njit
-from fusion.readers.source import Source
-from fusion.recording import QualityFlag
-from fusion.runs import find_runs
+from acromion.fusion.caveats import Caveat
+from acromion.fusion.checks.faults import is_too_frequent, mark_fillers, measure_usual
+from acromion.fusion.errors import TooLong, UnsafeArchive
+from acromion.fusion.numba_kernels import njit
+from acromion.fusion.readers.source import Source
+from acromion.fusion.recording import QualityFlag
+from acromion.fusion.runs import find_runs
 
 # Room for the values of a whole recording, which grows without a second copy of them.
 #

@@ -16,8 +16,8 @@ from typing import IO, BinaryIO, Literal, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.clocks import ShiftWindow
-from fusion.errors import (
+from acromion.fusion.clocks import ShiftWindow
+from acromion.fusion.errors import (
     CorruptArchive,
     MissingMember,
     OldDevice,
@@ -65,6 +65,7 @@ class Source:
     ``left_aside``: files of the archive that are not part of the recording; ``beside``: those of them that
     are tables of another device's sensor. ``is_chosen``: it was chosen from the archive by its name.
     ``window``: only its samples are needed; a reader may decode more.
+    ``is_thigh``: the sensor is on the thigh: its acceleration is enough, and the angular rate is then 0.
     """
 
     file: BinaryIO
@@ -77,6 +78,7 @@ class Source:
     beside: tuple[str, ...] = ()
     is_chosen: bool = False
     window: ShiftWindow | None = None
+    is_thigh: bool = False
 
     @property
     def read_bytes(self) -> int:

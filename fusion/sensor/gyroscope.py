@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from fusion.numba_kernels import kernel
-from fusion.numerics import CAUCHY
-from fusion.recording import Float64Array
-from fusion.sensor.model import (
+from acromion.fusion.numba_kernels import kernel
+from acromion.fusion.numerics import CAUCHY
+from acromion.fusion.recording import Float64Array
+from acromion.fusion.sensor.model import (
     JUMP_S,
     RADIANS,
     AccelerometerCorrection,
@@ -35,7 +35,7 @@ from fusion.sensor.model import (
     solve_band,
     turn_factors,
 )
-from fusion.sensor.stillness import QuietTable
+from acromion.fusion.sensor.stillness import QuietTable
 
 # Estimate the gyroscope's bias from motion.
 #

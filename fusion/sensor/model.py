@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.errors import UnusableArrays
-from fusion.numba_kernels import fused, inner, kernel
-from fusion.recording import Float64Array, FloatArray, Segment
+from acromion.fusion.errors import UnusableArrays
+from acromion.fusion.numba_kernels import fused, inner, kernel
+from acromion.fusion.recording import Float64Array, FloatArray, Segment
 
 # The rotation between two samples, and its effect on a vector.
 #

@@ -12,23 +12,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.checks.summary import (
+from acromion.fusion.checks.summary import (
     FLAT_ROWS,
     LEAST_ACC_RANGE_G,
     LEAST_GYR_RANGE_DPS,
     RANGE_SHARE,
     number_directions,
 )
-from fusion.numba_kernels import inner, kernel
-from fusion.numerics import weigh_cauchy
-from fusion.recording import Float64Array, FloatArray, Segment
-from fusion.sensor.gyroscope import (
+from acromion.fusion.numba_kernels import inner, kernel
+from acromion.fusion.numerics import weigh_cauchy
+from acromion.fusion.recording import Float64Array, FloatArray, Segment
+from acromion.fusion.sensor.gyroscope import (
     GyroScale,
     estimate_gyro_bias_track,
     estimate_gyro_scale,
     reduce_about_start,
 )
-from fusion.sensor.model import (
+from acromion.fusion.sensor.model import (
     PART_OFFSET_G,
     AccelerometerCorrection,
     GyroBias,
@@ -41,7 +41,7 @@ from fusion.sensor.model import (
     reduce_to_nodes,
     solve_band,
 )
-from fusion.sensor.stillness import QuarterSeconds, QuietTable, reduce_run
+from acromion.fusion.sensor.stillness import QuarterSeconds, QuietTable, reduce_run
 
 # Offset and gain of the accelerometer, from the recording's own still moments.
 #
@@ -77,7 +77,7 @@ class AccelerometerSettings:
     On shifts of recorded motion, three directions found 31 and 57 mg to within 5 mg with a departure of 4 and
     7.)
     ``least_directions``: with fewer directions at rest, the moving arm is also used
-    (:mod:`fusion.sensor.self_calibration`), if it shows this many directions.
+    (:mod:`acromion.fusion.sensor.self_calibration`), if it shows this many directions.
     ``moving_cell_g``, ``moving_g``: errors of the readings of the moving arm.
     ``moving_doubt``: factor for the remaining uncertainty, because the errors of these readings are not
     independent. Without it the band contained the truth 88 % of the time on four sessions of simulated tasks.
@@ -355,8 +355,8 @@ def _turn_back(turn_rad: Float64Array) -> Float64Array:
 #
 # A clipped run is replaced, axis by axis, by the cubic that matches value and slope of the good samples on
 # either side (Hermite), never below the limit and at most three times it. The repair does not hide anything:
-# ``fusion.quality`` excludes the rows and 100 ms around them. It only keeps the direction correct after the
-# clipped run.
+# ``acromion.fusion.quality`` excludes the rows and 100 ms around them. It only keeps the direction correct
+# after the clipped run.
 #
 # On BROAD cut at 2 g and 500 deg/s: 4.75 deg without the repair, 2.2 deg with it (offlineVQF 4.74, VQF 6.9).
 # Leaving clipped accelerations out of the mean altogether was worse (6.6), because the cut-off values are not

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.numba_kernels import kernel
-from fusion.recording import Float64Array, FloatArray
-from fusion.sensor.model import SensorRun
-from fusion.still_limits import MOMENT
+from acromion.fusion.numba_kernels import kernel
+from acromion.fusion.recording import Float64Array, FloatArray
+from acromion.fusion.sensor.model import SensorRun
+from acromion.fusion.still_limits import MOMENT
 
 BLOCK_S = 0.25
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fusion.simulation.body import Channel, Motion
+from acromion.fusion.simulation.body import Channel, Motion
 
 # Differences between people that affect the pose: how they stand, walk and repeat a posture.
 #

@@ -12,8 +12,8 @@ from enum import IntEnum
 
 import numpy as np
 
-from fusion.numba_kernels import njit
-from fusion.recording import STANDARD_GRAVITY, Float64Array
+from acromion.fusion.numba_kernels import njit
+from acromion.fusion.recording import STANDARD_GRAVITY, Float64Array
 
 # Joint motion as a sum of strokes and waves, so that every derivative is exact.
 #
@@ -180,7 +180,7 @@ class ArmState:
 
 
 def compute_readings(channels: Float64Array, body: Body) -> ArmState:
-    """Derive the readings of an ideal sensor from the channels of :func:`fusion.simulation.body.play`.
+    """Derive the readings of an ideal sensor from the channels of :func:`play`.
 
     The pelvis is accelerated by walking (change of speed, speed times rate of turn) and by its sway, both in
     the heading frame. The trunk's rotation accelerates the shoulder, the arm's rotation the sensor.

@@ -10,7 +10,7 @@ from math import asin, pi
 
 import numpy as np
 
-from fusion.recording import Float64Array
+from acromion.fusion.recording import Float64Array
 
 RATE_HZ = 20.0
 """Rate of every series. Samples are shifted by half a period, so no sample is exactly at a threshold."""

@@ -20,10 +20,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from fusion.numba_kernels import njit
-from fusion.recording import Float64Array, IntArray
-from fusion.simulation.sensor import KNOT_S, Device, SensorErrors
-from fusion.simulation.shift import SampleBlock, SimulatedShift, simulate_shift
+from acromion.fusion.numba_kernels import njit
+from acromion.fusion.recording import Float64Array, IntArray
+from acromion.fusion.simulation.sensor import KNOT_S, Device, SensorErrors
+from acromion.fusion.simulation.shift import SampleBlock, SimulatedShift, simulate_shift
 
 
 def write_recordings(

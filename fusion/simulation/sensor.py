@@ -10,8 +10,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.recording import Float64Array
-from fusion.simulation.body import ArmState
+from acromion.fusion.recording import Float64Array
+from acromion.fusion.simulation.body import ArmState
 
 # The two sensor models: ranges, resolution, noise and the makers' tolerances.
 

@@ -6,10 +6,17 @@ from datetime import datetime
 
 import numpy as np
 
-from fusion.recording import Float64Array
-from fusion.simulation.activities import ACTIVITIES, HANGING, Choreography, draw_person, hold_still, relax
-from fusion.simulation.body import ArmState, Body, Motion, compute_readings, play
-from fusion.simulation.sensor import (
+from acromion.fusion.recording import Float64Array
+from acromion.fusion.simulation.activities import (
+    ACTIVITIES,
+    HANGING,
+    Choreography,
+    draw_person,
+    hold_still,
+    relax,
+)
+from acromion.fusion.simulation.body import ArmState, Body, Motion, compute_readings, play
+from acromion.fusion.simulation.sensor import (
     PARTS,
     Device,
     Part,

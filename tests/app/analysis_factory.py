@@ -11,9 +11,9 @@ from datetime import datetime
 import numpy as np
 from numpy.typing import NDArray
 
-from app.report.findings import CalibrationFacts, Findings, MethodFacts, RecordingFacts
-from app.report.single.report import ReportSubject, Software
-from fusion.exposure.types import (
+from acromion.app.report.findings import CalibrationFacts, Findings, MethodFacts, RecordingFacts
+from acromion.app.report.single.report import ReportSubject, Software
+from acromion.fusion.exposure.types import (
     Cycles,
     ElevationBin,
     Entries,
@@ -28,8 +28,8 @@ from fusion.exposure.types import (
     TimeAbove,
     Velocity,
 )
-from fusion.quality import Quality, TimeAccount
-from fusion.recording import MICROSECONDS, QualityFlag, Span
+from acromion.fusion.quality import Quality, TimeAccount
+from acromion.fusion.recording import MICROSECONDS, QualityFlag, Span
 
 RECORDED_S = 28740.0
 BREAKS_S = ((7200.0, 8100.0), (14400.0, 16200.0))
@@ -169,7 +169,11 @@ def with_diary(exposure: Exposure) -> Exposure:
         _make_period("Shelves", 20940.0, 28740.0, 10.0),
     )
     pooled = replace(
-        periods[0], end_s=28740.0, analysed_s=15000.0, percent_above={30: 30.0, 60: 7.6, 90: 1.0}, periods=2
+        periods[0],
+        end_s=28740.0,
+        analysed_s=15000.0,
+        time_above_percent={30: 30.0, 60: 7.6, 90: 1.0},
+        periods=2,
     )
     ends = ((5.0, 10.0), (15.0, 25.0), (0.5, 2.0))
     tasks = tuple(
@@ -186,7 +190,7 @@ def _make_period(label: str, start_s: float, end_s: float, above_60_percent: flo
         end_s=end_s,
         analysed_s=end_s - start_s,
         percentiles_deg={10: 8.0, 50: 21.0, 90: 55.0},
-        percent_above={30: 30.0, 60: above_60_percent, 90: 1.0},
+        time_above_percent={30: 30.0, 60: above_60_percent, 90: 1.0},
         entries_above_60_per_h=30.0,
         kind="task",
         recorded_s=end_s - start_s,
@@ -250,7 +254,7 @@ def _make_hours() -> tuple[PartExposure, ...]:
             end_s=b,
             analysed_s=min(3600.0, b - a),
             percentiles_deg={10: 7.0 + k % 3, 50: 20.0 + k, 90: 50.0 + 2 * k},
-            percent_above={30: 28.0 + k, 60: 5.0 + k % 5, 90: 1.0 + 0.4 * k},
+            time_above_percent={30: 28.0 + k, 60: 5.0 + k % 5, 90: 1.0 + 0.4 * k},
             entries_above_60_per_h=22.0 + 3 * (k % 4),
         )
         for k, (a, b) in enumerate(zip(starts, ends, strict=True))

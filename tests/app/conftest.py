@@ -11,19 +11,19 @@ import pytest
 import uvicorn
 from fastapi.testclient import TestClient
 
-from app.analysis.attempt import MakeReport
-from app.http.pages import rendering
-from app.library.jobs import JobStore
-from app.library.rows import Job
-from app.main import configure_server, create_app
-from app.ops import verify
-from app.queue import worker
-from app.queue.worker import WorkerContext, open_worker_context, run_next
-from app.request import ReportRequest
-from app.services import Services
-from app.settings import Settings
-from app.store.folder import Storage, open_storage
-from fusion.simulation import simulate_shift, write_shift
+from acromion.app.analysis.attempt import MakeReport
+from acromion.app.http.pages import rendering
+from acromion.app.library.jobs import JobStore
+from acromion.app.library.rows import Job
+from acromion.app.main import configure_server, create_app
+from acromion.app.ops import verify
+from acromion.app.queue import worker
+from acromion.app.queue.worker import WorkerContext, open_worker_context, run_next
+from acromion.app.request import ReportRequest
+from acromion.app.services import Services
+from acromion.app.settings import Settings
+from acromion.app.store.folder import Storage, open_storage
+from acromion.fusion.simulation import simulate_shift, write_shift
 from tests.postgres import PostgresServer
 from tests.swift import SwiftServer
 

@@ -7,8 +7,8 @@ import signal
 import time
 from pathlib import Path
 
-from app.request import OnStage, ReportRequest
-from fusion.errors import TooShort, UnknownColumns
+from acromion.app.request import OnStage, ReportRequest
+from acromion.fusion.errors import TooShort, UnknownColumns
 
 RESULTS = (
     b'{"time": {"recorded_s": 28800.0, "analysed_s": 27720.0}, "exposure": {"time_above": ['

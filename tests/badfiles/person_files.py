@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.simulation import simulate_shift
+from acromion.fusion.simulation import simulate_shift
 from tests.badfiles.arm import Matrix, minute
 from tests.badfiles.table_files import canon, changed, stamped
 from tests.factories import move_arm

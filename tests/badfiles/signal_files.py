@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 
-from fusion.readers.tables.csv import RECORD
+from acromion.fusion.readers.tables.csv import RECORD
 from tests.badfiles.arm import Matrix, minute
 from tests.badfiles.outcomes import Content
 from tests.badfiles.table_files import ACTILIFE, ACTILIFE_COLUMNS, changed

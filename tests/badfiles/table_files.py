@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.recording import STANDARD_GRAVITY
+from acromion.fusion.recording import STANDARD_GRAVITY
 from tests.badfiles.arm import minute
 from tests.fusion.readers.tables.table_builder import HEADER
 

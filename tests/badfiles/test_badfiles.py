@@ -8,14 +8,14 @@ import pytest
 from fastapi.testclient import TestClient
 from typer.testing import CliRunner
 
-from app.cli import app
-from app.main import create_app
-from app.report.words.messages import describe_problem
-from app.report.words.wording import LANGUAGES, Language
-from app.settings import Settings
-from fusion.caveats import Caveat
-from fusion.errors import FusionError
-from fusion.pipeline import Analysis
+from acromion.app.cli import app
+from acromion.app.main import create_app
+from acromion.app.report.words.messages import describe_problem
+from acromion.app.report.words.wording import LANGUAGES, Language
+from acromion.app.settings import Settings
+from acromion.fusion.caveats import Caveat
+from acromion.fusion.errors import FusionError
+from acromion.fusion.pipeline import Analysis
 from tests.badfiles.expected import ALWAYS, BAD_FILES
 from tests.badfiles.outcomes import BadFile
 from tests.badfiles.ways_in import Server, analyse_by_fusion, codes_in, content_of

@@ -12,11 +12,10 @@ from typing import Any
 
 import pytest
 
-import app
-import fusion
-from fusion.devices import KNOWN_DEVICES
-from fusion.readers.tables import columns
-from fusion.readers.tables.layout import MAX_LINE_BYTES
+from acromion import app, fusion
+from acromion.fusion.devices import KNOWN_DEVICES
+from acromion.fusion.readers.tables import columns
+from acromion.fusion.readers.tables.layout import MAX_LINE_BYTES
 
 kinds, parser = (importlib.import_module(f"re._{name}") for name in ("constants", "parser"))
 SIZE = 1 << 20
@@ -43,10 +42,10 @@ Case = tuple[re.Pattern[Any], str]
 
 
 def list_modules() -> Iterator[ModuleType]:
-    for found in pkgutil.walk_packages(fusion.__path__, "fusion."):
-        if found.name.split(".")[1] in FOREIGN:
+    for found in pkgutil.walk_packages(fusion.__path__, "acromion.fusion."):
+        if found.name.split(".")[2] in FOREIGN:
             yield importlib.import_module(found.name)
-    for found in pkgutil.walk_packages(app.__path__, "app."):
+    for found in pkgutil.walk_packages(app.__path__, "acromion.app."):
         if not found.name.endswith("__main__") and ".migrations." not in found.name:
             yield importlib.import_module(found.name)
 

@@ -6,12 +6,12 @@ from functools import cache
 
 from fastapi.testclient import TestClient
 
-from app.queue.worker import open_worker_context, run_next
-from app.report.words.wording import Language
-from app.settings import Settings
-from fusion.angle_files import read_angle_file, recognise_layout
-from fusion.pipeline import Analysis, analyse, analyse_angle_file
-from fusion.readers import read_recording
+from acromion.app.queue.worker import open_worker_context, run_next
+from acromion.app.report.words.wording import Language
+from acromion.app.settings import Settings
+from acromion.fusion.angle_files import read_angle_file, recognise_layout
+from acromion.fusion.pipeline import Analysis, analyse, analyse_angle_file
+from acromion.fusion.readers import read_recording
 from tests.badfiles.expected import ALWAYS
 from tests.badfiles.outcomes import BadFile
 

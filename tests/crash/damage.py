@@ -16,8 +16,8 @@ from typing import Any, Literal, get_args
 
 import httpx2
 
-from app.settings import Settings
-from app.store.folder import open_storage
+from acromion.app.settings import Settings
+from acromion.app.store.folder import open_storage
 from tests.crash.stores import CODE, TUS, Ended, Server, Store, build_stores, run_command
 
 Part = Literal[
@@ -510,7 +510,7 @@ def _list_addresses(store: Store) -> list[str]:
     """Give what is asked while the server runs; the first ones are pages and lists."""
     of_it = f"/api/v1/analyses/{store.analysis}"
     files = ("results.json", "report.html", "report.pdf", "elevation.parquet", "answer.txt", "fhir.json")
-    made = ("bundle.zip", "periods.csv", "settings.yaml", "elevation.csv.gz")
+    made = ("bundle.zip", "tasks.csv", "settings.yaml", "elevation.csv.gz")
     return [
         *("/", "/trash", "/library/summary.csv", f"/analyses/{store.analysis}"),
         f"/analyses/{store.analysis}/curve?from_s=0&to_s=60",

@@ -20,13 +20,13 @@ from typing import Literal
 
 import httpx2
 
-from app.errors import Crashed, Interrupted
-from app.library.audit_log import AuditFilter, find_lines
-from app.library.jobs import JobStore
-from app.library.rows import Job, JobState
-from app.ops.verify import find_expected, find_faults
-from app.settings import Settings
-from app.store.folder import format_result_name, open_storage
+from acromion.app.errors import Crashed, Interrupted
+from acromion.app.library.audit_log import AuditFilter, find_lines
+from acromion.app.library.jobs import JobStore
+from acromion.app.library.rows import Job, JobState
+from acromion.app.ops.verify import find_expected, find_faults
+from acromion.app.settings import Settings
+from acromion.app.store.folder import format_result_name, open_storage
 from tests import ROOT
 from tests.ways_in.servers import list_children, read_stat, wait_for
 

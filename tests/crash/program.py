@@ -12,11 +12,11 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import app.library.database.connect
-from app.main import serve
-from app.queue.worker import run_worker
-from app.request import OnStage, ReportRequest
-from app.settings import Settings
+import acromion.app.library.database.connect
+from acromion.app.main import serve
+from acromion.app.queue.worker import run_worker
+from acromion.app.request import OnStage, ReportRequest
+from acromion.app.settings import Settings
 
 SLOWEST_S = 0.3
 
@@ -32,13 +32,13 @@ def write_digest(log: Path, request: ReportRequest, out: Path, on_stage: OnStage
 
 def skip_sync() -> None:
     """Let every fsync, ours and SQLite's, do nothing."""
-    prepare = app.library.database.connect._prepare_sqlite
+    prepare = acromion.app.library.database.connect._prepare_sqlite
 
     def prepare_carelessly(connection: Any, _record: Any) -> None:
         prepare(connection, _record)
         connection.execute("PRAGMA synchronous=OFF")
 
-    app.library.database.connect._prepare_sqlite = prepare_carelessly
+    acromion.app.library.database.connect._prepare_sqlite = prepare_carelessly
     os.fsync = _forget
 
 

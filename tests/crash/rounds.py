@@ -15,12 +15,12 @@ from pathlib import Path
 
 from sqlalchemy import select
 
-from app.errors import NotEmpty
-from app.library.claims import DatabaseClock
-from app.library.database.tables import analyses
-from app.library.jobs import JobStore
-from app.library.rows import JobState
-from app.settings import Settings
+from acromion.app.errors import NotEmpty
+from acromion.app.library.claims import DatabaseClock
+from acromion.app.library.database.tables import analyses
+from acromion.app.library.jobs import JobStore
+from acromion.app.library.rows import JobState
+from acromion.app.settings import Settings
 from tests import ROOT
 from tests.crash.harness import (
     PARTS,
@@ -172,7 +172,7 @@ def _time_restore(data: Path, backup: Path) -> float:
 @contextmanager
 def _restoring(data: Path, backup: Path) -> Iterator[subprocess.Popen[bytes]]:
     """Start a restore and wait until it writes."""
-    command = [sys.executable, "-m", "app", "restore", str(backup), "--data", str(data)]
+    command = [sys.executable, "-m", "acromion", "restore", str(backup), "--data", str(data)]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL) as restore:
         wait_for(data.exists, math.inf)
         yield restore

@@ -3,8 +3,8 @@
 import sys
 from pathlib import Path
 
-from app.queue.worker import open_worker_context, run_next
-from app.settings import Settings
+from acromion.app.queue.worker import open_worker_context, run_next
+from acromion.app.settings import Settings
 from tests.crash.program import write_digest
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from typing import Any
 
 import httpx2
 
-from fusion.simulation import simulate_shift, write_shift
+from acromion.fusion.simulation import simulate_shift, write_shift
 from tests import ROOT
 from tests.ways_in.servers import wait_for
 
@@ -94,7 +94,7 @@ class Server:
     """``acromion serve`` on a folder that may be damaged: it is at an address, or it has ended."""
 
     def __init__(self, folder: Path, log: Path, workers: int = 0) -> None:
-        command = [sys.executable, "-m", "app", "serve", "--port", "0", "-j", str(workers)]
+        command = [sys.executable, "-m", "acromion", "serve", "--port", "0", "-j", str(workers)]
         self._log = log
         with log.open("wb") as file:
             self._process = subprocess.Popen(
@@ -149,7 +149,7 @@ class Server:
 
 def run_command(*arguments: object) -> Ended:
     """Run ``acromion`` as a person would."""
-    command = [sys.executable, "-m", "app", *map(str, arguments)]
+    command = [sys.executable, "-m", "acromion", *map(str, arguments)]
     done = subprocess.run(command, cwd=ROOT, env=_environment(), capture_output=True, text=True, check=False)
     return Ended(done.returncode, done.stdout + done.stderr)
 

@@ -84,7 +84,7 @@ def test_a_full_disk_is_said_so_and_the_server_recovers_when_there_is_room(
 
 def test_a_second_server_of_one_folder_is_refused(tmp_path: Path) -> None:
     site = Site(tmp_path / "data", tmp_path / "log", workers=0)
-    command = [sys.executable, "-m", "app", "serve", "--port", "0", "--data", str(tmp_path / "data")]
+    command = [sys.executable, "-m", "acromion", "serve", "--port", "0", "--data", str(tmp_path / "data")]
 
     second = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
 

@@ -50,10 +50,20 @@ def ask_r(*words: str | Path, **variables: str) -> str:
 
 def test_the_tables_keep_codes_as_text_and_failed_recordings_out_of_the_means(done: Path) -> None:
     told = "cat(nrow(all), all$subject[1], nrow(usable(all)))"
-    code = f'source("{SCRIPT}"); all <- read_summary("{done / "out"}"); {told}'
+    code = f'source("{SCRIPT}"); all <- read_table("{done / "out"}"); {told}'
 
     rows = read_table(done / "out" / "summary.csv")
-    assert ask_r("-e", code) == f"{len(rows)} 007 0"  # six minutes are poor
+    good = [row for row in rows if not row["error_code"] and row["verdict"] != "poor"]
+    assert ask_r("-e", code) == f"{len(rows)} 007 {len(good)}"
+
+
+def test_the_ranges_are_those_of_the_results() -> None:
+    results = ROOT / "templates" / "example" / "results.json"
+    told = 'cat(sprintf("%.3f", unlist(tabulate_time_above(results)[2, c("percent", "low", "high")])))'
+    code = f'source("{SCRIPT}"); results <- jsonlite::read_json("{results}"); {told}'
+
+    above = json.loads(results.read_text("utf-8"))["exposure"]["time_above"][1]
+    assert ask_r("-e", code) == " ".join(f"{above[name]:.3f}" for name in ("percent", "low", "high"))
 
 
 def test_the_script_prints_the_figures_that_the_server_has(done: Path, server: RunningServer) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from fusion.errors import UnreadableFile
+from acromion.fusion.errors import UnreadableFile
 from tests.plugin import START, read_blocks
 
 ROW = struct.pack("<6h", 0, 0, 2048, 0, 0, 0)

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.release import NotReady, build_twice, check_changelog, check_citation, read_version
+from hatch_build import PACKAGE, find_revision, link_folders
 from tests import ROOT
 
 SECONDS = 1_772_438_400
@@ -60,7 +61,7 @@ def packages(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The packages of a copy of the work tree, built twice; a difference is refused."""
     folder = tmp_path_factory.mktemp("packages")
     copied = shutil.ignore_patterns(".venv", ".git", "__pycache__", ".*_cache", ".hypothesis", "out", "dist")
-    shutil.copytree(ROOT, folder / "copy", ignore=copied)
+    shutil.copytree(ROOT, folder / "copy", symlinks=True, ignore=copied)
     build_twice(folder / "copy", folder / "dist", SECONDS)
     return folder / "dist"
 
@@ -91,45 +92,58 @@ def run_from(folders: list[Path], code: str, cwd: Path) -> subprocess.CompletedP
     return subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, check=False)
 
 
-COMMAND = "import sys; sys.argv = ['acromion', *{}]; from acromion import run_command; run_command()"
+COMMAND = "import sys; sys.argv = ['acromion', *{}]; from acromion.app.start import main; main()"
 
 
 def test_the_wheel_simulates_analyses_and_reports_without_the_work_tree(
     unpacked: Path, tmp_path: Path
 ) -> None:
     done = run_from([unpacked], COMMAND.format(["demo", "--hours", "0.1", "-o", "out"]), tmp_path)
-    where = run_from([unpacked], "import app, fusion; print(app.__file__, fusion.__file__)", tmp_path)
+    where = run_from([unpacked], "import acromion; print(acromion.__file__)", tmp_path)
 
     assert done.returncode == 0, done.stderr
-    assert where.stdout.count(str(unpacked)) == 2
+    assert where.stdout.strip() == str(unpacked / "acromion" / "__init__.py")
     assert next(tmp_path.glob("out/*/report.pdf")).read_bytes().startswith(b"%PDF")
 
 
-@pytest.mark.parametrize("name", ["app", "fusion"])
-def test_another_package_that_comes_first_is_named_with_the_cure(
-    unpacked: Path, tmp_path: Path, name: str
-) -> None:
-    (tmp_path / name).mkdir()
-    (tmp_path / name / "__init__.py").write_text("raise SystemExit('theirs ran')\n")
-
-    told = run_from([tmp_path, unpacked], COMMAND.format(["version"]), tmp_path)
-
-    assert told.returncode == 3
-    assert f'the package "{name}"' in told.stderr
-    assert str(tmp_path / name / "__init__.py") in told.stderr
-    assert "python3 -m venv" in told.stderr
-    assert "theirs ran" not in told.stderr
+def test_a_wheel_that_the_release_program_built_is_a_release(unpacked: Path) -> None:
+    assert (unpacked / "acromion" / "app" / "revision.txt").read_text() == "release 0.1.0\n"
 
 
-def test_another_package_that_was_installed_over_ours_is_named(unpacked: Path, tmp_path: Path) -> None:
-    shutil.copytree(unpacked, tmp_path / "installed")
-    (tmp_path / "installed" / "fusion" / "__init__.py").write_text('"""Theirs."""\n')
-    theirs = tmp_path / "installed" / "fusion_theirs-1.0.dist-info"
-    theirs.mkdir()
-    (theirs / "METADATA").write_text("Metadata-Version: 2.1\nName: fusion-theirs\nVersion: 1.0\n")
-    (theirs / "RECORD").write_text("fusion/__init__.py,,\n")
+def test_a_package_that_anybody_else_builds_is_of_a_commit_or_not_released(tmp_path: Path) -> None:
+    assert find_revision(tmp_path, "0.1.0") == "0.1.0, not released"
 
-    told = run_from([tmp_path / "installed"], "from acromion import analyse", tmp_path)
+    for words in (["init", "-q"], ["commit", "-q", "--allow-empty", "-m", "Begin"]):
+        who = ["-c", "user.name=A", "-c", "user.email=a@b.ca"]
+        subprocess.run(["git", "-C", str(tmp_path), *who, *words], check=True)
+    asked = ["git", "-C", str(tmp_path), "rev-parse", "HEAD"]
+    commit = subprocess.run(asked, capture_output=True, text=True, check=True).stdout
 
-    assert "PackageClash" in told.stderr
-    assert "another package was installed over it: fusion-theirs." in told.stderr
+    assert find_revision(tmp_path, "0.1.0") == f"git {commit[:12]}"
+
+
+def test_the_wheel_contains_one_package_and_its_description(unpacked: Path) -> None:
+    assert sorted(path.name for path in unpacked.iterdir()) == ["acromion", "acromion-0.1.0.dist-info"]
+
+
+def test_the_wheel_works_beside_other_packages_called_app_and_fusion(unpacked: Path, tmp_path: Path) -> None:
+    for name in ("app", "fusion"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "__init__.py").write_text("raise SystemExit('theirs ran')\n")
+
+    done = run_from([tmp_path, unpacked], COMMAND.format(["demo", "--hours", "0.1", "-o", "out"]), tmp_path)
+
+    assert done.returncode == 0, done.stderr
+    assert "theirs ran" not in done.stdout + done.stderr
+
+
+def test_an_editable_installation_links_the_folders_of_the_package(tmp_path: Path) -> None:
+    for folder in (PACKAGE, "app", "fusion"):
+        (tmp_path / folder).mkdir(parents=True)
+    (tmp_path / "app" / "start.py").touch()
+
+    link_folders(tmp_path)
+    link_folders(tmp_path)  # a second installation finds them
+
+    assert (tmp_path / PACKAGE / "app" / "start.py").exists()
+    assert (tmp_path / PACKAGE / "fusion").is_dir()

@@ -1,6 +1,6 @@
 """The page of settings has every setting of the server."""
 
-from app.settings import Settings
+from acromion.app.settings import Settings
 from benchmarks.settings import read_meanings
 
 

@@ -11,7 +11,7 @@ from urllib.parse import unquote, urlsplit
 import pytest
 from playwright.sync_api import Browser, Page, Request, expect
 
-import fusion
+from acromion import fusion
 from tests import ROOT
 
 GUIDE = ("start", "poses", "reading", "limits", "codes")

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 
 import pytest
 
-from fusion.clocks import (
+from acromion.fusion.clocks import (
     correct_start,
     find_instants,
     find_time_zone,
@@ -19,12 +19,12 @@ from fusion.clocks import (
     parse_time_zone,
     read_clock,
 )
-from fusion.diary import DiaryEntry
-from fusion.errors import UnusableClock, UnusableDiary
-from fusion.exposure.parts import split_hours
-from fusion.exposure.periods import place_diary, place_moment
-from fusion.readers.time.clock import set_clock
-from fusion.recording import QualityFlag, Recording
+from acromion.fusion.diary import DiaryEntry
+from acromion.fusion.errors import UnusableClock, UnusableDiary
+from acromion.fusion.exposure.parts import split_hours
+from acromion.fusion.exposure.periods import place_diary, place_moment
+from acromion.fusion.readers.time.clock import set_clock
+from acromion.fusion.recording import QualityFlag, Recording
 
 HOUR_US = 3_600_000_000
 PARIS, TORONTO = "Europe/Paris", "America/Toronto"
@@ -255,6 +255,12 @@ def test_the_hours_of_the_day_follow_the_zone() -> None:
         ["22", "23", "00", "01", "03", "04", "05", "06"],
         ["22", "23", "00", "01", "02", "02", "03", "04"],
     ]
+    assert labels[1][3:7] == (
+        "2026-10-25T01:00",
+        "2026-10-25T02:00+02:00",
+        "2026-10-25T02:00+01:00",
+        "2026-10-25T03:00",
+    )
 
 
 def test_the_time_between_two_starts_of_one_zone_is_true_time() -> None:
@@ -327,14 +333,23 @@ def test_a_correction_is_read_in_each_form(text: str, seconds: float) -> None:
     assert parse_clock_offset(text) == seconds
 
 
-@pytest.mark.parametrize("text", ["", "-", "1:2:3:4", "an hour", "1:75", "--5", "1h 2x", "nan", "1e3"])
+@pytest.mark.parametrize(
+    "text", ["", "-", "1:2:3:4", "an hour", "1:75", "--5", "1h 2x", "nan", "1e3", "1000:00:00", "360000"]
+)
 def test_another_form_of_a_correction_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match="-1h02m"):
         parse_clock_offset(text)
 
 
 @pytest.mark.parametrize(
-    ("seconds", "text"), [(-3720.0, "-1:02:00"), (1.5, "+0:00:01.5"), (172_800.0, "+48:00:00"), (0.0, "")]
+    ("seconds", "text"),
+    [
+        (-3720.0, "-1:02:00"),
+        (1.5, "+0:00:01.5"),
+        (172_800.0, "+48:00:00"),
+        (-820_450_801.5, "-9495d23h0m1.5s"),
+        (0.0, ""),
+    ],
 )
 def test_a_correction_is_written_as_it_is_read(seconds: float, text: str) -> None:
     assert format_clock_offset(seconds) == text

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from fusion.numba_kernels import _copy_compiled, make_kernel_folder
+from acromion.fusion.numba_kernels import _copy_compiled, make_kernel_folder
 
 IMPORT_ALL = "import os, fusion; [getattr(fusion, name) for name in fusion.__all__]"
-CALL = "from fusion.numba_kernels import make_ready; make_ready()"
+CALL = "from acromion.fusion.numba_kernels import make_ready; make_ready()"
 LOADED = f"import sys; {CALL}; print(*sorted({{'numba.np.arraymath', 'scipy.linalg'}} & set(sys.modules)))"
 SOLVE = (
-    "import numpy as np; from fusion.sensor.model import solve_band;"
+    "import numpy as np; from acromion.fusion.sensor.model import solve_band;"
     "print(*solve_band(np.array([[4.0, 5.0], [2.0, 0.0]]), np.array([[6.0, 7.0]]))[0])"
 )
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from fusion.conventions import CONVENTIONS, Convention
-from fusion.exposure.bins import BIN_EDGES_DEG
-from fusion.exposure.summary import summarise_exposure
+from acromion.fusion.conventions import CONVENTIONS, Convention
+from acromion.fusion.exposure.bins import BIN_EDGES_DEG
+from acromion.fusion.exposure.summary import summarise_exposure
 from tests.factories import elevate
 
 HELD = elevate(np.repeat([10.0, 40.0, 70.0, 70.0, 130.0], 720), rate_hz=1.0)  # an hour in five holds

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fusion.diary import DiaryEntry, parse_clock, read_diary, read_tasks
-from fusion.errors import UnusableDiary
+from acromion.fusion.diary import DiaryEntry, parse_clock, read_diary, read_tasks
+from acromion.fusion.errors import UnusableDiary
 from tests.clock_spellings import FRACTIONS, READ, REFUSED
 
 
@@ -202,3 +202,23 @@ def test_the_lines_of_a_list_of_tasks_may_end_as_on_any_system(end: str, delimit
         ("reach", 0.0, 10.0),
         ("carry", 10.0, 20.0),
     ]
+
+
+QUOTES = {
+    "never closed": ('09:00,10:00,task,"Boxes\n10:00,11:00,break,\n', 2),
+    "closed by the next": ('09:00,10:00,task,"Boxes\n10:00,11:00,task,"Lifts\n', 2),
+    "in the last line": ('08:00,09:00,work,\n09:00,10:00,task,"Boxes\n', None),
+    "in the middle": ('09:00,10:00,task,12" pipe\n10:00,11:00,break,\n', None),
+    "two lines in a cell": ('09:00,10:00,task,"Boxes\nand lifts"\n10:00,11:00,break,\n', None),
+}
+
+
+@pytest.mark.parametrize(("rows", "line"), QUOTES.values(), ids=QUOTES)
+def test_an_open_quotation_mark_swallows_no_line(rows: str, line: int | None) -> None:
+    text = f"start,end,kind,label\n{rows}".encode()
+    if line is None:
+        assert len(read_diary(text)) == 2
+        return
+    with pytest.raises(UnusableDiary) as refusal:
+        read_diary(text)
+    assert (refusal.value.facts["line"], refusal.value.facts["why"]) == (line, "open quote")

@@ -1,13 +1,15 @@
 """Find the shifts of a recording of several days."""
 
-from datetime import datetime
+from datetime import datetime, timedelta
 from zoneinfo import ZoneInfo
 
 import pytest
 
-from fusion.diary import DiaryEntry, read_diary
-from fusion.recording import Span
-from fusion.shifts import cut_diary, find_by_diary, find_by_hours, parse_hours, propose
+from acromion.fusion.clocks import parse_interval
+from acromion.fusion.diary import DiaryEntry, read_diary
+from acromion.fusion.errors import UnusableDiary, UnusableShift
+from acromion.fusion.recording import Span
+from acromion.fusion.shifts import cut_diary, find_by_diary, find_by_hours, parse_hours, propose
 
 DAY_US = 86_400_000_000
 HOUR_US = 3_600_000_000
@@ -45,7 +47,53 @@ def test_a_night_in_which_the_clocks_go_forward_is_an_hour_shorter() -> None:
     assert (first_us, stop_us - first_us) == (10 * HOUR_US, 7 * HOUR_US)
 
 
-@pytest.mark.parametrize("text", ["", "07:00", "7-25:00", "07:00-09:00-11:00", "soon-later"])
+PARIS = ZoneInfo("Europe/Paris")
+CHANGES = [
+    (datetime(2026, 3, 28, 12, tzinfo=PARIS), "never"),
+    (datetime(2026, 10, 24, 12, tzinfo=PARIS), "twice"),
+]
+
+
+@pytest.mark.parametrize(("start", "why"), CHANGES)
+def test_a_shift_at_a_time_that_the_clocks_skip_or_repeat_cannot_be_placed(start: datetime, why: str) -> None:
+    """Of two nights, the clocks change in the first."""
+    first, second = find_by_hours(start, 2 * DAY_US, parse_hours("02:30-08:00"))
+
+    with pytest.raises(UnusableShift) as refusal:
+        first.place(start)
+    assert refusal.value.facts["why"] == why
+    assert refusal.value.facts["value"] == f"{first.start:%Y-%m-%d} 02:30:00"
+    assert second.place(start)[1] - second.place(start)[0] == 5.5 * HOUR_US
+
+
+def test_a_window_without_an_offset_follows_the_zone_of_the_recording() -> None:
+    """04:00 on the clocks of Paris is three hours after midnight in the night in which they go forward."""
+    window = parse_interval("2026-03-29T04:00/2026-03-29T05:00")
+
+    assert window.place(datetime(2026, 3, 29, tzinfo=PARIS)) == (3 * HOUR_US, 4 * HOUR_US)
+
+
+@pytest.mark.parametrize(("start", "why"), CHANGES)
+def test_every_row_of_a_diary_at_such_a_time_is_named(start: datetime, why: str) -> None:
+    night = start.date() + timedelta(days=1)
+    diary = diary_of(f"{night} 02:30,{night} 08:00,shift,\n{start.date()} 22:00,02:45,shift,\n")
+
+    with pytest.raises(UnusableDiary) as refusal:
+        find_by_diary(diary, start, 2 * DAY_US)
+
+    assert {refusal.value.facts[name] for name in ("line", "line_2")} == {2, 3}
+    assert {refusal.value.facts[name] for name in ("why", "why_2")} == {why}
+
+
+def test_a_shift_of_the_diary_with_its_offset_lasts_until_the_clock_time_after_the_change() -> None:
+    start = datetime(2026, 10, 24, 12, tzinfo=PARIS)
+
+    (night,) = find_by_diary(diary_of("2026-10-25 02:30+02:00,08:00,shift,\n"), start, DAY_US)
+
+    assert str(night) == "2026-10-25T02:30:00+02:00/2026-10-25T08:00:00+01:00"
+
+
+@pytest.mark.parametrize("text", ["", "07:00", "7-25:00", "07:00-09:00-11:00", "soon-later", "07:00-07:00"])
 def test_what_are_no_hours_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match=r"."):
         parse_hours(text)

@@ -9,9 +9,9 @@ import pytest
 import xlsxwriter
 from openpyxl.utils.datetime import CALENDAR_MAC_1904
 
-from fusion.diary import DiaryEntry, read_diary
-from fusion.errors import UnusableDiary, split_facts
-from fusion.workbook import MOST_BYTES, MOST_UNPACKED_BYTES
+from acromion.fusion.diary import DiaryEntry, read_diary
+from acromion.fusion.errors import UnusableDiary, split_facts
+from acromion.fusion.workbook import MOST_BYTES, MOST_UNPACKED_BYTES
 from tests.workbooks import save, write
 
 DAY = "2026-03-02"

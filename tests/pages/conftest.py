@@ -14,7 +14,7 @@ from typing import Literal
 import pytest
 from playwright.sync_api import Browser, BrowserContext, ConsoleMessage, Page, expect
 
-from fusion.simulation import write_recordings
+from acromion.fusion.simulation import write_recordings
 from tests.pages.steps import keep_no_drafts, open_analysis, see_end, wait_for_curve
 from tests.ways_in.servers import RunningServer
 
@@ -57,9 +57,17 @@ def shifts(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 @pytest.fixture(scope="session")
 def trunk(server: RunningServer, tmp_path_factory: pytest.TempPathFactory) -> str:
-    """The id of a finished analysis: S012, neither arm, the same day."""
+    """The id of a finished analysis of a sensor on the trunk: S012, the same day."""
     folder = tmp_path_factory.mktemp("trunk")
     file = write_recordings(folder, "gt9x", HOURS, 3)[0].rename(folder / "trunk.gt3x")
+    return finish(server, file, subject="S012", side="trunk")
+
+
+@pytest.fixture(scope="session")
+def unstated(server: RunningServer, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The id of a finished analysis without a stated arm: S012, the same day."""
+    folder = tmp_path_factory.mktemp("unstated")
+    file = write_recordings(folder, "gt9x", HOURS, 4)[0].rename(folder / "unstated.gt3x")
     return finish(server, file, subject="S012")
 
 

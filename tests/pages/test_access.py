@@ -12,16 +12,16 @@ import pytest
 from playwright.sync_api import BrowserContext, Page, expect
 from sqlalchemy import update
 
-from app.accounts.accounts import AccountStore
-from app.accounts.passwords import hash_password
-from app.accounts.sign_in import SignIn
-from app.accounts.subjects import Role
-from app.library.database.tables import sessions
-from app.library.jobs import JobStore
-from app.report.words.wording import Language, load_wording
-from app.request import ReportRequest
-from app.settings import Settings
-from app.store.folder import StoredRecording
+from acromion.app.accounts.accounts import AccountStore
+from acromion.app.accounts.passwords import hash_password
+from acromion.app.accounts.sign_in import SignIn
+from acromion.app.accounts.subjects import Role
+from acromion.app.library.database.tables import sessions
+from acromion.app.library.jobs import JobStore
+from acromion.app.report.words.wording import Language, load_wording
+from acromion.app.request import ReportRequest
+from acromion.app.settings import Settings
+from acromion.app.store.folder import StoredRecording
 from tests.pages.conftest import keep_picture, open_page
 from tests.pages.steps import list_other_times
 from tests.pages.test_everyone import LOOKS, SCREENS, Look, list_barriers, show_as

@@ -177,8 +177,8 @@ def test_rows_sent_by_a_script_are_named_by_subject_date_and_arm_in_french_on_a_
     page: Page, server: RunningServer, right: str
 ) -> None:
     page.set_viewport_size({"width": 360, "height": 800})
-    page.goto(f"{server.address}?text=shift_seed1&lang=fr")
-    row = page.locator("#rows .row").first
+    page.goto(f"{server.address}?text=S012&lang=fr")
+    row = page.locator("[data-file='shift_seed1.gt3x']", has_text="S012").first
 
     expect(row.locator(".subject")).to_contain_text("S012")
     expect(row.locator(".date")).to_contain_text("2026-03-02")

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page, expect
 
-from fusion.simulation import write_recordings
+from acromion.fusion.simulation import write_recordings
 from tests.pages.conftest import keep_picture
 from tests.pages.steps import END_MS, open_analysis, open_home, see_end, wait_for_curve, wait_for_end
 from tests.ways_in.servers import RunningServer

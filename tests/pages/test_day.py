@@ -8,7 +8,7 @@ from urllib.parse import parse_qs
 import pytest
 from playwright.sync_api import Page, expect
 
-from fusion.simulation import write_recordings
+from acromion.fusion.simulation import write_recordings
 from tests.clock_spellings import FRACTIONS, READ, REFUSED
 from tests.pages.conftest import finish, keep_picture
 from tests.pages.steps import END_MS, open_analysis, read_bands, read_view, wait_for_curve
@@ -323,6 +323,28 @@ def test_a_diary_in_excel_is_imported_and_a_row_that_becomes_a_mark_has_no_end(
     expect(rows.first.locator("[name=end]")).to_have_value("")
     expect(rows.first.locator("[name=end]")).not_to_be_visible()
     expect(day.get_by_role("button", name="Update")).to_be_enabled()
+
+
+def test_postures_of_a_sensor_are_imported_beside_the_other_rows_and_shown_on_request(
+    day: Page, tmp_path: Path
+) -> None:
+    diary, posture = tmp_path / "diary.csv", tmp_path / "thigh.csv"
+    diary.write_text("start,end,kind,label\n07:00:30,07:01:00,task,shelves\n")
+    start = day.locator("[data-start]").get_attribute("data-start") or ""
+    posture.write_text(f"datetime,activity\n{start[:10]} 07:00:40,sit\n{start[:10]} 07:00:50,walk\n")
+
+    day.set_input_files("#import", diary)
+    expect(day.locator("#periods tr")).to_have_count(1)
+    day.set_input_files("#import", posture)
+    expect(day.locator("#periods tr")).to_have_count(3)
+
+    assert [band["name"] for band in read_bands(day) if band["kind"] != "calibration"] == ["shelves"]
+    measured = day.locator("#periods tr").last
+    expect(measured).not_to_be_visible()
+    day.get_by_label("Show the rows with the posture from a sensor").check()
+    expect(measured).to_be_visible()
+    expect(measured.locator("[name=label]")).to_have_value("upright")
+    keep_picture(day, "postures")
 
 
 def test_a_diary_is_imported_and_exported(day: Page, tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from datetime import datetime
 import pytest
 from playwright.sync_api import Page, expect
 
-from fusion.simulation import simulate_shift, write_shift
+from acromion.fusion.simulation import simulate_shift, write_shift
 from tests.pages.conftest import finish
 from tests.pages.steps import find_row, open_home
 from tests.ways_in.servers import RunningServer

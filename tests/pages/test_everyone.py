@@ -10,8 +10,8 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page, expect
 
-from app.report.words.numbers import format_clock, format_duration, format_elapsed, format_moment
-from app.report.words.wording import Language
+from acromion.app.report.words.numbers import format_clock, format_duration, format_elapsed, format_moment
+from acromion.app.report.words.wording import Language
 from tests.pages.conftest import keep_picture
 from tests.pages.steps import END_MS, list_other_times, open_home, wait_for_curve, wait_for_end
 from tests.ways_in.servers import RunningServer
@@ -48,6 +48,7 @@ PAGES = {
     "delete": "recordings/{recording}/delete",
     "finish": "recordings/{recording}/finish",
     "pair": "beside/pair?first={left}&second={right}",
+    "of trunk": "analyses/{trunk}",
     "trunk": "beside/pair?first={left}&second={right}&trunk={trunk}",
     "compare": "beside/compare?first={left}&second={right}",
     "days": "days?analysis={left}&analysis={right}",

@@ -10,12 +10,12 @@ import pytest
 from playwright.sync_api import Locator, Page, expect
 from sqlalchemy import update
 
-from app.library.database.tables import analyses
-from app.library.jobs import JobStore
-from app.report.words.numbers import format_duration
-from app.report.words.wording import Language, fill, load_wording
-from app.settings import Settings
-from fusion.simulation import write_recordings
+from acromion.app.library.database.tables import analyses
+from acromion.app.library.jobs import JobStore
+from acromion.app.report.words.numbers import format_duration
+from acromion.app.report.words.wording import Language, fill, load_wording
+from acromion.app.settings import Settings
+from acromion.fusion.simulation import write_recordings
 from tests.fusion.pose.test_poses import ASIDE, Course, tilted
 from tests.pages.conftest import keep_picture
 from tests.pages.steps import END_MS, find_row, make_file, open_home, see_end, wait_for_end

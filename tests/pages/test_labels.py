@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from fusion.simulation import write_recordings
+from acromion.fusion.simulation import write_recordings
 from tests.pages.conftest import finish, keep_picture
 from tests.pages.steps import END_MS
 from tests.ways_in.servers import RunningServer

@@ -12,7 +12,7 @@ from zipfile import ZipFile
 import pytest
 from playwright.sync_api import Page, expect
 
-from fusion.simulation import simulate_shift, write_recordings, write_shift
+from acromion.fusion.simulation import simulate_shift, write_recordings, write_shift
 from tests.pages.conftest import finish, keep_picture
 from tests.pages.steps import END_MS, find_row, make_file, open_home, see_end
 from tests.ways_in.servers import RunningServer
@@ -41,10 +41,11 @@ def test_recordings_are_found_by_subject_and_by_day(
 
 
 def test_data_to_use_with_care_are_not_told_in_green_and_a_short_recording_is_called_short(
-    page: Page, server: RunningServer, trunk: str
+    page: Page, server: RunningServer, unstated: str
 ) -> None:
     open_home(page, server)
-    row = find_row(page, "trunk.gt3x")
+    search(page, "unstated.gt3x")
+    row = find_row(page, "unstated.gt3x")
 
     expect(row).to_contain_text("use with care, short")
     expect(row.locator(".side")).to_have_text("arm?")
@@ -83,7 +84,7 @@ def test_problems_and_figures_are_taken_as_tables(
     with page.expect_download() as download:
         page.get_by_role("link", name="main figures").click()
 
-    assert (row["file"], row["subject"], row["code"]) == ("table.csv", "S099", code)
+    assert (row["file_name"], row["subject"], row["code"]) == ("table.csv", "S099", code)
     assert row["fix"]
     figures = csv.DictReader(download.value.path().read_text().splitlines())
     assert {row["subject"] for row in figures} == {"S012"}
@@ -281,7 +282,7 @@ def test_recordings_are_sorted_as_a_person_chooses(page: Page, server: RunningSe
 def test_a_row_is_named_by_subject_date_and_arm_and_draws_the_day(
     page: Page, server: RunningServer, right: str
 ) -> None:
-    open_home(page, server)
+    page.goto(f"{server.address}?text=S012&lang=en")
     row = page.locator("[data-file='shift_seed1.gt3x']", has_text="S012").first
 
     expect(row.locator("th")).to_contain_text("S012")
@@ -297,7 +298,7 @@ def test_a_trunk_sensor_is_set_beside_both_arms_with_an_offset_of_its_own(
 ) -> None:
     page.goto(f"{server.address}beside/pair?first={left}&second={right}&lang=en")
 
-    page.get_by_label("Trunk sensor").select_option("trunk.gt3x")
+    page.get_by_label("Trunk sensor").select_option("trunk.gt3x")  # stated as the trunk's
     page.get_by_role("button", name="Apply").click()
     expect(page.get_by_role("heading", name="Arm relative to the trunk")).to_be_visible()
     expect(

@@ -236,6 +236,20 @@ def test_a_board_by_web_serial_is_read_and_becomes_a_recording(page: Page, serve
     assert "S060" in {one["subject"] for one in kept}
 
 
+def test_a_moment_is_marked_by_a_button(page: Page, server: RunningServer) -> None:
+    page.add_init_script(FAKE_PORT)
+    page.goto(f"{server.address}live?lang=en")
+    page.select_option("#source", "serial")
+    page.select_option("#axis", "+z")
+    page.click("#begin")
+    expect(page.locator("#angle")).to_have_text("60°")
+
+    page.fill("#mark-label", "pain")
+    page.click("#mark")
+
+    expect(page.locator("#marked")).to_contain_text(re.compile(r"Marks: 1\. The last at 0:00:\d\d: pain"))
+
+
 def test_a_port_that_is_refused_is_said(page: Page, server: RunningServer) -> None:
     page.add_init_script("navigator.serial.requestPort = async () => { throw new Error('none chosen'); }")
     page.goto(f"{server.address}live?lang=en")

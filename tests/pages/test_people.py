@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Locator, Page, expect
 
-from fusion.simulation import write_recordings
+from acromion.fusion.simulation import write_recordings
 from tests.pages.conftest import keep_picture
 from tests.pages.steps import END_MS, find_row, list_other_times, note_questions, open_home
 from tests.ways_in.servers import RunningServer

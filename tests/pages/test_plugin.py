@@ -39,7 +39,7 @@ def reading(python: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[
 
 
 def run_command(python: Path, armband: Path, out: Path) -> subprocess.CompletedProcess[str]:
-    command = [str(python), "-m", "app", "run", str(armband), "-o", str(out), "--report", "html"]
+    command = [str(python), "-m", "acromion", "run", str(armband), "-o", str(out), "--report", "html"]
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import Locator, Page, Request, expect
 
-from fusion.recording import Recording
+from acromion.fusion.recording import Recording
 from tests.factories import hold, record
 from tests.fusion.pose.test_poses import ASIDE, RATE_HZ, Course, take_off, tilted
 from tests.pages.conftest import finish, keep_picture, repeat

@@ -5,8 +5,8 @@ import re
 import pytest
 from playwright.sync_api import Locator, Page, expect
 
-from app.report.words.wording import Language, fill, load_wording
-from fusion.simulation import write_recordings
+from acromion.app.report.words.wording import Language, fill, load_wording
+from acromion.fusion.simulation import write_recordings
 from tests.pages.conftest import finish, keep_picture
 from tests.pages.steps import open_analysis, wait_for_curve
 from tests.pages.test_everyone import SCREENS, Look, list_barriers

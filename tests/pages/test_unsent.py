@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from app.accounts.accounts import AccountStore
-from app.accounts.passwords import hash_password
-from app.accounts.sign_in import SignIn
-from app.settings import Settings
-from fusion.simulation import write_recordings
+from acromion.app.accounts.accounts import AccountStore
+from acromion.app.accounts.passwords import hash_password
+from acromion.app.accounts.sign_in import SignIn
+from acromion.app.settings import Settings
+from acromion.fusion.simulation import write_recordings
 from tests.pages.conftest import finish
 from tests.pages.steps import END_MS, note_questions, open_analysis, open_home, wait_for_curve
 from tests.pages.test_access import PASSWORD, SECRET, log_in

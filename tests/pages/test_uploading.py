@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page, Route, expect
 
-from fusion.simulation import write_recordings
+from acromion.fusion.simulation import write_recordings
 from tests.pages.steps import END_MS, find_row, find_upload, make_file, open_home, wait_for_end
 from tests.ways_in.servers import RunningServer
 

@@ -9,7 +9,7 @@ import pypdf
 import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 
-from fusion.simulation import write_recordings
+from acromion.fusion.simulation import write_recordings
 from tests.pages.conftest import finish, repeat
 from tests.pages.steps import END_MS, find_row, open_analysis, open_home, see_end
 from tests.ways_in.servers import RunningServer

@@ -9,7 +9,7 @@ import pypdf
 import pytest
 from playwright.sync_api import Page, expect
 
-from fusion.simulation import write_recordings
+from acromion.fusion.simulation import write_recordings
 from tests.pages.conftest import finish, keep_picture
 from tests.pages.steps import END_MS, keep_no_drafts, open_analysis, read_bands, read_view, wait_for_curve
 from tests.pages.test_day import add_period, set_window

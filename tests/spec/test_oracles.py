@@ -10,17 +10,17 @@ from datetime import datetime
 import numpy as np
 import pytest
 
+from acromion.fusion.elevation import Elevation, ElevationSegment
+from acromion.fusion.exposure.bins import summarise_bins
+from acromion.fusion.exposure.parts import split_hours
+from acromion.fusion.exposure.speeds import CycleTally
+from acromion.fusion.exposure.stays import find_stays, summarise_entries, summarise_episodes
+from acromion.fusion.exposure.summary import summarise_exposure
+from acromion.fusion.exposure.types import Velocity
+from acromion.fusion.recording import FloatArray
 from benchmarks.exposure_oracles import square, swing
 from benchmarks.exposure_oracles_sensor import CUBE
 from benchmarks.exposure_oracles_table import ALL_DAY, sample, tally
-from fusion.elevation import Elevation, ElevationSegment
-from fusion.exposure.bins import summarise_bins
-from fusion.exposure.parts import split_hours
-from fusion.exposure.speeds import CycleTally
-from fusion.exposure.stays import find_stays, summarise_entries, summarise_episodes
-from fusion.exposure.summary import summarise_exposure
-from fusion.exposure.types import Velocity
-from fusion.recording import FloatArray
 from tests.factories import elevate
 
 

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fusion.orientation import estimate_vertical
-from fusion.orientation.live import LiveVertical
+from acromion.fusion.orientation import estimate_vertical
+from acromion.fusion.orientation.live import LiveVertical
 from tests.validation.broad import Table, Trial, add_offset, cut_rest, load_trials, resample_to_100_hz, score
 
 pytestmark = [pytest.mark.real_recordings, pytest.mark.slow]

@@ -6,9 +6,9 @@ It looks for lost wake-ups ten times as often as the product does: a test waits 
 import sys
 from pathlib import Path
 
-from app.queue import cluster
-from app.queue.cluster import run_cluster_worker
-from app.settings import Settings
+from acromion.app.queue import cluster
+from acromion.app.queue.cluster import run_cluster_worker
+from acromion.app.settings import Settings
 from tests.app import stand_ins
 
 if __name__ == "__main__":

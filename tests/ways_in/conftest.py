@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from fusion.simulation import write_recordings
+from acromion.fusion.simulation import write_recordings
 from tests.conftest import SHARED_DATA
 from tests.ways_in.servers import RunningServer
 

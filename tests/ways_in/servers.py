@@ -23,7 +23,7 @@ class RunningServer:
     def __init__(
         self, data: Path, log: Path, workers: int = 1, *, python: str = sys.executable, **settings: str
     ) -> None:
-        command = [python, "-m", "app", "serve", "--port", "0", "--data", str(data), "-j", str(workers)]
+        command = [python, "-m", "acromion", "serve", "--port", "0", "--data", str(data), "-j", str(workers)]
         environment = os.environ | {"ACROMION_MIN_FREE_BYTES": "0"} | settings
         self.data, self._log = data, log
         with log.open("ab") as file:
@@ -53,7 +53,9 @@ class RunningServer:
 
     def find_workers(self) -> list[int]:
         """Return the process numbers of the workers that live."""
-        return [pid for pid in list_children(self.process.pid) if "app.queue.worker" in read_command(pid)]
+        return [
+            pid for pid in list_children(self.process.pid) if "acromion.app.queue.worker" in read_command(pid)
+        ]
 
     def kill(self) -> None:
         """End the server at once, without any chance to tidy up."""

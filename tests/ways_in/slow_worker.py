@@ -3,8 +3,8 @@
 import sys
 from pathlib import Path
 
-from app.queue.worker import run_worker
-from app.settings import Settings
+from acromion.app.queue.worker import run_worker
+from acromion.app.settings import Settings
 from tests.app.stand_ins import write_slowly
 
 if __name__ == "__main__":

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from app.main import create_app
-from app.settings import Settings
+from acromion.app.main import create_app
+from acromion.app.settings import Settings
 from tests import ROOT
 from tests.ways_in.servers import RunningServer
 

@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 from sqlalchemy import text
 
-from app.library.database.connect import connect
-from app.library.jobs import JobStore
-from app.library.rows import JobState
-from app.queue.cluster import install
-from app.request import ReportRequest
-from app.settings import Settings
-from app.store.folder import Storage, open_storage
+from acromion.app.library.database.connect import connect
+from acromion.app.library.jobs import JobStore
+from acromion.app.library.rows import JobState
+from acromion.app.queue.cluster import install
+from acromion.app.request import ReportRequest
+from acromion.app.settings import Settings
+from acromion.app.store.folder import Storage, open_storage
 from tests import ROOT
 from tests.postgres import PostgresServer
 from tests.swift import SwiftServer

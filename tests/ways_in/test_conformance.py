@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from app.cli import app
-from fusion.angle_files.angle_series import read_angle_series
-from fusion.exposure.summary import summarise_exposure
+from acromion.app.cli import app
+from acromion.fusion.angle_files.angle_series import read_angle_series
+from acromion.fusion.exposure.summary import summarise_exposure
 
 Row = tuple[str, str, float]
 

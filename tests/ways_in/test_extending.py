@@ -1,6 +1,7 @@
 """The patches of ``docs/extend.md``, each laid over a copy of the software and used there."""
 
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -22,8 +23,9 @@ def extend(tmp_path: Path) -> Extend:
 
     def make(name: str) -> Path:
         copy = tmp_path / "copy"
-        for folder in ("app", "fusion", "templates"):
-            shutil.copytree(ROOT / folder, copy / folder, ignore=shutil.ignore_patterns("__pycache__"))
+        ignored = shutil.ignore_patterns("__pycache__")
+        for folder in ("app", "fusion", "templates", ".ci/package"):
+            shutil.copytree(ROOT / folder, copy / folder, symlinks=True, ignore=ignored)
         found = re.search(rf"<!-- patch: {name} -->\n```diff\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
         assert found
         laid = subprocess.run(["patch", "-p1", "--batch"], cwd=copy, input=found[1].encode(), check=False)
@@ -36,13 +38,16 @@ def extend(tmp_path: Path) -> Extend:
 def run_there(copy: Path, *arguments: str) -> str:
     """Run this Python in the copy."""
     command = [sys.executable, *arguments]
-    return subprocess.run(command, cwd=copy, check=True, capture_output=True, text=True, timeout=300).stdout
+    there = os.environ | {"PYTHONPATH": str(copy / ".ci" / "package")}
+    return subprocess.run(
+        command, cwd=copy, env=there, check=True, capture_output=True, text=True, timeout=300
+    ).stdout
 
 
 def test_the_figure_stands_in_the_results_and_is_explained_in_both_languages(
     extend: Extend, shift_gt3x: Path, tmp_path: Path
 ) -> None:
-    run_there(extend("figure"), "-m", "app", "run", str(shift_gt3x), "-o", str(tmp_path / "out"))
+    run_there(extend("figure"), "-m", "acromion", "run", str(shift_gt3x), "-o", str(tmp_path / "out"))
 
     results = json.loads((tmp_path / "out" / shift_gt3x.stem / "results.json").read_bytes())
     found = results["exposure"]["recovery"]
@@ -57,10 +62,10 @@ def test_the_figure_stands_in_the_results_and_is_explained_in_both_languages(
 
 COUNT_RISES = """
 import numpy as np
-from app.live.cue_log import parse_rule
-from app.report.words.wording import load_wording
-from fusion.live.cues import CueWatch
-from fusion.live.session import LiveRows
+from acromion.app.live.cue_log import parse_rule
+from acromion.app.report.words.wording import load_wording
+from acromion.fusion.live.cues import CueWatch
+from acromion.fusion.live.session import LiveRows
 
 angle_deg = np.tile([20.0, 58.0, 62.0, 66.0, 62.0, 58.0, 66.0, 54.0], 4)  # one rise in each period
 rows = LiveRows(np.arange(32) * 10_000, angle_deg, np.ones(32, bool))

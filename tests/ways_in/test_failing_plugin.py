@@ -38,7 +38,7 @@ def armband(tmp_path: Path) -> Path:
 def test_a_command_prints_one_line_with_type_and_message_and_no_traceback(
     python: Path, armband: Path, tmp_path: Path
 ) -> None:
-    command = [str(python), "-m", "app", "run", str(armband), "-o", str(tmp_path / "out")]
+    command = [str(python), "-m", "acromion", "run", str(armband), "-o", str(tmp_path / "out")]
     told = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False).stderr
 
     assert told.count(LINE) == 1

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from app.store.reserve import RESERVE_BYTES, RESERVE_FILE, free_reserve, keep_reserve
+from acromion.app.store.reserve import RESERVE_BYTES, RESERVE_FILE, free_reserve, keep_reserve
 from tests.crash.rounds import can_cut_power
 from tests.ways_in.servers import RunningServer, wait_for
 

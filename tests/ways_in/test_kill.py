@@ -12,12 +12,12 @@ from pathlib import Path
 
 import pytest
 
-from app.library.jobs import JobStore
-from app.library.rows import Job, JobState
-from app.queue.worker import open_worker_context, run_next
-from app.request import ReportRequest
-from app.settings import Settings
-from app.store.folder import open_storage
+from acromion.app.library.jobs import JobStore
+from acromion.app.library.rows import Job, JobState
+from acromion.app.queue.worker import open_worker_context, run_next
+from acromion.app.request import ReportRequest
+from acromion.app.settings import Settings
+from acromion.app.store.folder import open_storage
 from tests import ROOT
 from tests.app.stand_ins import write_report
 from tests.ways_in.conftest import StartServer

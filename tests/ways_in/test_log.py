@@ -3,7 +3,7 @@
 from functools import partial
 from pathlib import Path
 
-from fusion.simulation import write_recordings
+from acromion.fusion.simulation import write_recordings
 from tests.ways_in.servers import RunningServer, wait_for
 
 CANARY = "canary-5f2c71d09ab84e36c1f7a2d8e"

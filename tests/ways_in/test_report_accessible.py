@@ -8,13 +8,13 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser
 
-from app.report.findings import FinishedAnalysis
-from app.report.model import Report
-from app.report.pairs import build_comparison, build_pair
-from app.report.render.html import render_html
-from app.report.single.report import build_report
-from app.report.words.wording import LANGUAGES, Language
-from fusion.exposure.types import MinuteProfile
+from acromion.app.report.findings import FinishedAnalysis
+from acromion.app.report.model import Report
+from acromion.app.report.pairs import build_comparison, build_pair
+from acromion.app.report.render.html import render_html
+from acromion.app.report.single.report import build_report
+from acromion.app.report.words.wording import LANGUAGES, Language
+from acromion.fusion.exposure.types import MinuteProfile
 from tests.app.analysis.test_both_arms import make_pair
 from tests.app.analysis_factory import make_analysis, make_exposure, make_minutes, make_subject
 

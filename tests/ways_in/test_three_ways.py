@@ -13,7 +13,7 @@ PRODUCTS = ("results.json", "elevation.parquet", "summary.csv", "report.html?lan
 
 def run_command(recording: Path, out: Path) -> Path:
     """Analyse by the command line; gives the recording's folder."""
-    command = [sys.executable, "-m", "app", "run", str(recording), "-o", str(out)]
+    command = [sys.executable, "-m", "acromion", "run", str(recording), "-o", str(out)]
     subprocess.run([*command, "--side", "right", "--subject", "S012"], cwd=ROOT, check=True)
     return out / recording.stem
 

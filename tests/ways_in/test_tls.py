@@ -8,8 +8,8 @@ import httpx2
 from fastapi import FastAPI
 from websockets.sync.client import connect
 
-from app.main import configure_server
-from app.settings import Settings
+from acromion.app.main import configure_server
+from acromion.app.settings import Settings
 from tests.app.cli.typed import run
 from tests.ways_in.servers import RunningServer
 

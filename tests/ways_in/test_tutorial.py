@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from app.cli import app
-from app.main import create_app
-from app.report.words.wording import load_wording
-from app.settings import Settings
+from acromion.app.cli import app
+from acromion.app.main import create_app
+from acromion.app.report.words.wording import load_wording
+from acromion.app.settings import Settings
 from tests import ROOT
 
 TUTORIAL = (ROOT / "docs" / "tutorial.md").read_text("utf-8")

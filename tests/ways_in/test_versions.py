@@ -8,8 +8,8 @@ import pytest
 from pypdf import PdfReader
 from typer.testing import CliRunner
 
-from app.batch.folder import get_earlier_path, get_last_version, restore_earlier
-from app.cli import app
+from acromion.app.batch.folder import get_earlier_path, get_last_version, restore_earlier
+from acromion.app.cli import app
 
 
 def run(log: Path, out: Path, *more: str) -> str:

@@ -10,14 +10,14 @@ from fastapi.responses import JSONResponse
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, Gauge, ProcessCollector, generate_latest
 from pydantic import BaseModel, Field
 
-from app.errors import NotHere, list_refusals
-from app.formats import FORMATS, find_added_formats
-from app.http.middleware.problems import PROBLEM_RESPONSES, ProblemView, view_flag, view_problem
-from app.report.export.tables import describe_dictionary
-from app.report.words.messages import find_flag_codes
-from app.report.words.wording import is_french
-from app.services import GOOD, UsedLanguage, UsedServices
-from app.version import installed_readers, software_revision, software_version
+from acromion.app.errors import NotHere, list_refusals
+from acromion.app.formats import FORMATS, find_added_formats
+from acromion.app.http.middleware.problems import PROBLEM_RESPONSES, ProblemView, view_flag, view_problem
+from acromion.app.report.export.tables import describe_dictionary
+from acromion.app.report.words.messages import find_flag_codes
+from acromion.app.report.words.wording import is_french
+from acromion.app.services import GOOD, UsedLanguage, UsedServices
+from acromion.app.version import installed_readers, software_version, source_revision
 
 router = APIRouter(prefix="/api/v1", responses=PROBLEM_RESPONSES, tags=["about"])
 
@@ -100,7 +100,7 @@ def get_version() -> VersionView:
     """Return the software version of the server."""
     readers = [ReaderView(name=name, version=version) for name, version in installed_readers()]
     return VersionView(
-        name="acromion", version=software_version(), revision=software_revision(), readers=readers
+        name="acromion", version=software_version(), revision=source_revision(), readers=readers
     )
 
 

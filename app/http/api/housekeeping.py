@@ -12,14 +12,14 @@ from contextlib import suppress
 import anyio
 from sqlalchemy.exc import OperationalError, SQLAlchemyError
 
-from app.errors import AppError, LockedUpload, OnHold
-from app.http.api.library.analyses import run_to_end
-from app.http.api.library.recordings import finish_purge, forget_samples, purge_recording
-from app.http.api.library.uploads import drop_upload
-from app.http.api.webhooks import WebhookSender
-from app.library.audit_log import Act, AuditFilter, find_lines, record_alone
-from app.ops.copies import keep_daily_copy, renew_copies
-from app.ops.recover import (
+from acromion.app.errors import AppError, LockedUpload, OnHold
+from acromion.app.http.api.library.analyses import run_to_end
+from acromion.app.http.api.library.recordings import finish_purge, forget_samples, purge_recording
+from acromion.app.http.api.library.uploads import drop_upload
+from acromion.app.http.api.webhooks import WebhookSender
+from acromion.app.library.audit_log import Act, AuditFilter, find_lines, record_alone
+from acromion.app.ops.copies import keep_daily_copy, renew_copies
+from acromion.app.ops.recover import (
     check_known,
     drop_stale_attempts,
     find_strange,
@@ -28,10 +28,10 @@ from app.ops.recover import (
     restore_known,
     update_side_files,
 )
-from app.queue.leader import Leader
-from app.services import Services
-from app.store.folder import TEMPORARY_S
-from app.store.reserve import keep_reserve
+from acromion.app.queue.leader import Leader
+from acromion.app.services import Services
+from acromion.app.store.folder import TEMPORARY_S
+from acromion.app.store.reserve import keep_reserve
 
 CHECK_PERIOD_S = 1.0
 SIDE_FILES_AT_ONCE = 200

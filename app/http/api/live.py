@@ -19,14 +19,14 @@ from anyio.lowlevel import RunVar
 from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 
-from app.analysis.attempt import choose_limits
-from app.errors import AppError, BadParameter, LiveSourceFailed, LiveStopped, RecordedProblem
-from app.http.middleware.problems import PROBLEM_RESPONSES, hide_tokens, show_input
-from app.intake import Intake
-from app.library.audit_log import record
-from app.library.rows import Job
-from app.live.hub import Ended, RunningSession
-from app.live.ports import (
+from acromion.app.analysis.attempt import choose_limits
+from acromion.app.errors import AppError, BadParameter, LiveSourceFailed, LiveStopped, RecordedProblem
+from acromion.app.http.middleware.problems import PROBLEM_RESPONSES, hide_tokens, show_input
+from acromion.app.intake import Intake
+from acromion.app.library.audit_log import record
+from acromion.app.library.rows import Job
+from acromion.app.live.hub import Ended, RunningSession
+from acromion.app.live.ports import (
     KEPT,
     PLAYED,
     RAW,
@@ -43,12 +43,13 @@ from app.live.ports import (
     find_serial_ports,
     open_port,
 )
-from app.report.words.messages import describe_problem
-from app.report.words.wording import Language, clean_text
-from app.request import LONGEST_SUBJECT, ReportRequest, check_subject
-from app.services import Services, UsedLanguage, UsedServices, find_services
-from app.store.folder import borrow_recording
-from fusion.conventions import ArmAxis, Side
+from acromion.app.report.words.messages import describe_problem
+from acromion.app.report.words.wording import Language, clean_text
+from acromion.app.request import LONGEST_SUBJECT, ReportRequest, check_subject
+from acromion.app.services import Services, UsedLanguage, UsedServices, find_services
+from acromion.app.store.folder import borrow_recording
+from acromion.fusion.conventions import ArmAxis, Side
+from acromion.fusion.diary import LONGEST_LABEL, DiaryEntry
 
 # Storage of live sessions: the raw file of each kept session becomes a recording.
 
@@ -132,13 +133,27 @@ def _write_raw(services: Services, files: SessionFiles) -> bool:
 
 def _store_session(services: Services, files: SessionFiles, subject: str, side: Side | None) -> Job:
     """Store the raw file of a session as a recording, and queue its analysis."""
-    name, settings = f"live-{files.session_id}.csv", services.settings
-    request = ReportRequest(name, subject, side, paper=settings.paper, appendix=settings.appendix)
+    name, settings, marks = f"live-{files.session_id}.csv", services.settings, _read_marks(files)
+    request = ReportRequest(
+        name, subject, side, diary=marks, paper=settings.paper, appendix=settings.appendix
+    )
     analysis = Intake(services.store, services.storage, services.settings).add(files.raw, request, "web")
+    if marks:
+        services.recordings.put_diary(services.recordings.get(analysis.recording_id), marks)
     with services.store.engine.begin() as connection:
         ended = {"session": files.session_id}
         record(connection, "live.ended", analysis.recording_id, analysis.id, other=ended)
     return analysis
+
+
+def _read_marks(files: SessionFiles) -> tuple[DiaryEntry, ...]:
+    """Return the marked moments as rows of a diary; a line that was not written to its end is ignored."""
+    rows = []
+    for line in files.marks.read_text("utf-8").splitlines() if files.marks.exists() else ():
+        with suppress(ValueError):
+            mark = json.loads(line)
+            rows.append(DiaryEntry(mark["time_s"], None, "mark", mark["label"]))
+    return tuple(rows)
 
 
 SILENCE_S = 600.0
@@ -217,6 +232,13 @@ class Cues(_Message):
     paused: bool
 
 
+class Mark(_Message):
+    """Mark the present moment, such as the start of a pain."""
+
+    type: Literal["mark"]
+    label: str = Field(default="", max_length=LONGEST_LABEL)
+
+
 class Stop(_Message):
     """End the session."""
 
@@ -231,8 +253,8 @@ class Ping(_Message):
 
 
 _FIRST: TypeAdapter[Start | Resume] = TypeAdapter(Annotated[Start | Resume, Field(discriminator="type")])
-_LATER: TypeAdapter[Pose | Cues | Stop | Ping] = TypeAdapter(
-    Annotated[Pose | Cues | Stop | Ping, Field(discriminator="type")]
+_LATER: TypeAdapter[Pose | Cues | Mark | Stop | Ping] = TypeAdapter(
+    Annotated[Pose | Cues | Mark | Stop | Ping, Field(discriminator="type")]
 )
 
 
@@ -385,6 +407,8 @@ async def _handle_messages(socket: WebSocket, session: RunningSession, inbox: "I
                 session.ask_pose(asked.countdown_s)
             elif isinstance(asked, Cues):
                 session.pause_cues(paused=asked.paused)
+            elif isinstance(asked, Mark):
+                await to_thread.run_sync(session.mark, clean_text(asked.label))  # writes a file
             elif isinstance(asked, Stop):
                 session.stop()
             else:

@@ -7,13 +7,20 @@ from typing import Annotated, Any, Literal, Self, TypeVar
 from fastapi import APIRouter, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from app.errors import BadParameter
-from app.http.api.library.files import serve_bytes
-from app.http.middleware.problems import PROBLEM_RESPONSES
-from app.library.report_cache import AnyReportJobs, ReportJobs
-from app.report.words.wording import Language
-from app.request import LONGEST_OFFSET_S, PairRequest, Paper, ProfileRequest
-from app.services import Services, UsedLanguage, UsedServices
+from acromion.app.errors import BadParameter
+from acromion.app.http.api.library.files import serve_bytes
+from acromion.app.http.middleware.problems import PROBLEM_RESPONSES
+from acromion.app.library.report_cache import AnyReportJobs, ReportJobs
+from acromion.app.report.words.wording import Language
+from acromion.app.request import (
+    LONGEST_OFFSET_S,
+    MIN_HOURS,
+    PairClockSource,
+    PairRequest,
+    Paper,
+    ProfileRequest,
+)
+from acromion.app.services import Services, UsedLanguage, UsedServices
 
 router = APIRouter(
     prefix="/api/v1", responses=PROBLEM_RESPONSES, tags=["pairs"], default_response_class=Response
@@ -64,11 +71,31 @@ class SourceView(_Exact):
     verdict: Literal["good", "caution", "poor"]
 
 
-class ClockView(_Exact):
-    """When a recording started, in seconds after the left arm's; stated by the clocks or by a person."""
+class MatchView(_Exact):
+    """The relation of two clocks in the movement that both sensors share.
+
+    ``margin_s``: 95 % limit of the error in the common time. ``windows``: minutes that agree, of those
+    ``searched``.
+    """
 
     offset_s: float
-    stated_by: Annotated[Literal["clocks", "person"], Field(alias="from")]
+    drift_ppm: float
+    margin_s: float
+    windows: int
+    searched: int
+
+
+class ClockView(_Exact):
+    """When a recording started, in seconds after the left arm's, and the source of this.
+
+    ``drift_ppm``: how much faster its clock runs, as corrected. ``match``: null if the movement gives no
+    certain relation; beside clocks it only confirms or contradicts.
+    """
+
+    offset_s: float
+    stated_by: Annotated[Literal["clocks", "person", "signals"], Field(alias="from")]
+    drift_ppm: float
+    match: MatchView | None
 
 
 class ArmView(_Exact):
@@ -120,6 +147,7 @@ class PairView(_Exact):
     layout: Annotated[Literal["acromion.pair/1"], Field(alias="schema")]
     left: SourceView
     right: SourceView
+    trunk: SourceView | None
     one_person: OnePersonView
     clock: ClockView
     trunk_clock: ClockView | None
@@ -239,7 +267,7 @@ class ArmDaysView(_Exact):
 
 
 class SpreadView(_Exact):
-    """A figure over a group: standard deviations between and within people."""
+    """A figure over a group: standard deviations between and within people, with their 95 % ranges."""
 
     people: int
     days: int
@@ -247,6 +275,8 @@ class SpreadView(_Exact):
     mean_range: Ends | None
     within_sd: float | None
     between_sd: float | None
+    within_range: Ends | None
+    between_range: Ends | None
     low_pose: float | None
     high_pose: float | None
 
@@ -342,6 +372,13 @@ class PairQuery(_Exact):
         ),
     ] = None
     trunk_offset_s: Annotated[Offset, Field(description="The same for the trunk's recording.")] = None
+    clock: Annotated[
+        PairClockSource,
+        Field(
+            description="What gives the offsets not stated: the devices' clocks, or the shared movement "
+            "(signals); an uncertain match is refused with E-PAIR."
+        ),
+    ] = "devices"
     same_subject: SameSubject = False
     mixed_methods: MixedMethods = False
     paper: PaperChoice = None
@@ -359,6 +396,7 @@ class PairQuery(_Exact):
             "pair",
             self.offset_s,
             self.trunk_offset_s,
+            clock=self.clock,
             same_subject=self.same_subject,
             mixed_methods=self.mixed_methods,
         )
@@ -371,6 +409,9 @@ class ProfileQuery(_Exact):
 
     analysis: Annotated[list[str], Field(min_length=1, max_length=MAX_DAYS, description="Once per day.")]
     after: Annotated[list[str], Field(max_length=MAX_DAYS, description="Once per day after a change.")] = []
+    min_hours: Annotated[
+        float, Field(ge=0, le=24, description="Least analysed hours of a day that counts.")
+    ] = MIN_HOURS
     same_subject: SameSubject = False
     mixed_methods: MixedMethods = False
     paper: PaperChoice = None
@@ -382,6 +423,7 @@ class ProfileQuery(_Exact):
             len(self.analysis) if self.after else None,
             same_subject=self.same_subject,
             mixed_methods=self.mixed_methods,
+            min_hours=self.min_hours,
             has_drawings=True,
         )
         return get_asked_jobs(services, (*self.analysis, *self.after), request, self.paper)

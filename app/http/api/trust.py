@@ -10,14 +10,14 @@ from fastapi.responses import JSONResponse, StreamingResponse
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from starlette.requests import HTTPConnection
 
-from app.accounts.accounts import DAYS, MOST_DAYS, Token, format_end, make_token
-from app.accounts.subjects import Granted, Permission, Subject
-from app.errors import NotPermitted
-from app.http.api.library.files import MEDIA_TYPES, respond_with_file
-from app.http.middleware.access import UsedSubject
-from app.http.middleware.guard import get_logins
-from app.http.middleware.problems import PROBLEM_RESPONSES
-from app.library.audit_log import (
+from acromion.app.accounts.accounts import DAYS, MOST_DAYS, Token, format_end, make_token
+from acromion.app.accounts.subjects import Granted, Permission, Subject
+from acromion.app.errors import NotPermitted
+from acromion.app.http.api.library.files import MEDIA_TYPES, respond_with_file
+from acromion.app.http.middleware.access import UsedSubject
+from acromion.app.http.middleware.guard import get_logins
+from acromion.app.http.middleware.problems import PROBLEM_RESPONSES
+from acromion.app.library.audit_log import (
     AT_MACHINE,
     AUDIT_COLUMNS,
     NOBODY,
@@ -27,11 +27,11 @@ from app.library.audit_log import (
     find_lines,
     parse_moment,
 )
-from app.library.governance import Release
-from app.library.recordings import HoldReason
-from app.report.export.tables import INTERNATIONAL, encode_table
-from app.report.words.wording import Language, load_wording
-from app.services import Services, UsedServices
+from acromion.app.library.governance import Release
+from acromion.app.library.recordings import HoldReason
+from acromion.app.report.export.tables import INTERNATIONAL, encode_table
+from acromion.app.report.words.wording import Language, load_wording
+from acromion.app.services import Services, UsedServices
 
 MAX_LINES = 500
 

@@ -11,13 +11,13 @@ from fastapi.responses import FileResponse, JSONResponse
 from pydantic import BaseModel
 from starlette.datastructures import FormData, UploadFile
 
-from app.errors import BadParameter, NotHere
-from app.http.api.library.files import serve_file
-from app.http.middleware.problems import PROBLEM_RESPONSES, ProblemView, view_problem
-from app.intake import store_file
-from app.library.rows import Job, JobState
-from app.report.words.wording import Language, find_nearest
-from app.request import (
+from acromion.app.errors import BadParameter, NotHere
+from acromion.app.http.api.library.files import serve_file
+from acromion.app.http.middleware.problems import PROBLEM_RESPONSES, ProblemView, view_problem
+from acromion.app.intake import store_file
+from acromion.app.library.rows import Job, JobState
+from acromion.app.report.words.wording import Language, find_nearest
+from acromion.app.request import (
     SUBJECT_HINT,
     WINDOW_HINT,
     Reference,
@@ -26,10 +26,10 @@ from app.request import (
     clean_file_name,
     parse_window,
 )
-from app.services import Services, UsedLanguage, UsedServices, choose_language
-from app.store.folder import too_large
-from fusion.conventions import PoseHeld
-from fusion.diary import TaskWindow, read_tasks
+from acromion.app.services import Services, UsedLanguage, UsedServices, choose_language
+from acromion.app.store.folder import too_large
+from acromion.fusion.conventions import PoseHeld
+from acromion.fusion.diary import TaskWindow, read_tasks
 
 T = TypeVar("T")
 

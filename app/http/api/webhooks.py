@@ -22,12 +22,12 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field
 from sqlalchemy.exc import OperationalError
 
-from app.errors import ForeignWebhook, SecretUnreadable
-from app.http.api.library.analyses import run_to_end
-from app.http.middleware.problems import PROBLEM_RESPONSES
-from app.library.webhooks import EVENTS, SECRET_OF_WEBHOOK, USUAL_EVENTS, Delivery, Webhook
-from app.services import Services, UsedServices
-from app.store.server_secret import SECRET_FILE, ServerSecret
+from acromion.app.errors import ForeignWebhook, SecretUnreadable
+from acromion.app.http.api.library.analyses import run_to_end
+from acromion.app.http.middleware.problems import PROBLEM_RESPONSES
+from acromion.app.library.webhooks import EVENTS, SECRET_OF_WEBHOOK, USUAL_EVENTS, Delivery, Webhook
+from acromion.app.services import Services, UsedServices
+from acromion.app.store.server_secret import SECRET_FILE, ServerSecret
 
 # Delivery: one signed POST (Standard Webhooks 1.0) to a permitted address, without redirects.
 

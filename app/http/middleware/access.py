@@ -22,14 +22,14 @@ from starlette.responses import Response
 from starlette.status import WS_1008_POLICY_VIOLATION
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from app.accounts.gate import Credentials, Gate
-from app.accounts.routes import ROUTE_TABLE, Route
-from app.accounts.sign_in import find_network
-from app.accounts.subjects import Permission, Subject
-from app.errors import AppError, NotConfirmed, NotPermitted, NotSignedIn, TokenInAddress
-from app.http.middleware.guard import SESSION_COOKIE, get_client_address, name_cookie
-from app.http.middleware.problems import contains_token
-from app.library.audit_log import (
+from acromion.app.accounts.gate import Credentials, Gate
+from acromion.app.accounts.routes import ROUTE_TABLE, Route
+from acromion.app.accounts.sign_in import find_network
+from acromion.app.accounts.subjects import Permission, Subject
+from acromion.app.errors import AppError, NotConfirmed, NotPermitted, NotSignedIn, TokenInAddress
+from acromion.app.http.middleware.guard import SESSION_COOKIE, get_client_address, name_cookie
+from acromion.app.http.middleware.problems import contains_token
+from acromion.app.library.audit_log import (
     NOBODY,
     Act,
     begin_collecting_reads,
@@ -38,8 +38,8 @@ from app.library.audit_log import (
     record_refusal,
     set_actor,
 )
-from app.services import SUBJECT, find_services
-from app.store.reserve import free_reserve
+from acromion.app.services import SUBJECT, find_services
+from acromion.app.store.reserve import free_reserve
 
 ONE_READING_S = 15 * 60.0
 MAX_RECENT_READS = 10_000

@@ -18,10 +18,10 @@ from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from app.accounts.sign_in import Caller, SignIn
-from app.errors import AppError, BadParameter, ForeignHostName, ForeignOrigin, SlowUpload
-from app.settings import Settings
-from app.store.folder import too_large
+from acromion.app.accounts.sign_in import Caller, SignIn
+from acromion.app.errors import AppError, BadParameter, ForeignHostName, ForeignOrigin, SlowUpload
+from acromion.app.settings import Settings
+from acromion.app.store.folder import too_large
 
 SESSION_COOKIE = "acromion_session"
 BROWSER_COOKIE = "acromion_browser"

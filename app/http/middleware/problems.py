@@ -15,8 +15,8 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ValidationError
 from starlette.exceptions import HTTPException
 
-from app.accounts.accounts import TOKEN_PREFIX
-from app.errors import (
+from acromion.app.accounts.accounts import TOKEN_PREFIX
+from acromion.app.errors import (
     AppError,
     BadParameter,
     InternalError,
@@ -26,12 +26,12 @@ from app.errors import (
     WrongVerb,
     find_outcome_of_code,
 )
-from app.http.middleware.guard import check_json
-from app.report.words.messages import describe_flag, describe_problem
-from app.report.words.wording import Language
-from app.services import choose_language
-from fusion.errors import Fact, FusionError
-from fusion.recording import QualityFlag
+from acromion.app.http.middleware.guard import check_json
+from acromion.app.report.words.messages import describe_flag, describe_problem
+from acromion.app.report.words.wording import Language
+from acromion.app.services import choose_language
+from acromion.fusion.errors import Fact, FusionError
+from acromion.fusion.recording import QualityFlag
 
 # Validation hints: the values that a field accepts, read from the published schema.
 

@@ -10,10 +10,10 @@ from typing import cast
 
 from fastapi import APIRouter, Response
 
-from app.accounts.accounts import DAYS, LONGEST_S, MOST_DAYS, Person, hash_secret, make_token
-from app.accounts.sign_in import FORGOTTEN_S, INVITED_S
-from app.accounts.subjects import ROLES, Permission, Role, Subject, collect_permissions
-from app.errors import (
+from acromion.app.accounts.accounts import DAYS, LONGEST_S, MOST_DAYS, Person, hash_secret, make_token
+from acromion.app.accounts.sign_in import FORGOTTEN_S, INVITED_S
+from acromion.app.accounts.subjects import ROLES, Permission, Role, Subject, collect_permissions
+from acromion.app.errors import (
     AppError,
     BadParameter,
     LoginRefused,
@@ -22,12 +22,18 @@ from app.errors import (
     TooManyTries,
     WeakPassword,
 )
-from app.http.api.trust import UsedPerson, get_names
-from app.http.middleware.guard import SESSION_COOKIE, get_caller, get_host_url, get_settings, set_cookie
-from app.http.pages.login import render_enrolment, render_with_problem, sanitize_next
-from app.http.pages.rendering import Form, Page, UsedForm, UsedPage, first, get_secret
-from app.report.words.numbers import format_iso_moment, format_moment
-from app.report.words.wording import Language, load_wording
+from acromion.app.http.api.trust import UsedPerson, get_names
+from acromion.app.http.middleware.guard import (
+    SESSION_COOKIE,
+    get_caller,
+    get_host_url,
+    get_settings,
+    set_cookie,
+)
+from acromion.app.http.pages.login import render_enrolment, render_with_problem, sanitize_next
+from acromion.app.http.pages.rendering import Form, Page, UsedForm, UsedPage, first, get_secret
+from acromion.app.report.words.numbers import format_iso_moment, format_moment
+from acromion.app.report.words.wording import Language, load_wording
 
 router = APIRouter(include_in_schema=False)
 TERMS_DAYS = (30, DAYS, 180, MOST_DAYS)

@@ -21,31 +21,43 @@ from fastapi import APIRouter, FastAPI, Request, Response
 from fastapi.responses import JSONResponse
 from markupsafe import Markup, escape
 
-from app.errors import NotHere, find_outcome_of_code, list_refusals
-from app.http.api.library.files import respond_with_file
-from app.http.pages.recording.figures import FigureTable, build_figures
-from app.http.pages.recording.page_one import PageOne
-from app.http.pages.rendering import UsedPage, add_navigation_of_query
-from app.http.pages.views import build_answer
-from app.intake import Intake
-from app.report.charts.day import Day, DayLabels, Mark, MinuteBand, build_day_labels, draw_day
-from app.report.charts.profile import TileScale, UncertaintyBar, UncertaintyChart, draw_tile, draw_uncertainty
-from app.report.charts.svg import NARROW, WIDE
-from app.report.export.results import decode_results
-from app.report.figures import load_results
-from app.report.model import Report, format_brief
-from app.report.render.html import find_template_folder, render_html
-from app.report.single.report import build_report
-from app.report.words.messages import describe_flag, describe_problem, find_flag_codes
-from app.report.words.numbers import Clock, format_duration, format_number, format_percent, percent_sign
-from app.report.words.wording import Language, Words, fill, find_other_language, load_wording
-from app.request import ReportRequest
-from fusion.devices import KNOWN_DEVICES
-from fusion.recording import QualityFlag
+from acromion.app.errors import NotHere, find_outcome_of_code, list_refusals
+from acromion.app.http.api.library.files import respond_with_file
+from acromion.app.http.pages.recording.figures import FigureTable, build_figures
+from acromion.app.http.pages.recording.page_one import PageOne
+from acromion.app.http.pages.rendering import UsedPage, add_navigation_of_query
+from acromion.app.http.pages.views import build_answer
+from acromion.app.intake import Intake
+from acromion.app.report.charts.day import Day, DayLabels, Mark, MinuteBand, build_day_labels, draw_day
+from acromion.app.report.charts.profile import (
+    TileScale,
+    UncertaintyBar,
+    UncertaintyChart,
+    draw_tile,
+    draw_uncertainty,
+)
+from acromion.app.report.charts.svg import NARROW, WIDE
+from acromion.app.report.export.results import decode_results
+from acromion.app.report.figures import load_results
+from acromion.app.report.model import Report, format_brief
+from acromion.app.report.render.html import find_template_folder, render_html
+from acromion.app.report.single.report import build_report
+from acromion.app.report.words.messages import describe_flag, describe_problem, find_flag_codes
+from acromion.app.report.words.numbers import (
+    Clock,
+    format_duration,
+    format_number,
+    format_percent,
+    percent_sign,
+)
+from acromion.app.report.words.wording import Language, Words, fill, find_other_language, load_wording
+from acromion.app.request import ReportRequest
+from acromion.app.version import find_import_folder
+from acromion.fusion.devices import KNOWN_DEVICES
+from acromion.fusion.recording import QualityFlag
 
 SAMPLE_HOURS = "1"
 SAMPLE_SUBJECT = "DEMO"
-_CODE = str(Path(__file__).resolve().parents[3])
 POSES = ("n-pose", "side-lean", "two-point")
 
 HAPPENED: Mapping[str, str] = {
@@ -123,8 +135,8 @@ def analyse_sample(page: UsedPage) -> Response:
     services = page.services
     with tempfile.TemporaryDirectory() as folder:
         arguments = ["simulate", folder, "--device", "gt9x", "--hours", SAMPLE_HOURS, "--seed", "1"]
-        command = [sys.executable, "-P", "-m", "app", *arguments]
-        path = os.pathsep.join(filter(None, [_CODE, os.environ.get("PYTHONPATH")]))
+        command = [sys.executable, "-P", "-m", "acromion", *arguments]
+        path = os.pathsep.join(filter(None, [find_import_folder(), os.environ.get("PYTHONPATH")]))
         environment = os.environ | {"PYTHONPATH": path}
         subprocess.run(command, check=True, capture_output=True, env=environment)  # noqa: S603 - our own command
         (log,) = Path(folder).glob("*.gt3x")
@@ -170,7 +182,7 @@ def show_example_report(page: UsedPage) -> Response:
 @router.get("/example/report.pdf")
 def get_example_pdf(page: UsedPage) -> Response:
     """Return the PDF report of the example, on the paper of this installation."""
-    from app.report.render.pdf import render_pdf  # noqa: PLC0415  slow import
+    from acromion.app.report.render.pdf import render_pdf  # noqa: PLC0415  slow import
 
     attached = {"results.json": find_example().read_bytes()}
     report, settings = _build_example(page.language), page.services.settings

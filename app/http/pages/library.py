@@ -5,7 +5,7 @@ from collections.abc import Generator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 from urllib.parse import parse_qsl
 from zipfile import ZIP_STORED, ZipFile
 
@@ -13,26 +13,26 @@ from fastapi import APIRouter, Depends, Response
 from fastapi.responses import StreamingResponse
 from starlette.types import Receive, Scope, Send
 
-from app.batch.folder import Task
-from app.batch.inputs import assign_participants
-from app.errors import BadParameter, NoSuchFile, NotFinished, ResultDamaged, StoreDamaged
-from app.http.api.library.analyses import check_queue, run_to_end
-from app.http.api.library.batches import retry_failed
-from app.http.api.library.files import (
+from acromion.app.batch.folder import Task
+from acromion.app.batch.inputs import assign_participants
+from acromion.app.errors import BadParameter, NoSuchFile, NotFinished, ResultDamaged, StoreDamaged
+from acromion.app.http.api.library.analyses import check_queue, run_to_end
+from acromion.app.http.api.library.batches import retry_failed
+from acromion.app.http.api.library.files import (
     MEDIA_TYPES,
     build_download_name,
     format_disposition,
     respond_with_file,
 )
-from app.http.api.library.recordings import check_may_erase, has_trash, purge_recording
-from app.http.api.library.released import read_report
-from app.http.api.trust import get_names
-from app.http.pages.ranking import build_ranking, build_study_row
-from app.http.pages.recording.analysis import find_results
-from app.http.pages.recording.day import update_description
-from app.http.pages.rendering import Form, Page, UsedForm, UsedPage, first, read_body
-from app.http.pages.validations import list_compared
-from app.http.pages.views import (
+from acromion.app.http.api.library.recordings import check_may_erase, has_trash, purge_recording
+from acromion.app.http.api.library.released import read_report
+from acromion.app.http.api.trust import get_names
+from acromion.app.http.pages.ranking import build_ranking, build_study_row
+from acromion.app.http.pages.recording.analysis import find_results
+from acromion.app.http.pages.recording.day import update_description
+from acromion.app.http.pages.rendering import Form, Page, UsedForm, UsedPage, first, read_body
+from acromion.app.http.pages.validations import list_compared
+from acromion.app.http.pages.views import (
     find_path,
     format_size,
     format_stored_time,
@@ -40,30 +40,30 @@ from app.http.pages.views import (
     read_filter,
     write_filter,
 )
-from app.library.audit_log import touch
-from app.library.batches import Batch, identify_study
-from app.library.jobs import JobFilter
-from app.library.listing import Entry, Library, LibraryFilter
-from app.library.recordings import HOLD_REASONS, RecordingFilter
-from app.library.rows import Job, JobState
-from app.ops.copies import find_backup_term
-from app.report.export.naming import make_safe_name
-from app.report.export.tables import (
+from acromion.app.library.audit_log import touch
+from acromion.app.library.batches import Batch, identify_study
+from acromion.app.library.jobs import JobFilter
+from acromion.app.library.listing import Entry, Library, LibraryFilter
+from acromion.app.library.recordings import DESCRIBED, HOLD_REASONS, RecordingFilter
+from acromion.app.library.rows import Job, JobState
+from acromion.app.ops.copies import find_backup_term
+from acromion.app.report.export.naming import make_safe_name
+from acromion.app.report.export.tables import (
     FRENCH_EXCEL,
     INTERNATIONAL,
     Origin,
     Row,
-    encode_summary,
+    encode_rows,
     encode_table,
     summarise_failure,
     summarise_results,
 )
-from app.report.words.messages import describe_problem
-from app.report.words.wording import Language, fill, find_nearest
-from app.request import SUBJECT_HINT, ReportRequest, check_subject
-from app.services import Services, UsedServices
-from app.store.folder import COPY_BYTES, borrow_recording
-from fusion.conventions import Side
+from acromion.app.report.words.messages import describe_problem
+from acromion.app.report.words.wording import Language, fill, find_nearest
+from acromion.app.request import SUBJECT_HINT, ReportRequest, check_subject
+from acromion.app.services import Services, UsedServices
+from acromion.app.store.folder import COPY_BYTES, borrow_recording
+from acromion.fusion.conventions import Side
 
 MAX_ROWS = 10_000
 MAX_BATCHES = 200
@@ -78,7 +78,7 @@ MAX_TAGS = 10
 DAY_S = 86400
 ZIP64_FROM_BYTES = 1 << 30
 CSV = MEDIA_TYPES["csv"]
-PROBLEM_COLUMNS = ("file", "subject", "code", "title", "detail", "fix")
+PROBLEM_COLUMNS = ("file_name", "subject", "code", "title", "detail", "fix")
 
 router = APIRouter(include_in_schema=False)
 
@@ -132,7 +132,7 @@ def _send_table(services: Services, entries: Sequence[Entry], name: str) -> Resp
         except ResultDamaged as damaged:
             origin = Origin(job.file_name, job.request.subject, job.request.side)
             rows.append(summarise_failure(origin, damaged.code))
-    body = encode_summary(rows, FRENCH_EXCEL if name == "summary_fr" else INTERNATIONAL)
+    body = encode_rows("summary", rows, FRENCH_EXCEL if name == "summary_fr" else INTERNATIONAL)
     return respond_with_file(body, CSV, f"{name}.csv")
 
 
@@ -371,9 +371,9 @@ def _read_change(act: Act, form: Form) -> dict[str, Any]:
 
 def _read_side(text: str) -> Side | None:
     """Parse the arm of a form. Raises BadParameter."""
-    known: Mapping[str, Side | None] = {"": None, "left": "left", "right": "right"}
+    known: Mapping[str, Side | None] = {"": None, **{side: side for side in get_args(Side)}}
     if text not in known:
-        raise BadParameter(name="side", value=text[:20], allowed="left, right")
+        raise BadParameter(name="side", value=text[:20], allowed=", ".join(get_args(Side)))
     return known[text]
 
 
@@ -486,7 +486,7 @@ def show_studies(page: UsedPage, name: str = "") -> Response:
     """List the studies, newest first; with ``name``, go to the study of that name."""
     if name:
         return page.go(f"/studies/{identify_study(name)}")
-    rows = [_describe_batch(page, batch) for batch in page.services.batches.find_newest(MAX_BATCHES)]
+    rows = [_describe_batch(page, batch) for batch in page.services.batches.find_page(MAX_BATCHES)]
     return page.render("library/studies.html", rows=rows)
 
 
@@ -586,14 +586,14 @@ def _find_newest(services: Services, batch_id: str) -> list[Job]:
 
 
 def _describe_all(services: Services, jobs: Sequence[Job], requests: Sequence[ReportRequest]) -> None:
-    """Store the subjects and arms that differ, and make those reports again.
+    """Store the people, arms and jobs that differ, and make those reports again.
 
     Raises Busy.
     """
     changed = [(job, asked) for job, asked in zip(jobs, requests, strict=True) if asked != job.request]
     check_queue(services, len(changed))
     for job, asked in changed:
-        update_description(services, job, asked, ("subject", "side"))
+        update_description(services, job, asked, DESCRIBED)
     services.store.repeat_all(changed)
 
 

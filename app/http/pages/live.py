@@ -4,8 +4,8 @@ from importlib.util import find_spec
 
 from fastapi import APIRouter, Response
 
-from app.http.pages.rendering import UsedPage
-from app.live.ports import find_serial_ports
+from acromion.app.http.pages.rendering import UsedPage
+from acromion.app.live.ports import find_serial_ports
 
 router = APIRouter(include_in_schema=False)
 

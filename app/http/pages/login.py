@@ -6,11 +6,11 @@ from urllib.parse import urlencode, urlsplit
 from fastapi import APIRouter, Request, Response
 from fastapi.responses import RedirectResponse
 
-from app.accounts.accounts import LONGEST_S
-from app.accounts.gate import ADMISSION_TERM_S
-from app.accounts.sign_in import BROWSER_TERM_S, EXTRA, SignedIn
-from app.accounts.subjects import Permission, Subject
-from app.errors import (
+from acromion.app.accounts.accounts import LONGEST_S
+from acromion.app.accounts.gate import ADMISSION_TERM_S
+from acromion.app.accounts.sign_in import BROWSER_TERM_S, EXTRA, SignedIn
+from acromion.app.accounts.subjects import Permission, Subject
+from acromion.app.errors import (
     AppError,
     LoginRefused,
     NotPermitted,
@@ -22,8 +22,8 @@ from app.errors import (
     WeakPassword,
     find_outcome_of_code,
 )
-from app.http.middleware.access import UsedSubject, get_gate
-from app.http.middleware.guard import (
+from acromion.app.http.middleware.access import UsedSubject, get_gate
+from acromion.app.http.middleware.guard import (
     BROWSER_COOKIE,
     SESSION_COOKIE,
     STATE_COOKIE,
@@ -35,11 +35,11 @@ from app.http.middleware.guard import (
     name_cookie,
     set_cookie,
 )
-from app.http.middleware.problems import drop_secrets
-from app.http.pages.rendering import Form, Page, UsedForm, UsedPage, first, get_base, get_secret
-from app.report.words.messages import describe_problem
-from app.services import SUBJECT
-from app.store.folder import load_extra
+from acromion.app.http.middleware.problems import drop_secrets
+from acromion.app.http.pages.rendering import Form, Page, UsedForm, UsedPage, first, get_base, get_secret
+from acromion.app.report.words.messages import describe_problem
+from acromion.app.services import SUBJECT
+from acromion.app.store.folder import load_extra
 
 router = APIRouter(include_in_schema=False)
 
@@ -341,7 +341,7 @@ def _open_provider(page: Page) -> Any:
     settings = get_settings(page.request)
     if not settings.oidc_issuer or not get_gate(page.request).needs_accounts:
         raise ProviderRefused(said="none")
-    return load_extra("app.accounts.provider", EXTRA).Provider(page.sign_in.accounts, settings)
+    return load_extra("acromion.app.accounts.provider", EXTRA).Provider(page.sign_in.accounts, settings)
 
 
 def _get_callback_url(page: Page) -> str:

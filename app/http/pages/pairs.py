@@ -13,32 +13,37 @@ from fastapi import APIRouter, Depends, Query, Response
 from markupsafe import Markup
 from pydantic import BaseModel, Field
 
-from app.errors import CannotProfile, RecordedProblem
-from app.http.api.library.files import respond_with_file
-from app.http.api.pairs import MAX_DAYS, build_pair_download_name, get_asked_jobs
-from app.http.pages.recording.page_one import PlacedCurve, build_curves
-from app.http.pages.rendering import Page, UsedPage, add_navigation_of_query
-from app.library.listing import Entry, HeadlineFigures, Library, LibraryFilter, find_other_arm
-from app.library.report_cache import AnyReportJobs, PairReport, ReportJobs
-from app.library.rows import Job
-from app.report.pairs import format_rounding_note, format_rows, load_pair_words
-from app.report.words.messages import describe_problem
-from app.report.words.numbers import format_iso_moment, format_percent
-from app.report.words.wording import fill, load_wording
-from app.request import (
+from acromion.app.errors import CannotProfile, RecordedProblem
+from acromion.app.http.api.library.files import respond_with_file
+from acromion.app.http.api.pairs import MAX_DAYS, build_pair_download_name, get_asked_jobs
+from acromion.app.http.pages.recording.page_one import PlacedCurve, build_curves
+from acromion.app.http.pages.rendering import Page, UsedPage, add_navigation_of_query
+from acromion.app.library.listing import Entry, HeadlineFigures, Library, LibraryFilter, find_other_arm
+from acromion.app.library.report_cache import AnyReportJobs, PairReport, ReportJobs
+from acromion.app.library.rows import Job
+from acromion.app.report.pairs import format_rounding_note, format_rows, load_pair_words
+from acromion.app.report.words.messages import describe_problem
+from acromion.app.report.words.numbers import format_iso_moment, format_percent
+from acromion.app.report.words.wording import fill, load_wording
+from acromion.app.request import (
     LONGEST_OFFSET_S,
     LONGEST_SUBJECT,
+    PairClockSource,
     PairKind,
     PairRequest,
     ProfileRequest,
     ReportRequest,
 )
-from app.services import Services, UsedServices
-from fusion.comparison.change import FigureChange
+from acromion.app.services import Services, UsedServices
+from acromion.fusion.comparison.change import FigureChange
 
 DAY = 10  # characters of an ISO date
 MAX_COMPARED = 5
 SETTINGS = frozenset({"method", "pose", "metric filter"})
+UNRELATED = frozenset(
+    {"offset", "apart", "no movement stored", "little shared movement", "two shifts", "loose match"}
+)
+"""Reasons of E-PAIR that another source of the clocks can remove."""
 
 router = APIRouter(include_in_schema=False)
 
@@ -107,6 +112,7 @@ class PairQuery(BaseModel):
     offset_s: Annotated[str, Field(max_length=20)] = ""
     trunk: Annotated[str, Field(max_length=40)] = ""
     trunk_offset_s: Annotated[str, Field(max_length=20)] = ""
+    clock: PairClockSource = "devices"
     same_subject: bool = False
 
 
@@ -119,7 +125,8 @@ def get_asked_pair(
     if kind == "pair":
         trunk, trunk_offset_s = query.trunk, parse_offset(query.trunk_offset_s) if query.trunk else None
         offsets_s = (parse_offset(query.offset_s), trunk_offset_s)
-    request = PairRequest(kind, *offsets_s, same_subject=query.same_subject)
+    clock = query.clock if kind == "pair" else "devices"
+    request = PairRequest(kind, *offsets_s, same_subject=query.same_subject, clock=clock)
     return get_asked_jobs(services, (first, second, *filter(None, [trunk])), request)
 
 
@@ -130,7 +137,8 @@ AskedPair = Annotated[ReportJobs[PairRequest], Depends(get_asked_pair)]
 def show_pair(asked: AskedPair, page: UsedPage) -> Response:
     """Show two analyses side by side; for a pair, with a form to correct the clock offset.
 
-    If a subject code is missing, only the question whether all are of one person is shown.
+    If a subject code is missing, only the question whether all are of one person is shown. If the clocks are
+    not related, only the reason and the form are shown.
     """
     request, words = asked.request, page.words("pair_pages")
     offset, trunk_offset = (
@@ -141,6 +149,8 @@ def show_pair(asked: AskedPair, page: UsedPage) -> Response:
     shown |= {"trunk": next(iter(trunk), None), "offset": offset, "trunk_offset": trunk_offset}
     shown |= {
         "same_subject": request.same_subject,
+        "clock": request.clock,
+        "problem": None,
         "days": ("", ""),
         "figures": None,
         "trunk_limit": "",
@@ -150,7 +160,10 @@ def show_pair(asked: AskedPair, page: UsedPage) -> Response:
     try:
         report = _make(page.services, asked)
     except RecordedProblem as problem:
-        if problem.facts.get("why") != "person":
+        why = problem.facts.get("why")
+        if why in UNRELATED:
+            shown["problem"] = describe_problem(problem.code, problem.facts, page.language)
+        elif why != "person":
             raise
         return page.render("pairs/beside.html", **shown)
     figures = report.read_figures()
@@ -159,6 +172,7 @@ def show_pair(asked: AskedPair, page: UsedPage) -> Response:
         for side in ("before", "after")
     )
     changes = format_rows((FigureChange(**row) for row in figures.get("figures", ())), page.language)
+    told = load_pair_words(page.language)["pair"]["trunk"]
     shown |= {
         "days": (before, after),
         "trunks": _offer_trunks(page.services, asked, figures),
@@ -167,7 +181,7 @@ def show_pair(asked: AskedPair, page: UsedPage) -> Response:
         "differences": [
             words["difference"][one] for one in figures.get("differences", ()) if one in SETTINGS
         ],
-        "trunk_limit": load_pair_words(page.language)["pair"]["trunk"]["limit"],
+        "trunk_limit": f"{told['limit']} {told['no_range']}",
         "changes": changes,
         "rounding": format_rounding_note(changes, page.language),
         "curves": build_curves(page, _place_curves(page, asked, figures, (before, after))),
@@ -246,7 +260,7 @@ def _make(services: Services, asked: ReportJobs[PairRequest]) -> PairReport:
 def _offer_trunks(
     services: Services, asked: ReportJobs[PairRequest], figures: Mapping[str, Any]
 ) -> tuple[Job, ...]:
-    """Return recordings that may be of the trunk: same person, same day, no arm stated.
+    """Return recordings of the trunk: same person, same day.
 
     The selected one is always included.
     """
@@ -256,7 +270,7 @@ def _offer_trunks(
     found = [
         other.job
         for other in Library(services.store.reader).find_others(asked.jobs[0])
-        if other.job.request.side is None
+        if other.job.request.side == "trunk"
         and other.job.recording_id != asked.jobs[1].recording_id
         and _read_start(other)[:DAY] == start[:DAY]
     ]
@@ -310,7 +324,7 @@ def _find_placed(services: Services, query: DaysQuery) -> tuple[list[Job], list[
     """Return the reports of a study or person before and after a change.
 
     Those without a clock are on neither side. If an arm is stated for some reports of a person, those without
-    one (such as of the trunk) are left out.
+    one are left out.
     """
     study = services.batches.get(query.study).id if query.study else ""
     wanted = LibraryFilter(batch=study, subject=query.subject)
@@ -319,6 +333,7 @@ def _find_placed(services: Services, query: DaysQuery) -> tuple[list[Job], list[
         for entry in Library(services.store.reader).find_page(wanted, 2 * MAX_DAYS)
         if entry.headline and entry.job.request.reference is None
     ]
+    placed = [one for one in placed if one[0].request.side != "trunk"]
     if query.subject:
         placed = [one for one in placed if one[0].request.side] or placed
     if not query.since:

@@ -5,27 +5,27 @@ import importlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import date, datetime
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 from urllib.parse import urlencode
 
 from fastapi import APIRouter, Response
 from markupsafe import Markup
 
-from app.errors import NotHere
-from app.http.pages.pairs import build_pair_address
-from app.http.pages.rendering import Page, UsedPage
-from app.library.listing import Entry, Library, find_other_arm
-from app.report.model import Chart
-from app.report.words.numbers import format_percent, format_range
-from app.report.words.wording import Language
-from fusion.conventions import Side
+from acromion.app.errors import NotHere
+from acromion.app.http.pages.pairs import build_pair_address
+from acromion.app.http.pages.rendering import Page, UsedPage
+from acromion.app.library.listing import Entry, Library, find_other_arm
+from acromion.app.report.model import Chart
+from acromion.app.report.words.numbers import format_percent, format_range
+from acromion.app.report.words.wording import Language
+from acromion.fusion.conventions import Side
 
 if TYPE_CHECKING:
-    from app.report.several.charts import Visit, VisitPanel
+    from acromion.app.report.several.charts import Visit, VisitPanel
 
 PER_PAGE = 50
 MAX_TEXT = 100
-ARMS: tuple[Side | None, ...] = ("left", "right", None)
+ARMS: tuple[Side | None, ...] = (*get_args(Side), None)
 
 router = APIRouter(include_in_schema=False)
 
@@ -147,7 +147,8 @@ def _describe(entry: Entry, other: Entry | None, language: Language) -> Measured
     headline = entry.headline
     assert headline is not None  # people are listed by their reports
     pair = build_pair_address(entry.job, other.job) if other else ""
-    above = format_percent(headline.above_60_percent, language)
+    share = headline.above_60_percent  # none for the trunk
+    above = "" if share is None else format_percent(share, language)
     span, side = format_range(headline.interval, language), entry.job.request.side or "unknown"
     return Measured(entry.job.id, side, above, span, headline.is_short, headline.verdict, pair)
 
@@ -174,8 +175,10 @@ def _draw_trend(page: Page, entries: Sequence[Entry]) -> Chart | None:
 
     Short recordings are drawn, but do not count in the trend. SciPy is loaded with the first trend.
     """
-    charts = importlib.import_module("app.report.several.charts")
-    change, days = map(importlib.import_module, ("fusion.comparison.change", "fusion.comparison.days"))
+    charts = importlib.import_module("acromion.app.report.several.charts")
+    change, days = map(
+        importlib.import_module, ("acromion.fusion.comparison.change", "acromion.fusion.comparison.days")
+    )
     between_sd = change.BETWEEN_DAY_SD[charts.MAIN]
     panels: list[VisitPanel] = []
     for side in ARMS:

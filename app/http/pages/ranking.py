@@ -5,11 +5,17 @@ from dataclasses import dataclass
 from statistics import fmean
 from urllib.parse import urlencode
 
-from app.http.pages.views import OPEN_POSES, build_row
-from app.library.listing import Entry, HeadlineFigures
-from app.report.words.numbers import NARROW, format_duration, format_number, format_percent, format_range
-from app.report.words.wording import Language, fill, load_wording
-from app.request import find_code, propose_description
+from acromion.app.http.pages.views import OPEN_POSES, build_row
+from acromion.app.library.listing import Entry, HeadlineFigures
+from acromion.app.report.words.numbers import (
+    NARROW,
+    format_duration,
+    format_number,
+    format_percent,
+    format_range,
+)
+from acromion.app.report.words.wording import Language, fill, load_wording
+from acromion.app.request import find_code, propose_description
 
 STEPS = (1.0, 2.0, 5.0, 10.0, 20.0, 25.0)
 MOST_TICKS = 4

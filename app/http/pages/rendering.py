@@ -22,22 +22,30 @@ from fastapi.staticfiles import StaticFiles
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from starlette.types import Scope
 
-from app.accounts.sign_in import SignIn
-from app.accounts.subjects import Permission, Subject
-from app.errors import BadParameter, NotHere
-from app.http.middleware.guard import REPORT_POLICY, get_logins
-from app.http.middleware.problems import drop_secrets
-from app.library.rows import Job
-from app.report.render.html import mark_drawing_safe
-from app.report.words.numbers import (
+from acromion.app.accounts.sign_in import SignIn
+from acromion.app.accounts.subjects import Permission, Subject
+from acromion.app.errors import BadParameter, NotHere
+from acromion.app.http.middleware.guard import REPORT_POLICY, get_logins
+from acromion.app.http.middleware.problems import drop_secrets
+from acromion.app.library.rows import Job
+from acromion.app.report.render.html import mark_drawing_safe
+from acromion.app.report.words.numbers import (
     format_angle,
     format_duration,
     format_iso_moment,
     format_number,
     format_percent,
 )
-from app.report.words.wording import Language, Part, Words, fill, is_french, load_wording
-from app.services import LANGUAGE_COOKIE, SUBJECT, Services, choose_language, find_services, prefer_language
+from acromion.app.report.words.wording import Language, Part, Words, fill, is_french, load_wording
+from acromion.app.request import MAX_DIARY_BYTES
+from acromion.app.services import (
+    LANGUAGE_COOKIE,
+    SUBJECT,
+    Services,
+    choose_language,
+    find_services,
+    prefer_language,
+)
 
 # Scripts, styles and drawings have addresses that change with their content, so browsers cache them
 # permanently. plotly's script comes from the installed package: no page loads anything from another host.
@@ -344,11 +352,20 @@ UsedForm = Annotated[Form, Depends(read_form)]
 
 async def read_body(request: Request) -> bytes:
     """Read a body of at most 4 MiB. Raises BadParameter."""
+    return await _read_limited(request, MAX_BYTES)
+
+
+async def read_diary_body(request: Request) -> bytes:
+    """Read a diary. Raises BadParameter if it is too large."""
+    return await _read_limited(request, MAX_DIARY_BYTES)
+
+
+async def _read_limited(request: Request, most_bytes: int) -> bytes:
     body = bytearray()
     async for chunk in request.stream():
         body += chunk
-        if len(body) > MAX_BYTES:
-            raise BadParameter(name="form", value="", allowed=f"≤ {MAX_BYTES}")
+        if len(body) > most_bytes:
+            raise BadParameter(name="form", value="", allowed=f"≤ {most_bytes}")
     return bytes(body)
 
 

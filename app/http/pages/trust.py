@@ -8,15 +8,15 @@ from urllib.parse import urlencode
 from fastapi import APIRouter, Query, Response
 from fastapi.responses import HTMLResponse
 
-from app.accounts.subjects import Subject
-from app.errors import BadParameter
-from app.http.api.trust import MAX_LINES, AuditQuery, build_question, get_names
-from app.http.middleware.access import UsedSubject
-from app.http.pages.rendering import Page, UsedForm, UsedPage, first
-from app.http.pages.views import format_stored_time
-from app.library.audit_log import ACTS, find_lines
-from app.library.governance import DAY_S, GRACE_DAYS, KINDS, Kind
-from app.library.recordings import HOLD_REASONS
+from acromion.app.accounts.subjects import Subject
+from acromion.app.errors import BadParameter
+from acromion.app.http.api.trust import MAX_LINES, AuditQuery, build_question, get_names
+from acromion.app.http.middleware.access import UsedSubject
+from acromion.app.http.pages.rendering import Page, UsedForm, UsedPage, first
+from acromion.app.http.pages.views import format_stored_time
+from acromion.app.library.audit_log import ACTS, find_lines
+from acromion.app.library.governance import DAY_S, GRACE_DAYS, KINDS, Kind
+from acromion.app.library.recordings import HOLD_REASONS
 
 STUDIES = 200
 ASKED = ("subject", "recording", "who", "act", "from", "to")

@@ -10,21 +10,21 @@ from fastapi import APIRouter, Query, Response
 from fastapi.responses import HTMLResponse
 from starlette.datastructures import FormData
 
-from app.errors import AppError, NoSuchFile, find_outcome_of_code
-from app.http.api.validations import get_validation_job, open_form, queue_validation
-from app.http.middleware.guard import REPORT_POLICY
-from app.http.pages.recording.day import DayClock, Piece, cut_curve, load_day
-from app.http.pages.recording.page_one import CurveView
-from app.http.pages.rendering import Page, UsedPage
-from app.http.pages.views import build_row, format_size
-from app.library.rows import Job, JobState
-from app.report.agreement import list_sentences
-from app.report.words.messages import describe_problem
-from app.report.words.numbers import format_angle
-from app.report.words.wording import fill, find_nearest
-from app.services import UsedServices
-from app.store.day_file import OWN_CURVE, REFERENCE_CURVE
-from fusion.errors import FusionError
+from acromion.app.errors import AppError, NoSuchFile, find_outcome_of_code
+from acromion.app.http.api.validations import get_validation_job, open_form, queue_validation
+from acromion.app.http.middleware.guard import REPORT_POLICY
+from acromion.app.http.pages.recording.day import DayClock, Piece, cut_curve, load_day
+from acromion.app.http.pages.recording.page_one import CurveView
+from acromion.app.http.pages.rendering import Page, UsedPage
+from acromion.app.http.pages.views import build_row, format_size
+from acromion.app.library.rows import Job, JobState
+from acromion.app.report.agreement import list_sentences
+from acromion.app.report.words.messages import describe_problem
+from acromion.app.report.words.numbers import format_angle
+from acromion.app.report.words.wording import fill, find_nearest
+from acromion.app.services import UsedServices
+from acromion.app.store.day_file import OWN_CURVE, REFERENCE_CURVE
+from acromion.fusion.errors import FusionError
 
 TYPED = ("side", "subject", "study", "offset_s", "drift_ppm")
 """Fields that keep their typed value if the form is refused; browsers do not allow this for files."""

@@ -12,9 +12,9 @@ from urllib.parse import urlencode
 
 from fastapi import Request
 
-from app.http.pages.recording.day import DayClock, format_axis
-from app.http.pages.rendering import OldVersion, Page
-from app.library.listing import (
+from acromion.app.http.pages.recording.day import DayClock, format_axis
+from acromion.app.http.pages.rendering import OldVersion, Page
+from acromion.app.library.listing import (
     DESCENDING,
     GROUPS,
     ORDERS,
@@ -27,23 +27,23 @@ from app.library.listing import (
     Order,
     StudyName,
 )
-from app.library.rows import Job, JobState
-from app.report.words.messages import Problem, describe_problem, format_columns
-from app.report.words.numbers import (
+from acromion.app.library.rows import Job, JobState
+from acromion.app.report.words.messages import Problem, describe_problem, format_columns
+from acromion.app.report.words.numbers import (
     format_duration,
     format_iso_moment,
     format_moment,
     format_number,
     format_percent,
 )
-from app.report.words.wording import Language, Words, fill, load_wording
-from app.request import ReportRequest
-from app.services import Services
-from fusion import errors
-from fusion.clocks import format_clock_offset
-from fusion.conventions import METHOD_VERSION
-from fusion.exposure.periods import Placed, place_diary
-from fusion.recording import MICROSECONDS
+from acromion.app.report.words.wording import Language, Words, fill, load_wording
+from acromion.app.request import ReportRequest
+from acromion.app.services import Services
+from acromion.fusion import errors
+from acromion.fusion.clocks import format_clock_offset
+from acromion.fusion.conventions import METHOD_VERSION
+from acromion.fusion.exposure.periods import Placed, place_diary
+from acromion.fusion.recording import MICROSECONDS
 
 _CURED_BY_COLUMNS = (
     *(errors.MixedColumns, errors.ExchangedSensors, errors.UnknownColumns, errors.SeveralSensors),
@@ -58,7 +58,7 @@ ANY_FILE_S = 3.0
 USUAL_S_PER_MB = {".gt3x": 0.3, ".cwa": 0.3, ".zip": 0.3, ".gz": 0.2, "": 0.05}
 """Time per size of a file until this computer has analysed one of the kind; "" for tables, s/MB."""
 OPEN_POSES = ("assumed", "none")
-"""States of a calibration that nobody has confirmed (:data:`fusion.conventions.CalibrationState`)."""
+"""Unconfirmed states of a calibration (:data:`acromion.fusion.conventions.CalibrationState`)."""
 PREPARING_S = 10.0
 """Usual time of the preparation, once after installation, s."""
 MAX_PERIODS = 12
@@ -325,8 +325,12 @@ def _format_periods(job: Job, clock: DayClock | None, language: Language) -> str
         for mark in placed.marks[: MAX_PERIODS - len(shown)]
         if clock
     )
-    if len(diary) > len(shown):
-        shown.append(f"+ {len(diary) - len(shown)}" if shown else str(len(diary)))
+    measured = sum(entry.kind == "posture" for entry in diary)
+    if len(diary) - measured > len(shown):
+        more = len(diary) - measured - len(shown)
+        shown.append(f"+ {more}" if shown else str(more))
+    if measured:
+        shown.append(f"{kinds['posture']} ({measured})")
     return "; ".join(shown)
 
 
@@ -535,9 +539,10 @@ def list_questions(request: ReportRequest, headline: HeadlineFigures) -> tuple[s
 
 
 def draw_spark(day: str) -> tuple[str, str, str]:
-    """Draw a day of :func:`app.library.listing.summarise_day` as an SVG path, 100 by 20, 0 to 120 deg.
+    """Draw a day of :func:`acromion.app.library.listing.summarise_day` as an SVG path.
 
-    Return the path with its lowest and highest angle; "" for each if no angle is known.
+    The path is 100 by 20 for 0 to 120 deg. Return it with its lowest and highest angle; "" for each if no
+    angle is known.
     """
     angles = [float(text) if text else None for text in day.split(",")]
     known = [angle for angle in angles if angle is not None]

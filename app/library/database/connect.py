@@ -1,6 +1,6 @@
 """Connect to the database, SQLite or PostgreSQL; reject tables of another revision.
 
-A new database gets its tables here. Only the server migrates (:mod:`app.library.migrations`).
+A new database gets its tables here. Only the server migrates (:mod:`acromion.app.library.migrations`).
 """
 
 import base64
@@ -29,12 +29,12 @@ from sqlalchemy import (
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError
 
-from app.errors import AppError, DatabaseAway, DatabaseDamaged, DatabaseLocked, DiskFull, WrongSchema
-from app.library.audit_log import attach_audit_log
-from app.library.database.tables import REVISION, analyses, metadata, schema_revision
-from app.settings import Settings
-from app.store.folder import check_folder, translate_folder_errors
-from app.store.permissions import create_file, make_folder
+from acromion.app.errors import AppError, DatabaseAway, DatabaseDamaged, DatabaseLocked, DiskFull, WrongSchema
+from acromion.app.library.audit_log import attach_audit_log
+from acromion.app.library.database.tables import REVISION, analyses, metadata, schema_revision
+from acromion.app.settings import Settings
+from acromion.app.store.folder import check_folder, translate_folder_errors
+from acromion.app.store.permissions import create_file, make_folder
 
 READ_ONLY = {"acromion_read_only": True}
 _TABLES_LOCK = 0x6163726F  # arbitrary number of the advisory lock for creating tables
@@ -77,7 +77,7 @@ def bring_up_to_date(settings: Settings) -> None:
             lock_tables(connection)
             found = read_revision(connection)
             if found not in (None, REVISION):
-                importlib.import_module("app.library.migrations").upgrade(connection, found)
+                importlib.import_module("acromion.app.library.migrations").upgrade(connection, found)
     finally:
         engine.dispose()
 

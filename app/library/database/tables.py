@@ -14,7 +14,7 @@ from sqlalchemy import (
     Text,
 )
 
-REVISION = "b4"  # of these tables; changing them needs a migration in app/library/migrations
+REVISION = "b5"  # of these tables; changing them needs a migration in app/library/migrations
 
 metadata = MetaData()
 
@@ -35,6 +35,8 @@ recordings = Table(
     Column("external_id", Text, nullable=False, server_default=""),
     Column("note", Text, nullable=False, server_default=""),
     Column("folder", Text, nullable=False, server_default=""),
+    Column("job_title", Text, nullable=False, server_default=""),
+    Column("isco_code", String(4), nullable=False, server_default=""),
     Column("duplicate_of", String(32)),
     Column("version", Integer, nullable=False, server_default="1"),
     Column("start", String(40)),

@@ -10,8 +10,8 @@ from alembic.config import Config
 from alembic.script import ScriptDirectory
 from sqlalchemy import Connection
 
-from app.errors import WrongSchema
-from app.library.database.tables import REVISION
+from acromion.app.errors import WrongSchema
+from acromion.app.library.database.tables import REVISION
 
 
 def upgrade(connection: Connection, found: str) -> None:

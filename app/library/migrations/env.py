@@ -1,8 +1,8 @@
-"""The script that Alembic runs: the migrations, in the transaction of :mod:`app.library.migrations`."""
+"""The script with which Alembic migrates, in the transaction of :mod:`acromion.app.library.migrations`."""
 
 from alembic import context
 
-from app.library.database.tables import metadata
+from acromion.app.library.database.tables import metadata
 
 context.configure(
     connection=context.config.attributes["connection"],

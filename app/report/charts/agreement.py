@@ -8,18 +8,25 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from app.report.charts import svg
-from app.report.charts.svg import NARROW, Plot, Span
-from app.report.model import Chart
-from app.report.words.numbers import format_angle, format_elapsed, format_number
-from app.report.words.wording import Language, Words, clean_text, fill, find_device_name, load_wording
-from fusion.comparison.change import QUASI_STATIC, TABLE_1
+from acromion.app.report.charts import svg
+from acromion.app.report.charts.svg import NARROW, Plot, Span
+from acromion.app.report.model import Chart
+from acromion.app.report.words.numbers import format_angle, format_elapsed, format_number
+from acromion.app.report.words.wording import (
+    Language,
+    Words,
+    clean_text,
+    fill,
+    find_device_name,
+    load_wording,
+)
+from acromion.fusion.comparison.change import QUASI_STATIC, TABLE_1
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from fusion.comparison.agreement import Agreement, AgreementCell, AgreementEntry
-    from fusion.comparison.alignment import Pairs
+    from acromion.fusion.comparison.agreement import Agreement, AgreementCell, AgreementEntry
+    from acromion.fusion.comparison.alignment import Pairs
 
     Vector = NDArray[np.float64]
 

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 from math import isfinite, nan
 
-from app.report.charts import svg
-from app.report.charts.svg import NARROW
-from app.report.model import Chart
-from app.report.words.numbers import (
+from acromion.app.report.charts import svg
+from acromion.app.report.charts.svg import NARROW
+from acromion.app.report.model import Chart
+from acromion.app.report.words.numbers import (
     NONE,
     format_classes,
     format_duration,
@@ -22,8 +22,8 @@ from app.report.words.numbers import (
     percent_sign,
     round_classes,
 )
-from app.report.words.wording import Language, Words, fill, join_clauses
-from fusion.exposure.types import Exposure, PartExposure
+from acromion.app.report.words.wording import Language, Words, fill, join_clauses
+from acromion.fusion.exposure.types import Exposure, PartExposure
 
 SHOWN_EDGES_DEG = (0, 30, 60, 90, 180)
 """Classes of every bar; the stored bins are finer. Their edges are the three guide lines."""
@@ -110,7 +110,7 @@ def build_parts(
     """Build one stacked bar for each hour (``key`` "hours") or period of the diary ("periods")."""
     entry, rows = words[key], []
     for name, part in parts:
-        above = part.percent_above
+        above = part.time_above_percent
         if is_drawable(part):
             shares = (100 - above[30], above[30] - above[60], above[60] - above[90], above[90])
             rows.append(_PartRow(name, shares, format_percent(above[60], language)))
@@ -133,7 +133,7 @@ def build_parts(
 
 def is_drawable(part: PartExposure) -> bool:
     """Return whether a part has analysed time and its three shares."""
-    return part.analysed_s > 0 and all(isfinite(part.percent_above.get(c, nan)) for c in (30, 60, 90))
+    return part.analysed_s > 0 and all(isfinite(part.time_above_percent.get(c, nan)) for c in (30, 60, 90))
 
 
 def _draw_parts(

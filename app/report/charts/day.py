@@ -13,17 +13,17 @@ from typing import Literal
 
 import numpy as np
 
-from app.report.charts import svg
-from app.report.charts.svg import GUIDES_DEG, NARROW, Plot, Span
-from app.report.findings import Findings
-from app.report.model import Chart
-from app.report.words.numbers import Clock, format_angle, format_duration, format_percent
-from app.report.words.wording import Words, fill, join_clauses
-from fusion.caveats import Caveat
-from fusion.conventions import MAIN_THRESHOLD_DEG
-from fusion.exposure.types import MinuteProfile
-from fusion.recording import MICROSECONDS, find_uncovered, join_overlapping
-from fusion.recording import Span as LeftOut
+from acromion.app.report.charts import svg
+from acromion.app.report.charts.svg import GUIDES_DEG, NARROW, Plot, Span
+from acromion.app.report.findings import Findings
+from acromion.app.report.model import Chart
+from acromion.app.report.words.numbers import Clock, format_angle, format_duration, format_percent
+from acromion.app.report.words.wording import Words, fill, join_clauses
+from acromion.fusion.caveats import Caveat
+from acromion.fusion.conventions import MAIN_THRESHOLD_DEG
+from acromion.fusion.exposure.types import MinuteProfile
+from acromion.fusion.recording import MICROSECONDS, find_uncovered, join_overlapping
+from acromion.fusion.recording import Span as LeftOut
 
 MINUTE_S = 60.0
 WORST_WINDOW_S = 900
@@ -439,12 +439,13 @@ def _draw_time_axis(day: Day, plot: Plot) -> list[str]:
     step = next(fitting, _TICK_STEPS_S[-1])
     body, at, date = [], day.clock.seconds_to_whole_hour() % step, ""
     while at <= day.duration_s:
-        x, label, on = plot.x(at), day.clock.format_tick(at), day.clock.format_day(at)
+        x, label = plot.x(at), day.clock.format_tick(at)
+        on = day.clock.format_offset(at) or day.clock.format_day(at)
         half = svg.estimate_width(label) / 2
         place = min(max(x, half), plot.right_px + 4 - half)
         body.append(svg.line(x, plot.bottom_px, x, plot.bottom_px + 4, svg.RULE))
         body.append(svg.text(place, plot.bottom_px + 16, label, "soft", "middle"))
-        if on != date:  # below the first time of each date
+        if on != date:  # below the first time of each date, and below a time that the clock shows twice
             half = svg.estimate_width(on) / 2
             place = min(max(x, half), plot.right_px + 4 - half)
             body.append(svg.text(place, plot.bottom_px + 16 + _DATE_PX, on, "soft", "middle"))
@@ -453,8 +454,9 @@ def _draw_time_axis(day: Day, plot: Plot) -> list[str]:
 
 
 def _measure_dates(day: Day) -> float:
-    """Return the height of the dates below the time axis; 0 for a recording of one date."""
-    return _DATE_PX if day.clock.format_day(0.0) else 0.0
+    """Return the height of the dates below the time axis; 0 for a recording of one date and one offset."""
+    offsets = {at.utcoffset() for at in map(day.clock.at, (0.0, day.duration_s)) if at}
+    return _DATE_PX if day.clock.format_day(0.0) or len(offsets) > 1 else 0.0
 
 
 def _draw_block(block: Block, plot: Plot) -> list[str]:

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.report.charts import svg
-from app.report.charts.svg import GUIDES_DEG, NARROW, Plot, Span
-from app.report.model import Chart
-from app.report.words.numbers import format_angle, format_angle_range, format_classes, format_number
-from app.report.words.wording import Language, Words, fill, load_wording
-from fusion.exposure.types import Eva, Exposure
+from acromion.app.report.charts import svg
+from acromion.app.report.charts.svg import GUIDES_DEG, NARROW, Plot, Span
+from acromion.app.report.model import Chart
+from acromion.app.report.words.numbers import format_angle, format_angle_range, format_classes, format_number
+from acromion.app.report.words.wording import Language, Words, fill, load_wording
+from acromion.fusion.exposure.types import Eva, Exposure
 
 MARKED_PERCENTILES = (10, 50, 90, 99)
 _CELLS_PER_DEG = 10

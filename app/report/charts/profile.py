@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from app.report.charts import svg
-from app.report.charts.svg import Plot, Span
+from acromion.app.report.charts import svg
+from acromion.app.report.charts.svg import Plot, Span
 
 TILE_PX = 134.0
 SURE_PX = 318.0

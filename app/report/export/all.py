@@ -1,40 +1,37 @@
-"""Every file for other programs: the tables of ``results.json``, REDCap, and the angle over time."""
+"""Every table for other programs: those of ``results.json``, Parquet, and REDCap.
+
+The angle over time is in :mod:`acromion.app.report.export.angles`.
+"""
 
 from __future__ import annotations
 
-import gzip
 import io
-import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.csv as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from app.report.export.tables import (
+from acromion.app.report.export.tables import (
     DATAPACKAGE,
+    FOR_IMPORT,
     FRENCH_EXCEL,
     Row,
+    describe_tables,
     encode_datapackage,
     encode_dictionary,
-    encode_summary,
+    encode_rows,
     encode_table,
-    summarise_results,
+    list_columns,
+    list_redcap_columns,
+    name_variables,
 )
-from app.report.export.xlsx import encode_workbook
-from app.report.figures import SUMMARY, SUMMARY_OF_ONE, Results, find_unit
-from app.report.words.wording import LANGUAGES
-from fusion.angle_files.elevation_parquet import SCHEMA, STEPS_PER_DEG, read_rows
-from fusion.quality.time_account import leave_out
-from fusion.recording import BoolArray, FloatArray, Span
-
-if TYPE_CHECKING:
-    from fusion.elevation import Elevation, ElevationSegment
-
+from acromion.app.report.export.xlsx import encode_workbook
+from acromion.app.report.figures import Column
+from acromion.app.report.words.wording import LANGUAGES
 
 # Columns of a Parquet file, built from buffers: ``pyarrow.array`` and ``pyarrow.table`` load pandas to check
 # whether a list is one of its columns, which takes longer than writing the file.
@@ -74,100 +71,11 @@ def _pack(flags: NDArray[np.bool_]) -> pa.Buffer:
     return pa.py_buffer(np.packbits(flags, bitorder="little"))
 
 
-# The angle over time: as whole numbers, and as text for programs that do not read Parquet.
-
-
-_SCHEMA = pa.schema(
-    [
-        pa.field("time_us", pa.int64(), nullable=False),
-        pa.field("elevation_cdeg", pa.int16()),
-        pa.field("valid", pa.bool_(), nullable=False),
-        pa.field("analysed", pa.bool_(), nullable=False),
-    ],
-    {"schema": SCHEMA},
-)
-_ENCODING = {"time_us": "DELTA_BINARY_PACKED", "elevation_cdeg": "DELTA_BINARY_PACKED"}
-_MOST_HZ = 100.5
-"""A nominal 100 Hz sensor runs at 100 ± 0.1 Hz and keeps every sample."""
-
-_ROWS_AT_ONCE = 1 << 20
-
-
-def write_elevation(elevation: Elevation, path: Path, exclusions: tuple[Span, ...] = ()) -> None:
-    """Write ``time_us`` (from the first sample), ``elevation_cdeg``, ``valid`` and ``analysed``.
-
-    The angle is the one before the metric filter, at most about 100 Hz; of a file with angles above 100 Hz
-    every k-th angle is kept. It is null if no sample was measured: missing stays missing. A row is analysed
-    if it is valid and outside the ``exclusions``, which are sorted and do not overlap.
-    """
-    counted = leave_out(elevation, exclusions)
-    with pq.ParquetWriter(
-        path,
-        _SCHEMA,
-        compression="zstd",
-        use_dictionary=False,
-        column_encoding=_ENCODING,
-        write_statistics=["time_us"],
-    ) as writer:
-        both = zip(elevation.segments, counted.segments, strict=True)
-        for table in _gather(table for one, kept in both for table in _lay_segment(one, kept.valid)):
-            writer.write_table(table)
-
-
-def _gather(tables: Iterable[pa.Table]) -> Iterator[pa.Table]:
-    """Join the tables of short segments, because a row group for each would take more space."""
-    waiting: list[pa.Table] = []
-    for table in tables:
-        if waiting and sum(map(len, waiting)) + len(table) > _ROWS_AT_ONCE:
-            yield pa.concat_tables(waiting)
-            waiting = []
-        waiting.append(table)
-    if waiting:
-        yield pa.concat_tables(waiting)
-
-
-def _lay_segment(segment: ElevationSegment, analysed: BoolArray) -> Iterator[pa.Table]:
-    step = max(1, math.ceil(segment.rate_hz / _MOST_HZ))
-    angle_deg, valid, analysed = segment.elevation_deg[::step], segment.valid[::step], analysed[::step]
-    known = np.isfinite(angle_deg)
-    for first, stop in segment.bridged:
-        known[math.ceil(first / step) : math.ceil(stop / step)] = False
-    for first in range(0, len(angle_deg), _ROWS_AT_ONCE):
-        rows = slice(first, min(first + _ROWS_AT_ONCE, len(angle_deg)))
-        time_us = np.arange(rows.start, rows.stop) * (step * segment.period_us) + segment.start_us
-        angle_cdeg = np.where(known[rows], angle_deg[rows], np.float32(0.0)) * np.float32(STEPS_PER_DEG)
-        columns = [
-            build_numbers(_round(time_us).astype(np.int64)),
-            build_numbers(_round(angle_cdeg).astype(np.int16), known[rows]),
-            build_flags(valid[rows] & known[rows]),
-            build_flags(analysed[rows] & known[rows]),
-        ]
-        yield pa.Table.from_arrays(columns, schema=_SCHEMA)
-
-
-def _round(values: FloatArray) -> FloatArray:
-    return np.rint(values, out=values)
-
-
-def encode_elevation_csv(parquet: Path) -> bytes:
-    """Encode ``elevation.parquet`` as gzipped CSV, in s and deg; the same file gives the same bytes."""
-    rows = read_rows(parquet)
-    angles = build_numbers(rows.elevation_deg, np.isfinite(rows.elevation_deg))
-    columns = [build_numbers(rows.time_s), angles, build_flags(rows.valid)]
-    names = ["time_s", "elevation_deg", "valid"]
-    if rows.analysed is not None:
-        columns, names = [*columns, build_flags(rows.analysed)], [*names, "analysed"]
-    text = io.BytesIO()
-    table = pa.Table.from_arrays(columns, names)
-    pc.write_csv(table, text, pc.WriteOptions(quoting_style="none"))
-    return gzip.compress(text.getvalue(), compresslevel=4, mtime=0)
-
-
 # REDCap: a data dictionary that creates the form, and the row to import into it.
 #
 # Source of the columns of the dictionary: REDCap's "Data Dictionary" upload file (18 columns, in this
-# order). One record is one recording; its id is the start of the file's hash, so that importing the
-# same recording twice gives one record.
+# order). One record is one recording, or one shift of it; its id is the start of the file's hash, so that
+# importing the same recording twice gives one record.
 
 
 FORM = "arm_elevation"
@@ -179,16 +87,14 @@ DICTIONARY_COLUMNS = [
     "Matrix Ranking?", "Field Annotation",
 ]  # fmt: skip
 _CHOICES: Mapping[str, str] = {
-    "side": "left, Left | right, Right",
+    "side": "left, Left | right, Right | trunk, Trunk",
     "verdict": "good, Good | caution, Use with care | poor, Poor",
 }
 
 
-def encode_redcap_dictionary() -> bytes:
+def encode_redcap_dictionary(further: Sequence[Column] = ()) -> bytes:
     """Encode the data dictionary that creates the form in a REDCap project."""
     name, form, _, kind, label, choices, note, validation, _, _, identifier, *_ = DICTIONARY_COLUMNS
-    first: Row = {name: "record_id", form: FORM, kind: "text"}
-    first[label] = "Record: the beginning of the file's SHA-256"
     rows: Iterable[Row] = (
         {
             name: column.name,
@@ -196,46 +102,59 @@ def encode_redcap_dictionary() -> bytes:
             kind: "dropdown" if column.name in _CHOICES else "text",
             label: " / ".join(map(column.explain, LANGUAGES)),
             choices: _CHOICES.get(column.name),
-            note: find_unit(column.name) or None,
+            note: column.unit or None,
             validation: "number" if column.kind == "number" else None,
             identifier: "y" if column.name in {"subject", "file_name"} else None,
         }
-        for column in SUMMARY_OF_ONE
+        for column in list_redcap_columns(further)[:-1]  # REDCap itself adds the last one
     )
-    return encode_table(DICTIONARY_COLUMNS, (first, *rows))
+    return encode_table(DICTIONARY_COLUMNS, rows)
 
 
-def encode_redcap_import(every: Iterable[Results]) -> bytes:
-    """Encode one row per recording for REDCap's "Data Import Tool"."""
-    names = ["record_id", *(column.name for column in SUMMARY_OF_ONE), f"{FORM}_complete"]
-    rows = (
-        {"record_id": str(one["recording"]["sha256"])[:16], **summarise_results(one), f"{FORM}_complete": 2}
-        for one in every
+def encode_redcap_import(rows: Iterable[Row], further: Sequence[Column] = ()) -> bytes:
+    """Encode rows of the summary for REDCap's "Data Import Tool"; failed recordings have no record."""
+    names = name_variables(column.name for column in further)
+    records = (
+        {
+            **row,
+            **{name: row.get(header) for name, header in names.items()},
+            "record_id": _identify_record(row),
+            f"{FORM}_complete": 2,
+        }
+        for row in rows
+        if row["sha256"]
     )
-    return encode_table(names, rows)
+    return encode_table([column.name for column in list_redcap_columns(further)], records, FOR_IMPORT)
+
+
+def _identify_record(row: Row) -> str:
+    """Return the start of the file's hash; for a shift, followed by its date and time."""
+    begin = re.sub(r"\D", "", str(row["shift"] or "").partition("/")[0][:16])
+    return str(row["sha256"])[:16] + (f"_{begin}" if begin else "")
 
 
 def export_results(results: Mapping[str, Any]) -> dict[str, bytes]:
     """Return the tables of one recording by file name; every figure is the one in ``results.json``."""
-    row = summarise_results(results)
+    rows = describe_tables([results])
     tables = {
-        "summary.csv": encode_summary([row]),
-        "summary_fr.csv": encode_summary([row], FRENCH_EXCEL),
-        "summary.xlsx": encode_workbook([results]),
-        "summary.parquet": encode_parquet([results]),
+        "summary.csv": encode_rows("summary", rows["summary"]),
+        "summary_fr.csv": encode_rows("summary", rows["summary"], FRENCH_EXCEL),
+        "summary.xlsx": encode_workbook(rows),
+        "summary.parquet": encode_parquet("summary", rows["summary"]),
         "dictionary.csv": encode_dictionary(),
-        "redcap_import.csv": encode_redcap_import([results]),
+        "redcap_import.csv": encode_redcap_import(rows["summary"]),
         "redcap_dictionary.csv": encode_redcap_dictionary(),
     }
     return tables | {DATAPACKAGE: encode_datapackage(tables)}
 
 
-def encode_parquet(every: list[Mapping[str, Any]]) -> bytes:
-    """Encode one typed row per recording: text or float64, null if not computable."""
-    rows = [summarise_results(results) for results in every]
+def encode_parquet(table: str, rows: Sequence[Row], further: Sequence[Column] = ()) -> bytes:
+    """Encode a table with typed columns: text or float64, null if not computable."""
     lay: dict[str, Callable[..., pa.Array]] = {"text": build_nullable_texts, "number": build_nullable_numbers}
-    columns = [lay[column.kind]([row[column.name] for row in rows]) for column in SUMMARY]
+    columns = list_columns(table, further)
+    values = [lay[column.kind]([row.get(column.name) for row in rows]) for column in columns]
     body = io.BytesIO()
-    table = pa.Table.from_arrays(columns, [column.name for column in SUMMARY])
-    pq.write_table(table, body, compression="zstd")
+    pq.write_table(
+        pa.Table.from_arrays(values, [column.name for column in columns]), body, compression="zstd"
+    )
     return body.getvalue()

@@ -10,8 +10,8 @@ import io
 import json
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import chain, count
 from pathlib import Path
 from typing import Any
@@ -21,10 +21,10 @@ import pyarrow.compute as pc
 import pyarrow.csv as pcsv
 import pyarrow.parquet as pq
 
-from app.report.export.tables import guard_text
-from app.report.figures import Results
-from app.request import find_code
-from app.version import software_version
+from acromion.app.report.export.tables import Cell, name_variables, type_further
+from acromion.app.report.figures import Results
+from acromion.app.request import find_code
+from acromion.app.version import software_version
 
 TRACKING = "acromion"
 TASK = "work"
@@ -34,18 +34,23 @@ _LATENCY, _ELEVATION, _VALID = "latency", "elevation", "valid"
 
 @dataclass(frozen=True, slots=True)
 class Angles:
-    """One finished analysis: its results and its ``elevation.parquet``."""
+    """One finished analysis: its results, its ``elevation.parquet``, and its further cells.
+
+    ``further``: cells of the list of participants by header, which become columns.
+    """
 
     results: Results
     parquet: Path
+    further: Mapping[str, str] = field(default_factory=dict, hash=False)
 
 
 @dataclass(frozen=True, slots=True)
 class _Run:
-    """One analysis, its subject, and the prefix of its file names."""
+    """One analysis, its subject, its day (``ses-01``), and the prefix of its file names."""
 
     angles: Angles
     subject: str
+    session: str
     stem: str
 
 
@@ -61,26 +66,62 @@ def list_bids(every: Sequence[Angles]) -> Iterator[tuple[str, bytes]]:
     yield "dataset_description.json", _encode_json(dataset)
     yield "README.md", _README.encode()
     codes = {run.subject: run.angles.results["recording"]["subject"] or "n/a" for run in runs}
-    participants = [(f"sub-{subject}", code) for subject, code in codes.items()]
-    yield "participants.tsv", _encode_rows(("participant_id", "code"), participants)
-    yield "participants.json", _encode_json({"code": {"Description": "Subject code as it was given"}})
+    columns, cells = type_further({run.stem: _name_cells(run.angles) for run in runs})
+    names = [column.name for column in columns]
+    carried = {stem: tuple(_write_cell(row.get(name)) for name in names) for stem, row in cells.items()}
+    described = {name: {"Description": "From the list of participants, as given"} for name in names}
+    participants = [
+        (f"sub-{subject}", code, *_find_common(carried[run.stem] for run in runs if run.subject == subject))
+        for subject, code in codes.items()
+    ]
+    yield "participants.tsv", _encode_rows(("participant_id", "code", *names), participants)
+    code = {"Description": "Subject code as it was given"}
+    yield "participants.json", _encode_json({"code": code, **described})
     for subject in codes:
-        scans = [  # start of each recording, by the clock of the device
-            (f"motion/{run.stem}_motion.tsv", (run.angles.results["recording"]["start"] or "n/a")[:19])
-            for run in runs
-            if run.subject == subject
-        ]
-        yield f"sub-{subject}/sub-{subject}_scans.tsv", _encode_rows(("filename", "acq_time"), scans)
+        own = [run for run in runs if run.subject == subject]
+        sessions = dict.fromkeys(run.session for run in own)
+        yield (
+            f"sub-{subject}/sub-{subject}_sessions.tsv",
+            _encode_rows(("session_id",), [(name,) for name in sessions]),
+        )
+        for name in sessions:
+            scans = []
+            for run in own:
+                if run.session == name:  # the start is by the clock of the device
+                    start = (run.angles.results["recording"]["start"] or "n/a")[:19]
+                    scans.append((f"motion/{run.stem}_motion.tsv", start, *carried[run.stem]))
+            stem = f"sub-{subject}/{name}/sub-{subject}_{name}_scans"
+            yield f"{stem}.tsv", _encode_rows(("filename", "acq_time", *names), scans)
+            if described:
+                yield f"{stem}.json", _encode_json(described)
     for run in runs:
-        stem = f"sub-{run.subject}/motion/{run.stem}"
+        stem = f"sub-{run.subject}/{run.session}/motion/{run.stem}"
         yield f"{stem}_motion.json", _encode_json(_describe_motion(run.angles))
         yield f"{stem}_channels.tsv", _encode_channels(run.angles.results)
         yield f"{stem}_motion.tsv", _encode_motion(run.angles.parquet)
 
 
-def _place(every: Sequence[Angles]) -> Iterator[_Run]:
-    """Return each analysis with its subject, and a number among those of the same arm, in order of time.
+def _name_cells(angles: Angles) -> dict[str, str]:
+    """Return the further cells by the names of their columns, each on one line."""
+    return {
+        name: " ".join(angles.further[header].split())
+        for name, header in name_variables(angles.further).items()
+    }
 
+
+def _write_cell(value: Cell) -> str:
+    return "n/a" if value is None else str(value)
+
+
+def _find_common(rows: Iterable[Sequence[str]]) -> tuple[str, ...]:
+    """Return the cell of each column that all rows share; "n/a" for a column in which they differ."""
+    return tuple(cells[0] if len(set(cells)) == 1 else "n/a" for cells in zip(*rows, strict=True))
+
+
+def _place(every: Sequence[Angles]) -> Iterator[_Run]:
+    """Return each analysis with its subject, its day, and a number among those of one arm on this day.
+
+    Days are numbered for each subject in order of time; recordings without a clock follow, each as a day.
     Codes are reduced to letters and digits; codes that then become equal are numbered. Recordings without a
     code count as different people.
     """
@@ -88,24 +129,31 @@ def _place(every: Sequence[Angles]) -> Iterator[_Run]:
     for angles in every:
         recording = angles.results["recording"]
         code = find_code(recording["subject"]) or f"r{recording['sha256'][:12]}"
-        coded.append((code, recording["start"] or "", recording["sha256"], angles))
+        start = recording["start"] or ""
+        coded.append((code, not start, start[:10] or recording["sha256"], start, recording["sha256"], angles))
     labels: dict[str, str] = {}
-    counts: Counter[tuple[str, str | None]] = Counter()
-    for code, _, _, angles in sorted(coded, key=lambda one: one[:3]):
+    days: dict[str, list[str]] = {}
+    counts: Counter[tuple[str, str, str | None]] = Counter()
+    for code, _, day, _, _, angles in sorted(coded, key=lambda one: one[:5]):
         if code not in labels:
             plain = re.sub(r"[^A-Za-z0-9]", "", code) or "subject"
             numbered = (f"{plain}x{number}" for number in count(2))
             labels[code] = next(label for label in chain([plain], numbered) if label not in labels.values())
         subject, side = labels[code], angles.results["recording"]["side"]
-        counts[subject, side] += 1
-        arm, number = f"_acq-{side}" if side else "", f"{counts[subject, side]:02d}"
-        yield _Run(angles, subject, f"sub-{subject}_task-{TASK}_tracksys-{TRACKING}{arm}_run-{number}")
+        if day not in days.setdefault(subject, []):
+            days[subject].append(day)
+        session = f"ses-{days[subject].index(day) + 1:02d}"
+        counts[subject, session, side] += 1
+        arm, number = f"_acq-{side}" if side else "", f"{counts[subject, session, side]:02d}"
+        stem = f"sub-{subject}_{session}_task-{TASK}_tracksys-{TRACKING}{arm}_run-{number}"
+        yield _Run(angles, subject, session, stem)
 
 
 _README = """# Upper-arm elevation
 
 The angle between the upper arm and gravity (0 deg hanging, 90 deg level, 180 deg overhead), estimated by
-Acromion from a motion sensor on the upper arm. Each recording is one run; `acq` is the arm.
+Acromion from a motion sensor on the upper arm. `ses` is the day, `acq` the arm; each recording is one run.
+With `acq-trunk` the sensor was on the trunk, and the angle is its inclination.
 
 Columns of each `_motion.tsv`, in order: seconds from the first sample, elevation in degrees (`n/a`: not
 measured), 1 if the figures count the row and 0 if they do not. Missing time is a step in the first column.
@@ -143,11 +191,12 @@ def _describe_motion(angles: Angles) -> dict[str, Any]:
 
 def _encode_channels(results: Results) -> bytes:
     side = results["recording"]["side"]
-    point = f"{side}_upper_arm" if side else "upper_arm"
+    body = "trunk" if side == "trunk" else "upper arm"
+    point = f"{side}_upper_arm" if side in {"left", "right"} else body.replace(" ", "_")
     columns = ("name", "component", "type", "tracked_point", "units", "description")
     rows = (
         (_LATENCY, "n/a", "LATENCY", "n/a", "s", "Time from the first sample"),
-        (_ELEVATION, "n/a", "ORNT", point, "deg", "Angle between the upper arm and gravity"),
+        (_ELEVATION, "n/a", "ORNT", point, "deg", f"Angle between the {body} and gravity"),
         (_VALID, "n/a", "MISC", point, "n/a", "1: the figures count the row; 0: they do not"),
     )
     return _encode_rows(columns, rows)
@@ -169,8 +218,7 @@ def _encode_motion(parquet: Path) -> bytes:
 
 
 def _encode_rows(names: Sequence[str], rows: Iterable[Sequence[str]]) -> bytes:
-    lines = [names, *([guard_text(cell) for cell in row] for row in rows)]
-    return "".join("\t".join(line) + "\n" for line in lines).encode()
+    return "".join("\t".join(line) + "\n" for line in (names, *rows)).encode()
 
 
 def _encode_json(value: Any) -> bytes:

@@ -15,15 +15,19 @@ from collections.abc import Iterable, Mapping
 from datetime import datetime, timedelta
 from typing import Any
 
-from app.report.export.naming import format_report_name
-from app.report.export.tables import summarise_results
-from app.report.figures import RANGE_ENDS, SUMMARY, Results, find_unit, read_ranges
-from app.report.words.wording import Language
+from acromion.app.report.export.naming import format_report_name
+from acromion.app.report.export.tables import summarise_results
+from acromion.app.report.figures import RANGE_ENDS, SUMMARY, Results, find_unit, read_ranges
+from acromion.app.report.words.wording import Language
 
 CODES = "urn:acromion:dictionary"
 SUBJECTS = "urn:acromion:subject"
 _PROFILES = "http://hl7.org/fhir/StructureDefinition"
 _UCUM = {"%": "%", "1/h": "/h", "deg/s": "deg/s", "deg": "deg", "Hz": "Hz", "s": "s"}
+
+
+_ARM_REPORT = ("upper_arm_elevation", "Upper-arm elevation report")
+_REPORTS = {"trunk": ("trunk_inclination", "Report on a sensor on the trunk")}
 
 
 def encode_fhir(results: Results, pdfs: Mapping[Language, bytes], conclusion: str, version: int = 1) -> bytes:
@@ -44,7 +48,7 @@ def build_fhir(
     report = {
         **_head("DiagnosticReport"),
         **common,
-        "code": _build_code("upper_arm_elevation", "Upper-arm elevation report"),
+        "code": _build_code(*_REPORTS.get(results["recording"]["side"], _ARM_REPORT)),
         "result": [{"reference": address} for address, _ in observations],
         "conclusion": conclusion,
         "presentedForm": [
@@ -90,6 +94,8 @@ def _describe_common(results: Results) -> dict[str, Any]:
 def _list_observations(results: Results, common: Mapping[str, Any]) -> Iterable[tuple[str, dict[str, Any]]]:
     """Return one observation per known figure, with the ends of its range if they are known."""
     row, ranges, posed = summarise_results(results), read_ranges(results), read_ranges(results, "_pose")
+    side = row["side"]
+    site = f"{side} upper arm" if side in {"left", "right"} else side
     for column in SUMMARY:
         name = column.name
         if column.kind != "number" or row[name] is None or name.endswith(RANGE_ENDS):
@@ -107,7 +113,7 @@ def _list_observations(results: Results, common: Mapping[str, Any]) -> Iterable[
                 **common,
                 "code": _build_code(name, column.explain("en")),
                 "valueQuantity": _measure(name, row[name]),
-                **({"bodySite": {"text": f"{row['side']} upper arm"}} if row["side"] else {}),
+                **({"bodySite": {"text": site}} if site else {}),
                 **({"component": ranged} if ranged else {}),
             },
         )

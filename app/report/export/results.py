@@ -1,8 +1,8 @@
 """``results.json``: every figure of an analysis, and all other content of its report.
 
 The keys are public (docs/reference/dictionary.md). Numbers keep every digit, so that a report rendered again
-from the file is the same; tables and pages round them (:func:`app.report.figures.load_results`). A person's
-reason for a correction is not included.
+from the file is the same; tables and pages round them (:func:`acromion.app.report.figures.load_results`). A
+person's reason for a correction is not included.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from app.report.figures import (
+from acromion.app.report.figures import (
     BINS,
     CYCLES,
     ENTRIES,
@@ -38,17 +38,17 @@ from app.report.figures import (
     Group,
     round_all,
 )
-from app.report.findings import Findings, FinishedAnalysis, ReportSubject, Software
-from app.report.words.numbers import Clock
-from app.request import Conclusion
-from fusion.caveats import Caveat
-from fusion.clocks import in_zone
-from fusion.comparison.levels import ComparedLevel, combine_days
-from fusion.conventions import CONVENTIONS
-from fusion.exposure.types import ElevationBin, Exposure, Interval, PartExposure, TimeAbove
-from fusion.quality import TimeAccount, TimePart
-from fusion.recording import MICROSECONDS, QualityFlag, Span
-from fusion.settings import AnalysisSettings
+from acromion.app.report.findings import Findings, FinishedAnalysis, ReportSubject, Software
+from acromion.app.report.words.numbers import Clock
+from acromion.app.request import Conclusion
+from acromion.fusion.caveats import Caveat
+from acromion.fusion.clocks import in_zone
+from acromion.fusion.comparison.levels import ComparedLevel, combine_days
+from acromion.fusion.conventions import CONVENTIONS
+from acromion.fusion.exposure.types import ElevationBin, Exposure, Interval, PartExposure, TimeAbove
+from acromion.fusion.quality import TimeAccount, TimePart
+from acromion.fusion.recording import MICROSECONDS, QualityFlag, Span
+from acromion.fusion.settings import AnalysisSettings
 
 if TYPE_CHECKING:
     from pydantic import TypeAdapter
@@ -95,7 +95,7 @@ def build_results(findings: Findings, subject: ReportSubject) -> dict[str, objec
         "calibration": asdict(findings.calibration) if findings.calibration else None,
         "method": asdict(findings.method) if findings.method else None,
         "exposure": _describe_exposure(findings.exposure, clock),
-        "comparison": _describe_comparison(findings),
+        "comparison": _describe_comparison(findings, subject),
         "quality": {
             "verdict": quality.verdict,
             "reasons": quality.reasons,
@@ -130,6 +130,9 @@ def relabel_results(content: bytes, subject: ReportSubject) -> bytes:
     results = json.loads(content)
     results["report"] = {"id": subject.report_id, "version": subject.version, "changes": subject.changes}
     named = ("side", "subject", "job_title", "isco_code")
+    if "trunk" in {results["recording"]["side"], subject.side}:
+        findings = decode_results(content).findings
+        results["comparison"] = round_all(_describe_comparison(findings, subject), None)
     results["recording"] |= {name: getattr(subject, name) for name in named}
     results["conclusion"] = asdict(subject.conclusion) if subject.conclusion else None
     return _encode(results)
@@ -234,13 +237,18 @@ def _describe_exposure(exposure: Exposure, clock: Clock) -> dict[str, object]:
         "by_hour": [_describe_part(part) for part in exposure.by_hour],
         "by_period": [_describe_period(part) for part in exposure.by_period],
         "by_task": [
-            {"periods": part.periods, LESS_REST: part.less_rest_percent, **_describe_period(part)}
+            {
+                "periods": part.periods,
+                LESS_REST: part.time_above_60_less_rest_percent,
+                **_describe_period(part),
+            }
             for part in exposure.by_task
         ],
         "by_mark": [
             {"kind": part.kind, "at": _format_iso(part.end_s, clock), **_describe_part(part)}
             for part in exposure.by_mark
         ],
+        "by_posture": [{"kind": part.kind, **_describe_part(part)} for part in exposure.by_posture],
         **_describe_intervals(exposure.intervals),
         **{group.key: _describe(group, getattr(exposure, group.key)) for group in SINGLE_GROUPS},
         "variation": {
@@ -259,11 +267,15 @@ def _describe_exposure(exposure: Exposure, clock: Clock) -> dict[str, object]:
         ],
         "minutes": {name: column.tolist() for name, column in asdict(exposure.minutes).items()},
         "histogram_s": exposure.histogram_s.tolist(),
+        "figures": exposure.figures,
     }
 
 
-def _describe_comparison(findings: Findings) -> dict[str, object]:
-    """Describe the day beside the proposed levels, and other days of the same work."""
+def _describe_comparison(findings: Findings, subject: ReportSubject) -> dict[str, object]:
+    """Describe the day beside the proposed levels of an arm, and other days of the same work."""
+    if subject.side == "trunk":
+        nothing = {"between": None, "combined": None}
+        return {"extent": findings.extent, "levels": [], "other_days": nothing}
     above = findings.find_above_60()
     days = combine_days(above.percent, above.interval)
     is_short = findings.extent == "short"
@@ -316,7 +328,7 @@ def _describe_part(part: PartExposure) -> dict[str, object]:
         "end_s": part.end_s,
         "analysed_s": part.analysed_s,
         **{percentile.spell({"name": p}): angle_deg for p, angle_deg in part.percentiles_deg.items()},
-        **{above.spell({"threshold_deg": c}): share for c, share in part.percent_above.items()},
+        **{above.spell({"threshold_deg": c}): share for c, share in part.time_above_percent.items()},
         ENTRIES["per_hour"].spell({"threshold_deg": 60}): part.entries_above_60_per_h,
         **_describe_intervals(part.intervals),
     }
@@ -324,7 +336,7 @@ def _describe_part(part: PartExposure) -> dict[str, object]:
 
 def _describe_period(part: PartExposure) -> dict[str, object]:
     said = {"kind": part.kind, "recorded_s": part.recorded_s, "excluded_as": part.reason or None}
-    own = {name: getattr(part, attribute) for name, attribute in PERIOD_FIGURES.items()}
+    own = {name: getattr(part, name) for name in PERIOD_FIGURES}
     return {**said, **own, **_describe_part(part)}
 
 
@@ -445,7 +457,7 @@ def _read_us(stored: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _read_exposure(stored: Mapping[str, Any]) -> dict[str, Any]:
-    """Convert the records back to the form of :class:`fusion.exposure.types.Exposure`."""
+    """Convert the records back to the form of :class:`acromion.fusion.exposure.types.Exposure`."""
     peak, eva, variation = stored["peak"], stored["eva"], stored["variation"]
     ranges = zip(eva["low"] or (), eva["high"] or (), strict=True)
     return {
@@ -469,7 +481,7 @@ def _read_exposure(stored: Mapping[str, Any]) -> dict[str, Any]:
             "intervals": [list(starmap(Interval, zip(*row, strict=True))) for row in ranges],
         },
         **{key: list(map(_read_part, stored[key])) for key in ("by_hour", "by_period", "by_task")},
-        "by_mark": list(map(_read_part, stored.get("by_mark", ()))),  # missing in older files
+        **{key: list(map(_read_part, stored.get(key, ()))) for key in ("by_mark", "by_posture")},  # newer
         "intervals": _read_intervals(stored),
         **{
             group.key: group.read(stored[group.key]) if stored[group.key] else None for group in SINGLE_GROUPS
@@ -499,7 +511,7 @@ def _read_intervals(stored: Mapping[str, Any]) -> dict[str, Interval]:
 
 
 def _read_part(stored: Mapping[str, Any]) -> dict[str, Any]:
-    percentiles_deg, percent_above = (
+    percentiles_deg, time_above_percent = (
         {
             found[1]: _read_number(value)
             for name, value in stored.items()
@@ -510,9 +522,7 @@ def _read_part(stored: Mapping[str, Any]) -> dict[str, Any]:
     return {
         **stored,
         "percentiles_deg": percentiles_deg,
-        "percent_above": percent_above,
+        "time_above_percent": time_above_percent,
         "reason": stored.get("excluded_as") or "",
-        "less_rest_percent": stored.get(LESS_REST),
-        **{attribute: stored.get(name) for name, attribute in PERIOD_FIGURES.items()},
         "intervals": _read_intervals(stored),
     }

@@ -12,9 +12,9 @@ from urllib.parse import quote
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from markupsafe import Markup, escape
 
-from app.report.model import AgreementReport, Report
-from app.report.words.numbers import format_duration, format_percent
-from app.report.words.wording import Language, clean_text, fill, load_wording
+from acromion.app.report.model import AgreementReport, Report
+from acromion.app.report.words.numbers import format_duration, format_percent
+from acromion.app.report.words.wording import Language, clean_text, fill, load_wording
 
 
 @cache

@@ -15,9 +15,9 @@ from typing import Any
 import pikepdf
 import typst
 
-from app.report.model import AgreementReport, Report
-from app.report.render.html import find_template_folder
-from app.request import Paper
+from acromion.app.report.model import AgreementReport, Report
+from acromion.app.report.render.html import find_template_folder
+from acromion.app.request import Paper
 
 STANDARDS = ("ua-1", "a-3a")
 NO_CLOCK = datetime(1970, 1, 1, tzinfo=UTC)

@@ -6,13 +6,13 @@ It does not need ``fusion``: a finished analysis can be rendered again, in anoth
 from collections.abc import Collection
 from pathlib import Path
 
-from app.report.export.results import decode_results
-from app.report.findings import Findings, FinishedAnalysis, ReleaseStamp, ReportSubject
-from app.report.model import Report, format_brief
-from app.report.render.html import render_html
-from app.report.render.pdf import render_pdf
-from app.report.single.report import build_report
-from app.request import Paper, ReportKind, ReportRequest
+from acromion.app.report.export.results import decode_results
+from acromion.app.report.findings import Findings, FinishedAnalysis, ReleaseStamp, ReportSubject
+from acromion.app.report.model import Report, format_brief
+from acromion.app.report.render.html import render_html
+from acromion.app.report.render.pdf import render_pdf
+from acromion.app.report.single.report import build_report
+from acromion.app.request import Paper, ReportKind, ReportRequest
 
 RESULTS = "results.json"
 

@@ -8,17 +8,17 @@ from datetime import datetime, timedelta
 from itertools import groupby
 from math import ceil
 
-from app.report.charts import svg
-from app.report.charts.day import Day, DayLabels, Mark, MinuteBand, Overlay, draw_overlays
-from app.report.charts.svg import NARROW, Plot, Span
-from app.report.figures import format_figure
-from app.report.model import Chart
-from app.report.pairs import format_points
-from app.report.several.document import MAIN, compute_trend
-from app.report.several.people import ArmDays
-from app.report.words.numbers import Clock, format_angle
-from app.report.words.wording import Language, Words, fill
-from fusion.comparison.days import PERCENTS, QUARTER_S, ClockBand, Trend, find_first_quarter
+from acromion.app.report.charts import svg
+from acromion.app.report.charts.day import Day, DayLabels, Mark, MinuteBand, Overlay, draw_overlays
+from acromion.app.report.charts.svg import NARROW, Plot, Span
+from acromion.app.report.figures import format_figure
+from acromion.app.report.model import Chart
+from acromion.app.report.pairs import format_points
+from acromion.app.report.several.document import MAIN, compute_trend
+from acromion.app.report.several.people import ArmDays
+from acromion.app.report.words.numbers import Clock, format_angle
+from acromion.app.report.words.wording import Language, Words, fill
+from acromion.fusion.comparison.days import PERCENTS, QUARTER_S, ClockBand, Trend, find_first_quarter
 
 _DAY_S = 86_400.0
 _MIDNIGHT = datetime(2000, 1, 1)  # noqa: DTZ001  any day: only its clock is used

@@ -9,14 +9,14 @@ from math import inf
 from statistics import fmean
 from typing import Any
 
-from app.report.export.tables import encode_table, split_offset
-from app.report.figures import round_all
-from app.report.pairs import describe_source, name_method
-from app.report.several.levels import compare_arms, compare_group, describe_levels
-from app.report.several.people import ArmDays, MeasuredDay, PoseEnds, Side, Stage, StudiedDays
-from app.report.words.wording import clean_text
-from fusion.comparison.change import BETWEEN_DAY_SD, SOURCE, WHOLE_DAY_S
-from fusion.comparison.days import (
+from acromion.app.report.export.tables import encode_table, split_offset
+from acromion.app.report.figures import round_all
+from acromion.app.report.pairs import describe_source, name_method
+from acromion.app.report.several.levels import compare_arms, compare_group, describe_levels
+from acromion.app.report.several.people import ArmDays, MeasuredDay, PoseEnds, Stage, StudiedDays
+from acromion.app.report.words.wording import clean_text
+from acromion.fusion.comparison.change import BETWEEN_DAY_SD, SOURCE
+from acromion.fusion.comparison.days import (
     LEAST_DAYS,
     LEAST_OWN_DAYS,
     PERCENTS,
@@ -34,8 +34,8 @@ from fusion.comparison.days import (
     find_trend,
     pool_deviation,
 )
-from fusion.conventions import FEWEST_PEOPLE
-from fusion.exposure.types import Interval
+from acromion.fusion.conventions import FEWEST_PEOPLE, HOUR_S, Side
+from acromion.fusion.exposure.types import Interval
 
 SCHEMA = "acromion.profile/1"
 MAIN = "time_above_60_percent"
@@ -81,7 +81,7 @@ def describe_profile(studied: StudiedDays) -> dict[str, Any]:
             "change": [{"side": side, "figures": changes} for side, changes in list_changes(studied)],
             "rules": {
                 "fewest_people": FEWEST_PEOPLE,
-                "whole_day_s": WHOLE_DAY_S,
+                "whole_day_s": studied.least_hours * HOUR_S,
                 "overlay_least_days": LEAST_DAYS,
                 "own_deviation_least_days": LEAST_OWN_DAYS,
             },

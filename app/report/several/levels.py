@@ -8,13 +8,14 @@ from math import inf
 from statistics import fmean
 from typing import Any
 
-from app.report.export.results import describe_level
-from app.report.findings import Findings
-from app.report.several.people import ArmDays, Side, Stage, StudiedDays
-from fusion.comparison.change import Reason, Reference
-from fusion.comparison.days import describe_days
-from fusion.comparison.levels import ComparedLevel, can_be_below, compare_with_level
-from fusion.exposure.types import Interval
+from acromion.app.report.export.results import describe_level
+from acromion.app.report.findings import Findings
+from acromion.app.report.several.people import ArmDays, Stage, StudiedDays
+from acromion.fusion.comparison.change import Reason, Reference
+from acromion.fusion.comparison.days import describe_days
+from acromion.fusion.comparison.levels import ComparedLevel, can_be_below, compare_with_level
+from acromion.fusion.conventions import Side
+from acromion.fusion.exposure.types import Interval
 
 _ENDS = ("low", "high", "low_pose", "high_pose")
 

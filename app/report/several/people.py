@@ -8,38 +8,47 @@ from dataclasses import dataclass
 from datetime import datetime
 from itertools import pairwise
 from statistics import fmean
-from typing import Literal
+from typing import Literal, get_args
 
-from app.errors import CannotProfile
-from app.report.findings import FinishedAnalysis
-from app.report.pairs import OnePerson, has_mixed_methods, identify_hours, judge_person, name_pose, read_code
-from app.report.words.wording import clean_text
-from fusion.clocks import read_clock
-from fusion.comparison.change import WHOLE_DAY_S
-from fusion.comparison.days import ClockBand
-from fusion.conventions import FEWEST_PEOPLE
-from fusion.exposure.types import Interval
-from fusion.recording import MICROSECONDS
+from acromion.app.errors import CannotProfile
+from acromion.app.report.findings import FinishedAnalysis
+from acromion.app.report.pairs import (
+    OnePerson,
+    has_mixed_methods,
+    identify_hours,
+    judge_person,
+    name_pose,
+    read_code,
+)
+from acromion.app.report.words.wording import clean_text
+from acromion.fusion.clocks import read_clock
+from acromion.fusion.comparison.days import ClockBand
+from acromion.fusion.conventions import FEWEST_PEOPLE, HOUR_S, WHOLE_DAY_S, Side, judge_length
+from acromion.fusion.exposure.types import Interval
+from acromion.fusion.recording import MICROSECONDS
 
 Stage = Literal["all", "before", "after"]
 LeftOut = Literal["short", "long"]
-Side = Literal["left", "right"]
 Difference = Literal[
     "method", "pose", "sensor", "metric filter", "side", "date", "order", "clock", "short", "long", "poor"
 ]
 PoseEnds = tuple[float, float]
-"""``low_pose`` and ``high_pose``, as in :class:`fusion.exposure.types.Interval`."""
-LONGEST_DAY_S = 86_400.0
-_ORDER: tuple[Side | None, ...] = ("left", "right", None)
+"""``low_pose`` and ``high_pose``, as in :class:`acromion.fusion.exposure.types.Interval`."""
+_ORDER: tuple[Side | None, ...] = (*get_args(Side), None)
 
 
 @dataclass(frozen=True, slots=True)
 class MeasuredDay:
-    """One finished analysis. ``place`` is its location, from which it can be read again."""
+    """One finished analysis. ``place`` is its location, from which it can be read again.
+
+    ``least_hours``: the least analysed time of a day that counts. A day of poor quality also counts, and the
+    report names it.
+    """
 
     kept: FinishedAnalysis
     stage: Stage = "all"
     place: str = ""
+    least_hours: float = WHOLE_DAY_S / HOUR_S
 
     @property
     def subject(self) -> str:
@@ -67,9 +76,9 @@ class MeasuredDay:
     @property
     def left_out(self) -> LeftOut | None:
         """Why it does not count as a day; None if it counts."""
-        if self.kept.findings.recording.duration_us > LONGEST_DAY_S * MICROSECONDS:
-            return "long"
-        return "short" if self.kept.findings.exposure.analysed_s < WHOLE_DAY_S else None
+        findings = self.kept.findings
+        recorded_s = findings.recording.duration_us / MICROSECONDS
+        return judge_length(recorded_s, findings.exposure.analysed_s, self.least_hours * HOUR_S)
 
     def list_figures(self) -> dict[str, float | None]:
         """Return the figures for comparing days."""
@@ -92,7 +101,7 @@ class MeasuredDay:
 class ArmDays:
     """The days of one arm of one person, on one side of a change, in order of time.
 
-    ``bands``: the days overlaid by the clock (:func:`fusion.comparison.days.overlay_days`).
+    ``bands``: the days overlaid by the clock (:func:`acromion.fusion.comparison.days.overlay_days`).
     """
 
     subject: str
@@ -137,6 +146,11 @@ class StudiedDays:
     def days(self) -> tuple[MeasuredDay, ...]:
         """All days."""
         return tuple(day for arm in self.arms for day in arm.days)
+
+    @property
+    def least_hours(self) -> float:
+        """The least analysed time of a day that counts."""
+        return self.arms[0].days[0].least_hours
 
     @property
     def people(self) -> tuple[str, ...]:

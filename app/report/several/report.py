@@ -1,7 +1,7 @@
 """The report on several days: of one person, of both arms, of a group, before and after.
 
-All functions are pure. The figures come from :mod:`app.report.several.document`; docs/profile.md defines
-each.
+All functions are pure. The figures come from :mod:`acromion.app.report.several.document`; docs/profile.md
+defines each.
 """
 
 from __future__ import annotations
@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
-from app.report.figures import format_figure, format_figure_range
-from app.report.model import Chart, Pair, Report, Section, Table, VerdictLine
-from app.report.pairs import (
+from acromion.app.report.figures import format_figure, format_figure_range
+from acromion.app.report.model import Chart, Pair, Report, Section, Table, VerdictLine
+from acromion.app.report.pairs import (
     MAIN_LEVEL,
     build_report,
     format_level,
@@ -26,8 +26,8 @@ from app.report.pairs import (
     mark_rounding,
     name_method,
 )
-from app.report.several.charts import FigureRow, build_overlays, build_rows, build_visits
-from app.report.several.document import (
+from acromion.app.report.several.charts import FigureRow, build_overlays, build_rows, build_visits
+from acromion.app.report.several.document import (
     FIGURES,
     MAIN,
     compute_trend,
@@ -39,10 +39,10 @@ from app.report.several.document import (
     list_groups,
     list_jobs,
 )
-from app.report.several.levels import MeanLevel, compare_arms, compare_group
-from app.report.several.people import ArmDays, PoseEnds, Side, Stage, StudiedDays
-from app.report.single.chapters import format_pose_caution
-from app.report.words.numbers import (
+from acromion.app.report.several.levels import MeanLevel, compare_arms, compare_group
+from acromion.app.report.several.people import ArmDays, PoseEnds, Stage, StudiedDays
+from acromion.app.report.single.chapters import format_pose_caution
+from acromion.app.report.words.numbers import (
     NONE,
     Clock,
     format_angle_range,
@@ -52,7 +52,7 @@ from app.report.words.numbers import (
     format_number,
     format_range,
 )
-from app.report.words.wording import (
+from acromion.app.report.words.wording import (
     LONGEST_CODE,
     Language,
     Words,
@@ -63,10 +63,11 @@ from app.report.words.wording import (
     join_clauses,
     load_wording,
 )
-from fusion.comparison.change import DAYS_ABOVE, SOURCE
-from fusion.comparison.days import LEAST_OWN_DAYS, DayMean, GroupSpread
-from fusion.exposure.types import Interval
-from fusion.recording import MICROSECONDS
+from acromion.fusion.comparison.change import DAYS_ABOVE, SOURCE
+from acromion.fusion.comparison.days import LEAST_OWN_DAYS, DayMean, GroupSpread
+from acromion.fusion.conventions import Side
+from acromion.fusion.exposure.types import Interval
+from acromion.fusion.recording import MICROSECONDS
 
 TILES = ("time_above_30_percent", "time_above_60_percent", "time_above_90_percent", "entries_above_60_per_h")
 MOST_DAYS = 60
@@ -123,14 +124,18 @@ def _build_header(studied: StudiedDays, words: Words, common: Words, language: L
 
 def _build_verdict(studied: StudiedDays, entry: Words, differences: Words, language: Language) -> VerdictLine:
     """State first whether there are days to compare, then whether they are alike."""
-    most = max(len(arm.counted) for arm in studied.arms)
+    most, hours = max(len(arm.counted) for arm in studied.arms), _name_hours(studied.least_hours, language)
     if most < 2 and not studied.is_group:  # the range of a group comes from its people
         return VerdictLine("poor", entry["one"]["label"], entry["one"]["reason"])
     if not studied.differences:
-        return VerdictLine("good", entry["alike"]["label"], entry["alike"]["reason"])
-    shown = join_clauses((differences[name] for name in studied.differences), language)
+        return VerdictLine("good", entry["alike"]["label"], fill(entry["alike"]["reason"], hours))
+    shown = join_clauses((fill(differences[name], hours) for name in studied.differences), language)
     level = "poor" if "poor" in studied.differences else "caution"
     return VerdictLine(level, entry["unlike"]["label"], fill(entry["unlike"]["reason"], {"list": shown}))
+
+
+def _name_hours(least_hours: float, language: Language) -> dict[str, str]:
+    return {"hours": format_number(least_hours, 0 if least_hours.is_integer() else 1, language)}
 
 
 # The answer in sentences.
@@ -149,7 +154,8 @@ def _list_arm_sentences(arm: ArmDays, entry: Words, language: Language) -> list[
     name = _name_arm(arm.side, arm.stage, language)
     days, telling, values = describe_arm(arm).get(MAIN), estimate_days_needed(arm), arm.list_values(MAIN)
     if days is None or telling is None:
-        return [fill(entry["none"], {"arm": name})]
+        hours = _name_hours(arm.days[0].least_hours, language)
+        return [fill(entry["none"], {"arm": name, **hours})]
     facts = {
         "arm": name,
         "days": str(days.days),
@@ -502,6 +508,7 @@ def _build_days_table(studied: StudiedDays, words: Words, language: Language) ->
     """
     entry, sides, rows = words["days"], load_wording(language)["side"], []
     verdicts = load_pair_words(language)["pair"]["verdict"]
+    hours = _name_hours(studied.least_hours, language)
     for arm, day in ((one, day) for one in studied.arms for day in one.days):
         named = (
             str(sides[arm.side or "unknown"]) if len(studied.sides) > 1 else "",
@@ -517,7 +524,7 @@ def _build_days_table(studied: StudiedDays, words: Words, language: Language) ->
         rows.append(
             (
                 ", ".join(filter(None, named)),
-                f"{lasted} ({words['left_out'][day.left_out]})" if day.left_out else lasted,
+                f"{lasted} ({fill(words['left_out'][day.left_out], hours)})" if day.left_out else lasted,
                 *shown,
                 verdicts[findings.quality.verdict],
             )

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime
 from functools import partial
 from itertools import accumulate
+from types import MappingProxyType
 
-from app.report.bibliography import format_bibliography
-from app.report.charts.bars import build_parts, is_drawable
-from app.report.charts.day import format_reason
-from app.report.charts.distribution import build_spread
-from app.report.export.results import SCHEMA
-from app.report.figures import (
+from acromion.app.report.bibliography import format_bibliography
+from acromion.app.report.charts.bars import build_parts, is_drawable
+from acromion.app.report.charts.day import format_reason
+from acromion.app.report.charts.distribution import build_spread
+from acromion.app.report.export.results import SCHEMA
+from acromion.app.report.figures import (
     CYCLES,
     ENTRIES,
     EPISODES,
@@ -27,11 +27,12 @@ from app.report.figures import (
     VELOCITY,
     WINDOWS,
     find_unit,
+    names_task,
 )
-from app.report.findings import CalibrationFacts, Findings, ReportSubject, StillFacts
-from app.report.model import Chart, Pair, Section, Table, VerdictLine
-from app.report.words.messages import describe_flag, format_columns
-from app.report.words.numbers import (
+from acromion.app.report.findings import CalibrationFacts, Findings, ReportSubject, StillFacts
+from acromion.app.report.model import Chart, Pair, Section, Table, VerdictLine
+from acromion.app.report.words.messages import describe_flag, format_columns
+from acromion.app.report.words.numbers import (
     MINUTE_S,
     NARROW,
     NONE,
@@ -39,6 +40,7 @@ from app.report.words.numbers import (
     format_angle,
     format_duration,
     format_duration_range,
+    format_interval,
     format_long_duration,
     format_moment,
     format_number,
@@ -48,7 +50,7 @@ from app.report.words.numbers import (
     percent_sign,
     round_classes,
 )
-from app.report.words.wording import (
+from acromion.app.report.words.wording import (
     Language,
     Words,
     clean_text,
@@ -57,11 +59,11 @@ from app.report.words.wording import (
     find_device_name,
     join_clauses,
 )
-from fusion.caveats import Caveat
-from fusion.clocks import format_clock_offset
-from fusion.comparison.change import STATEMENTS, Reference, compare_with_references
-from fusion.conventions import CONVENTIONS, MAIN_THRESHOLD_DEG, UNHELD
-from fusion.exposure.types import (
+from acromion.fusion.caveats import Caveat
+from acromion.fusion.clocks import format_clock_offset
+from acromion.fusion.comparison.change import STATEMENTS, Reference, compare_with_references
+from acromion.fusion.conventions import CONVENTIONS, MAIN_THRESHOLD_DEG, UNHELD
+from acromion.fusion.exposure.types import (
     LEAST_RANGED_S,
     ElevationBin,
     Exposure,
@@ -69,7 +71,7 @@ from fusion.exposure.types import (
     PartExposure,
     TimeAbove,
 )
-from fusion.recording import MICROSECONDS, QualityFlag
+from acromion.fusion.recording import MICROSECONDS, QualityFlag
 
 LEAST_SHARE = 0.01
 """Minimum share of the recording (and one minute) for time without analysis outside the table."""
@@ -85,14 +87,13 @@ SHORTEST_RATED_S = 600.0
 """In less than ten minutes a rate per hour would only multiply a small count."""
 MOST_FINDINGS = 6
 """Maximum findings on page 4; the appendix and the HTML report have all, with their details."""
-TASK_KINDS = frozenset({"task", "seated", "supported"})
-"""Kinds of period that name a task; work counts only with a name in the diary."""
 MOST_PARTS = 14
 """Maximum hours, periods or tasks in a table of the report; the CSV has all."""
 MOST_MARKS = 6
 """Maximum marks on page 2."""
 MOST_LINES = 22
 """Maximum lines of hours, marks and tasks (two each) on page 2; else the appendix has the hours."""
+POSTURE_NOTE_LINES = 4
 MOST_BARS = 24
 """Maximum bars of hours on page 2; else the appendix has their chart."""
 MAIN_FIGURE = f"time_above_{MAIN_THRESHOLD_DEG}_percent"
@@ -136,7 +137,7 @@ def build_verdict(context: Context) -> VerdictLine:
     verdict = findings.quality.verdict
     entry = words["verdict"][verdict]
     counted = _list_counted(findings)
-    is_posed = verdict == "good" and format_pose_caution(findings, words)
+    is_posed = verdict == "good" and _has_pose_error(context)
     shown = [entry["posed" if is_posed else "reason"]]
     if counted:
         others = join_clauses((_format_flag(flag, language) for flag in counted[1:]), language)
@@ -233,6 +234,11 @@ def format_pose_caution(findings: Findings, words: Words) -> str:
     return str(words["pose_caution"].get(calibration.pose, ""))
 
 
+def _has_pose_error(context: Context) -> bool:
+    """Return whether the held pose has a known one-sided error, which is one of arms."""
+    return context.subject.side != "trunk" and bool(format_pose_caution(context.findings, context.words))
+
+
 def format_pose_state(context: Context) -> str:
     """Return the evidence for the pose in a line; empty for a file with angles."""
     calibration, entry, clock = context.findings.calibration, context.words["pose_state"], context.clock
@@ -252,7 +258,7 @@ def format_pose_state(context: Context) -> str:
         "apart": format_angle(math.ceil(calibration.repeat_deg or 0.0), clock.language),
         "axis": _format_axis(calibration),
     }
-    error = entry["error"] if format_pose_caution(context.findings, context.words) else ""
+    error = entry["error"] if _has_pose_error(context) else ""
     return fill(entry["line"], {"error": error, "told": fill(entry[calibration.state], facts)})
 
 
@@ -349,6 +355,18 @@ def build_sections(context: Context) -> tuple[Section, ...]:
     return tuple(one for one in shown if one.pairs or one.tables or one.figures or one.sources)
 
 
+def build_trunk_sections(context: Context) -> tuple[Section, ...]:
+    """Build the chapters on a recording of the trunk: data quality, time, method and file."""
+    quality = context.findings.quality
+    flags = tuple(flag for flag in quality.flags if flag.code != Caveat.NPOSE)  # an error of arms
+    context = replace(context, findings=replace(context.findings, quality=replace(quality, flags=flags)))
+    words, method = context.words, _build_method_in_short(context)
+    pairs = tuple(pair for pair in method.pairs if pair.name != words["calibration"]["found"])
+    method = replace(method, paragraphs=(words["trunk"]["method"],), pairs=pairs)
+    appendix = (_build_quality(context), _build_provenance(context))
+    return _build_quality_in_short(context), method, *(replace(one, in_appendix=True) for one in appendix)
+
+
 def _explain_brackets(context: Context) -> tuple[str, ...]:
     """Explain the ranges in brackets, if any figure has one."""
     said = context.words["ranges"]
@@ -416,10 +434,16 @@ def _build_day(
     by_hour = (_tabulate_parts(hours, words["part"]["by_hour"], context),)
     lines = min(len(hours), MOST_PARTS) + 2 * min(len(exposure.by_task), MOST_PARTS)
     lines += min(len(exposure.by_mark), MOST_MARKS + 1)
+    lines += 2 * len(exposure.by_posture) + (POSTURE_NOTE_LINES if exposure.by_posture else 0)
     later_charts = charts if len(hours) > MOST_BARS else ()
     later_tables = by_hour if lines > MOST_LINES else ()
-    marks = _tabulate_marks(context)
-    tables = (*(() if later_tables else by_hour), _tabulate_tasks(context), marks, _tabulate_windows(context))
+    tables = (
+        *(() if later_tables else by_hour),
+        _tabulate_tasks(context),
+        _tabulate_postures(context),
+        _tabulate_marks(context),
+        _tabulate_windows(context),
+    )
     title = words["section"]["periods" if exposure.by_task else "hours"]
     page = Section("hours", title, brackets, () if later_charts else charts, tables=tables)
     return page, later_charts, later_tables
@@ -433,7 +457,7 @@ def _tabulate_tasks(context: Context) -> Table:
     lasting, spread = _show_duration(language)
     others = [(part, None) for part in context.exposure.by_task if part.analysed_s > 0 and not is_task(part)]
     for task, rank in (*rank_tasks(context.exposure.by_task), *others):
-        share, ranges = task.percent_above.get(MAIN_THRESHOLD_DEG), task.intervals
+        share, ranges = task.time_above_percent.get(MAIN_THRESHOLD_DEG), task.intervals
         minutes = task.analysed_s / MINUTE_S / 100
         per_h = task.entries_above_60_per_h if task.analysed_s >= SHORTEST_RATED_S else None
         plain = {name: without_pose(interval) for name, interval in ranges.items()}
@@ -448,13 +472,20 @@ def _tabulate_tasks(context: Context) -> Table:
                     per_h, plain.get("entries_above_60_per_h"), partial(format_rate, language=language), words
                 ),
                 format_ranged(
-                    task.longest_above_60_s, plain.get("episodes_above_60_longest_s"), lasting, words, spread
+                    task.episodes_above_60_longest_s,
+                    plain.get("episodes_above_60_longest_s"),
+                    lasting,
+                    words,
+                    spread,
                 ),
                 format_ranged(
-                    task.neutral_slow_percent, plain.get("recovery_neutral_slow_percent"), tenths, words
+                    task.recovery_neutral_slow_percent,
+                    plain.get("recovery_neutral_slow_percent"),
+                    tenths,
+                    words,
                 ),
                 format_ranged(
-                    task.less_rest_percent,
+                    task.time_above_60_less_rest_percent,
                     plain.get(LESS_REST),
                     signed,
                     words,
@@ -479,7 +510,7 @@ def _tabulate_marks(context: Context) -> Table:
             entry["rest"] if part.kind == "rest" else f"{clock.format(part.end_s)} {_name_part(part, words)}"
         )
         figures: list[tuple[float | None, Show]] = [
-            (part.percent_above.get(MAIN_THRESHOLD_DEG), tenths),
+            (part.time_above_percent.get(MAIN_THRESHOLD_DEG), tenths),
             (part.percentiles_deg.get(50), whole),
             (part.entries_above_60_per_h if part.analysed_s >= SHORTEST_RATED_S else None, rate),
         ]
@@ -490,16 +521,32 @@ def _tabulate_marks(context: Context) -> Table:
     return Table.build(entry, rows, note=fill(entry["note"], cut))
 
 
+def _tabulate_postures(context: Context) -> Table:
+    """Tabulate the time in each posture, with the shares of all analysed time that Gupta et al. 2022 give."""
+    entry, exposure, language = context.words["part"]["by_posture"], context.exposure, context.language
+    named = [(entry["names"][part.kind], part) for part in exposure.by_posture if part.analysed_s]
+    upright = [part for _, part in named if part.kind == "upright"]
+    shares = (
+        format_percent(part.time_above_percent[c] * part.analysed_s / exposure.analysed_s, language)
+        for part in upright
+        for c in (30, 60, 90)
+    )
+    return _tabulate_parts(named, entry, context, {"shares": ", ".join(shares)})
+
+
 def is_task(part: PartExposure) -> bool:
     """Return whether a period or its pooled rows name a task whose time is analysed."""
-    return not part.reason and (part.kind in TASK_KINDS or (part.kind == "work" and bool(part.label)))
+    return names_task(part.kind, part.label, part.reason)
 
 
 def rank_tasks(parts: Sequence[PartExposure]) -> list[tuple[PartExposure, int | None]]:
     """Sort the tasks by minutes above 60 deg; each has its rank if its range overlaps with no other."""
 
     def find_above_s(task: PartExposure) -> tuple[float, float, float]:
-        interval, share = task.intervals.get(MAIN_FIGURE), task.percent_above.get(MAIN_THRESHOLD_DEG, 0.0)
+        interval, share = (
+            task.intervals.get(MAIN_FIGURE),
+            task.time_above_percent.get(MAIN_THRESHOLD_DEG, 0.0),
+        )
         low, high = (interval.low, interval.high) if interval else (0.0, 100.0)
         return share * task.analysed_s, low * task.analysed_s, high * task.analysed_s
 
@@ -537,7 +584,12 @@ def _name_part(part: PartExposure, words: Words) -> str:
     return cut_text(clean_text(part.label) or words["part"]["kind"].get(part.kind, part.kind), LONGEST_NAME)
 
 
-def _tabulate_parts(parts: Sequence[tuple[str, PartExposure]], entry: Words, context: Context) -> Table:
+def _tabulate_parts(
+    parts: Sequence[tuple[str, PartExposure]],
+    entry: Words,
+    context: Context,
+    noted: Mapping[str, str] = MappingProxyType({}),
+) -> Table:
     """Tabulate parts, each figure with its range, without units so that a row fits on one line."""
     language, words = context.language, context.words
     rows: list[tuple[str, ...]] = []
@@ -553,7 +605,7 @@ def _tabulate_parts(parts: Sequence[tuple[str, PartExposure]], entry: Words, con
         is_rated = part.analysed_s >= SHORTEST_RATED_S
         figures: list[tuple[str, float | None, Show]] = [
             *((f"elevation_p{p}_deg", part.percentiles_deg.get(p), whole) for p in (50, 90)),
-            *((f"time_above_{c}_percent", part.percent_above.get(c), tenths) for c in (30, 60, 90)),
+            *((f"time_above_{c}_percent", part.time_above_percent.get(c), tenths) for c in (30, 60, 90)),
             (
                 "entries_above_60_per_h",
                 part.entries_above_60_per_h if is_rated else None,
@@ -563,7 +615,7 @@ def _tabulate_parts(parts: Sequence[tuple[str, PartExposure]], entry: Words, con
         cells = (format_ranged(value, ranges.get(key), show, words) for key, value, show in figures)
         rows.append((name, analysed, *cells))
     cut = {"shown": str(MOST_PARTS), "all": str(len(parts))} if len(parts) > MOST_PARTS else {}
-    return Table.build(entry, rows, note=fill(entry["note"], cut))
+    return Table.build(entry, rows, note=fill(entry["note"], {**noted, **cut}))
 
 
 # Quality and time.
@@ -666,8 +718,8 @@ def _describe_shift(context: Context) -> list[Pair]:
     """Return the hours that were cut from a longer recording; none for a whole one."""
     if not context.subject.shift:
         return []
-    start, end = map(datetime.fromisoformat, context.subject.shift.split("/"))
-    shown = Clock(start, context.language, (end - start).total_seconds()).format_whole()
+    zone = context.clock.start.tzinfo if context.clock.start else None
+    shown = format_interval(context.subject.shift, context.language, zone)
     return [Pair(context.words["provenance"]["shift"], shown)]
 
 

@@ -6,11 +6,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import ceil
 
-from app.report.charts.day import WORST_WINDOW_S, Block, build_day
-from app.report.charts.profile import TileScale, UncertaintyBar, UncertaintyChart, draw_tile, draw_uncertainty
-from app.report.figures import RECOVERY, format_figure
-from app.report.model import Drawing, Pair, Profile, Table, Tile
-from app.report.single.chapters import (
+from acromion.app.report.charts.day import WORST_WINDOW_S, Block, build_day
+from acromion.app.report.charts.profile import (
+    TileScale,
+    UncertaintyBar,
+    UncertaintyChart,
+    draw_tile,
+    draw_uncertainty,
+)
+from acromion.app.report.figures import RECOVERY, format_figure
+from acromion.app.report.model import Drawing, Pair, Profile, Table, Tile
+from acromion.app.report.single.chapters import (
     Context,
     choose_ranges,
     format_pose_caution,
@@ -18,7 +24,7 @@ from app.report.single.chapters import (
     is_task,
     rank_tasks,
 )
-from app.report.words.numbers import (
+from acromion.app.report.words.numbers import (
     NONE,
     format_duration,
     format_duration_range,
@@ -27,17 +33,17 @@ from app.report.words.numbers import (
     format_range,
     percent_sign,
 )
-from app.report.words.wording import Language, Words, clean_text, cut_text, fill, join_clauses
-from fusion.caveats import Caveat
-from fusion.comparison.change import (
+from acromion.app.report.words.wording import Language, Words, clean_text, cut_text, fill, join_clauses
+from acromion.fusion.caveats import Caveat
+from acromion.fusion.comparison.change import (
     BETWEEN_DAY_SD,
     REFERENCES,
     find_left_out_reason,
     find_planned_change,
 )
-from fusion.comparison.levels import ComparedLevel, combine_days, compare_with_level
-from fusion.conventions import MAIN_THRESHOLD_DEG, SAID_S, UNHELD, awaits_pose
-from fusion.exposure.types import Interval, PartExposure
+from acromion.fusion.comparison.levels import ComparedLevel, combine_days, compare_with_level
+from acromion.fusion.conventions import MAIN_THRESHOLD_DEG, SAID_S, UNHELD, awaits_pose
+from acromion.fusion.exposure.types import Interval, PartExposure
 
 SHOWN_TASKS = 3
 MOST_STEPS = 3
@@ -61,7 +67,7 @@ def build_profile(context: Context) -> Profile:
     blocks = _lay_out_blocks(tasks, context)
     versions = {"version": str(subject.version), "earlier": str(subject.version - 1)}
     amended = fill(context.words["heading"]["amended_short"], versions) if subject.version > 1 else ""
-    stated = {part.kind for part in context.exposure.by_period}
+    stated = {part.kind for part in (*context.exposure.by_period, *context.exposure.by_posture)}
     missing = ", ".join(entry["unmeasured"][key] for key in UNMEASURED if key not in stated)
     levels = context.findings.compare_with_levels()
     return Profile(
@@ -228,7 +234,7 @@ def _list_rest(context: Context) -> tuple[Pair, ...]:
 
 
 def _find_above_s(part: PartExposure) -> float:
-    return part.percent_above.get(MAIN_THRESHOLD_DEG, 0.0) / 100 * part.analysed_s
+    return part.time_above_percent.get(MAIN_THRESHOLD_DEG, 0.0) / 100 * part.analysed_s
 
 
 def _name(part: PartExposure, words: Words) -> str:
@@ -257,7 +263,7 @@ def _tabulate_tasks(tasks: Sequence[tuple[PartExposure, int | None]], context: C
         (
             f"{rank}  {_name(task, context.words)}" if rank else _name(task, context.words),
             format_duration(_find_above_s(task), language),
-            format_percent(task.percent_above.get(MAIN_THRESHOLD_DEG), language),
+            format_percent(task.time_above_percent.get(MAIN_THRESHOLD_DEG), language),
         )
         for task, rank in tasks
     )

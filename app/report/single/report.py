@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 from datetime import datetime
+from typing import Any
 
-from app.report.charts.bars import build_bar
-from app.report.charts.day import WORST_WINDOW_S
-from app.report.findings import Findings, ReleaseStamp, ReportSubject, Software
-from app.report.model import Note, Pair, Report
-from app.report.single.chapters import (
+from acromion.app.report.charts.bars import build_bar
+from acromion.app.report.charts.day import WORST_WINDOW_S
+from acromion.app.report.findings import Findings, ReleaseStamp, ReportSubject, Software
+from acromion.app.report.model import Note, Pair, Report
+from acromion.app.report.single.chapters import (
     Context,
     build_sections,
+    build_trunk_sections,
     build_verdict,
     choose_ranges,
     format_accuracy,
@@ -20,10 +22,11 @@ from app.report.single.chapters import (
     format_pose_state,
     format_walking_note,
 )
-from app.report.single.profile import build_profile
-from app.report.words.numbers import (
+from acromion.app.report.single.profile import build_profile
+from acromion.app.report.words.numbers import (
     NARROW,
     Clock,
+    format_angle,
     format_date,
     format_duration,
     format_duration_range,
@@ -32,7 +35,7 @@ from app.report.words.numbers import (
     format_range,
     format_rate,
 )
-from app.report.words.wording import (
+from acromion.app.report.words.wording import (
     LONGEST_CODE,
     Language,
     clean_paragraphs,
@@ -43,10 +46,10 @@ from app.report.words.wording import (
     load_wording,
     name_ranges,
 )
-from fusion.comparison.levels import can_be_below
-from fusion.conventions import MAIN_THRESHOLD_DEG
-from fusion.exposure.types import LEAST_RANGED_S, Episodes
-from fusion.recording import MICROSECONDS
+from acromion.fusion.comparison.levels import can_be_below
+from acromion.fusion.conventions import MAIN_THRESHOLD_DEG
+from acromion.fusion.exposure.types import LEAST_RANGED_S, Episodes
+from acromion.fusion.recording import MICROSECONDS
 
 MOST_ON_PAGE_1 = 400
 """Maximum length of a conclusion on page 1; page 2 has the whole text."""
@@ -62,16 +65,33 @@ def build_report(
     words = name_ranges(load_wording(language), ranges)
     clock = Clock(findings.recording.start, language, findings.recording.duration_s)
     context = Context(findings, subject, clock, words)
-    header, limits, use = _build_header(context), words["limits"], words["intended_use"]
+    header, use = _build_header(context), words["intended_use"]
     footer = fill(words["heading"]["footer"], {"version": subject.software.version, "id": subject.report_id})
-    slips = (limits["slips"],) if findings.calibration else ()
     facts = dict(zip(("subject", "date", "arm", "device"), (pair.value for pair in header), strict=False))
+    place = words["trunk" if subject.side == "trunk" else "label"]
+    common: dict[str, Any] = {
+        "language": language,
+        "header": header,
+        "verdict": build_verdict(context),
+        "intended_use": Note(use["title"], (use["text"],)),
+        "report_id": subject.report_id,
+        "footer": footer,
+        "brief": fill(place["brief"], facts | {"footer": footer}),
+        "made_of": clock.at(clock.duration_s),
+        "amendment": _format_amendment(context),
+        "words": words["label"],
+        "pose_state": format_pose_state(context),
+        "needs_pose": format_needs_pose(context),
+        "conclusion": _build_conclusion(context),
+    }
+    if subject.side == "trunk":
+        return Report(**(common | _describe_trunk(context, release)))
+    limits = words["limits"]
+    slips = (limits["slips"],) if findings.calibration else ()
     return Report(
-        language=language,
+        **common,
         title=words["heading"]["title"],
         subtitle=words["heading"]["subtitle"],
-        header=header,
-        verdict=build_verdict(context),
         sentences=(
             _format_answer(context),
             f"{_format_time_above(context)} {_format_entries(context)}",
@@ -81,24 +101,35 @@ def build_report(
         pose_caution=format_pose_caution(findings, words),
         figures=(build_bar(findings.exposure, words, language),),
         limits=Note(limits["title"], (*limits["paragraphs"], *slips, format_accuracy(findings, words))),
-        intended_use=Note(use["title"], (use["text"],)),
         sections=build_sections(context),
-        report_id=subject.report_id,
-        footer=footer,
-        brief=fill(words["label"]["brief"], facts | {"footer": footer}),
-        made_of=clock.at(clock.duration_s),
-        amendment=_format_amendment(context),
-        words=words["label"],
-        pose_state=format_pose_state(context),
-        needs_pose=format_needs_pose(context),
         walking_note=format_walking_note(context),
         profile=replace(
             build_profile(context),
             conclusion=_build_conclusion(context, MOST_ON_PAGE_1),
             released=_format_release(context, release),
         ),
-        conclusion=_build_conclusion(context),
     )
+
+
+def _describe_trunk(context: Context, release: ReleaseStamp | None) -> dict[str, Any]:
+    """Return the content of the report on a recording of the trunk, which has no figure of an arm."""
+    entry, language, exposure = context.words["trunk"], context.language, context.exposure
+    angles = exposure.percentiles_deg
+    facts = {
+        "analysed": format_duration(exposure.analysed_s, language),
+        **{f"p{p}": format_angle(angles.get(p), language) for p in (10, 50, 90)},
+    }
+    return {
+        "title": entry["title"],
+        "subtitle": entry["subtitle"],
+        "sentences": (entry["use"], fill(entry["inclination"], facts), entry["no_range"]),
+        "range_note": "",
+        "amendment": " ".join(filter(None, (_format_release(context, release), _format_amendment(context)))),
+        "pose_caution": "",
+        "figures": (),
+        "limits": Note(context.words["limits"]["title"], (entry["limits"],)),
+        "sections": build_trunk_sections(context),
+    }
 
 
 # The answer in three sentences: how much time above 60 deg beside the proposal and how sure; how long, above
@@ -197,6 +228,7 @@ def _format_worst_window(context: Context) -> str:
 def _build_header(context: Context) -> tuple[Pair, ...]:
     words, clock, subject = context.words, context.clock, context.subject
     label, heading, recording = words["label"], words["heading"], context.findings.recording
+    place = words["trunk"] if subject.side == "trunk" else label
     time, when = context.findings.time, clock.format_whole() or str(label["no_clock"])
     analysed, recorded = (
         format_duration(us / MICROSECONDS, clock.language) for us in (time.analysed_us, time.recorded_us)
@@ -204,7 +236,7 @@ def _build_header(context: Context) -> tuple[Pair, ...]:
     return (
         Pair(label["subject"], cut_text(clean_text(subject.subject), LONGEST_CODE) or label["not_given"]),
         Pair(label["date"], when),
-        Pair(label["arm"], words["side"][subject.side or "unknown"]),
+        Pair(place["arm"], words["side"][subject.side or "unknown"]),
         Pair(label["device"], find_device_name(words, recording.device)),
         Pair(label["analysed"], fill(heading["of"], {"part": analysed, "whole": recorded})),
     )

@@ -5,13 +5,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from app.errors import InternalError
-from app.report.words.numbers import format_duration, format_exact, format_number
-from app.report.words.wording import MAX_TEXT, Language, Words, clean_text, fill, load_wording
-from fusion.errors import Fact, split_facts
+from acromion.app.errors import InternalError
+from acromion.app.report.words.numbers import format_duration, format_exact, format_number
+from acromion.app.report.words.wording import MAX_TEXT, Language, Words, clean_text, fill, load_wording
+from acromion.fusion.errors import Fact, split_facts
 
 if TYPE_CHECKING:
-    from fusion.recording import QualityFlag
+    from acromion.fusion.recording import QualityFlag
 
 UNKNOWN_PROBLEM = InternalError.code
 

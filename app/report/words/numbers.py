@@ -5,17 +5,18 @@ All languages group thousands with a narrow no-break space and put a no-break sp
 """
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import date, datetime
+from datetime import date, datetime, tzinfo
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from app.report.words.wording import Language, fill, is_french, load_wording
-from fusion.clocks import read_clock
+from acromion.app.report.words.wording import Language, fill, is_french, load_wording
+from acromion.fusion.clocks import format_offset, is_repeated, read_clock
 
 if TYPE_CHECKING:
-    from fusion.exposure.types import Interval  # the page uses this module without ``fusion``
+    from acromion.fusion.exposure.types import Interval  # the page uses this module without ``fusion``
 
 
 NARROW = "\u202f"
@@ -155,6 +156,22 @@ def format_moment(moment: datetime, language: Language, *, with_seconds: bool = 
     return f"{moment:%Y-%m-%d} {format_clock(moment, language, with_seconds=with_seconds)}"
 
 
+def add_offset(text: str, moment: datetime) -> str:
+    """Return a formatted time with its offset from UTC: "02:30 UTC+2"; unchanged if it has none."""
+    offset = moment.utcoffset()
+    if offset is None:
+        return text
+    shown = re.sub("(?<=[-+])0|:00", "", format_offset(round(offset.total_seconds())))
+    return f"{text}{NO_BREAK}{shown.replace('-', '−')}"
+
+
+def format_interval(interval: str, language: Language, zone: tzinfo | None) -> str:
+    """Format an interval in ISO 8601 with its dates, in ``zone`` if it has offsets from UTC."""
+    start, end = map(datetime.fromisoformat, interval.split("/"))
+    shown = start.astimezone(zone) if start.tzinfo and zone else start
+    return Clock(shown, language, (end - start).total_seconds()).format_whole()
+
+
 def format_iso_moment(text: str, language: Language, *, with_seconds: bool = False) -> str:
     """Format a time in ISO 8601 in the zone that it states; return "" for an empty text."""
     return format_moment(datetime.fromisoformat(text), language, with_seconds=with_seconds) if text else ""
@@ -189,7 +206,8 @@ def _join_units(*parts: tuple[int, str]) -> str:
 class Clock:
     """Converts seconds of the recording to the device's clock, if the file has one.
 
-    If the recording ends on another date than it starts, every time has its date.
+    If the recording ends on another date than it starts, every time has its date. A time that its zone shows
+    twice has its offset from UTC.
     """
 
     start: datetime | None
@@ -222,7 +240,7 @@ class Clock:
 
     def format_range(self, start_s: float, end_s: float, *, is_hour: bool = False) -> str:
         """Format a span: "10:42–11:42", "23:30–23:45 on 3 March"; with ``is_hour`` in French "8 h–9 h"."""
-        write = self.format_tick if is_hour else self._format_time
+        write = self._format_hour if is_hour else self._format_time
         start, end = write(start_s), write(end_s)
         if is_hour and start == end:
             end = self._format_time(end_s, with_seconds=True)
@@ -231,7 +249,10 @@ class Clock:
         return self._add_day(start, day if day != last_day else "") + dash + self._add_day(end, last_day)
 
     def format_whole(self) -> str:
-        """Format the start and end with their dates; empty without a clock."""
+        """Format the start and end with their dates; empty without a clock.
+
+        Both have their offset from UTC if it changes between them, or if one of them is ambiguous.
+        """
         start, end = self.start, self.at(self.duration_s)
         if start is None or end is None:
             return ""
@@ -241,6 +262,8 @@ class Clock:
             "last": format_date(end, self.language),
             "end": format_clock(end, self.language),
         }
+        if start.utcoffset() != end.utcoffset() or is_repeated(start) or is_repeated(end):
+            facts |= {name: add_offset(facts[name], at) for name, at in (("start", start), ("end", end))}
         key = "from_to" if facts["date"] == facts["last"] else "from_to_days"
         return fill(load_wording(self.language)["heading"][key], facts)
 
@@ -248,6 +271,11 @@ class Clock:
         """Format the time under an axis; its date is below it."""
         moment = self.at(elapsed_s)
         return format_elapsed(elapsed_s) if moment is None else format_hour(moment, self.language)
+
+    def format_offset(self, elapsed_s: float) -> str:
+        """Format the offset from UTC of a time that its zone shows twice: "UTC+2"; else empty."""
+        moment = self.at(elapsed_s)
+        return add_offset("", moment).strip() if moment is not None and is_repeated(moment) else ""
 
     def format_day(self, elapsed_s: float) -> str:
         """Format the date of a time: "3 March"; empty if the recording has only one date, or no clock."""
@@ -260,7 +288,12 @@ class Clock:
         moment = self.at(elapsed_s)
         if moment is None:
             return format_elapsed(elapsed_s)
-        return format_clock(moment, self.language, with_seconds=with_seconds)
+        shown = format_clock(moment, self.language, with_seconds=with_seconds)
+        return add_offset(shown, moment) if is_repeated(moment) else shown
+
+    def _format_hour(self, elapsed_s: float) -> str:
+        tick, offset = self.format_tick(elapsed_s), self.format_offset(elapsed_s)
+        return f"{tick}{NO_BREAK}{offset}" if offset else tick
 
     def _add_day(self, time: str, day: str) -> str:
         return fill(load_wording(self.language)["heading"]["time_on"], {"time": time, "date": day})

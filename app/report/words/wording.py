@@ -12,10 +12,10 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, get_args
 
-from app.request import LONGEST_CONCLUSION
-from app.request import Language as Language  # noqa: PLC0414  also named here
-from fusion.devices import KNOWN_DEVICES
-from fusion.devices import find_device_name as find_known_name
+from acromion.app.request import LONGEST_CONCLUSION
+from acromion.app.request import Language as Language  # noqa: PLC0414  also named here
+from acromion.fusion.devices import KNOWN_DEVICES
+from acromion.fusion.devices import find_device_name as find_known_name
 
 Part = Literal[
     "report",

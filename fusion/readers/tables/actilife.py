@@ -9,13 +9,13 @@ last value forward where records were missing; such runs of equal rows are taken
 import re
 from datetime import datetime
 
-from fusion.clocks import parse_offset_s
-from fusion.errors import EpochFile, NoGyroscope, NoSamples, UnknownColumns
-from fusion.readers.source import Source
-from fusion.readers.tables.columns import choose_vector, name_missing
-from fusion.readers.tables.csv_lines import IGNORED, STAMP
-from fusion.readers.tables.layout import CALENDAR, TextLayout, decode_head, flag_text, read_layout
-from fusion.readers.tables.rows import (
+from acromion.fusion.clocks import parse_offset_s
+from acromion.fusion.errors import EpochFile, NoGyroscope, NoSamples, UnknownColumns
+from acromion.fusion.readers.source import Source
+from acromion.fusion.readers.tables.columns import choose_vector, name_missing
+from acromion.fusion.readers.tables.csv_lines import IGNORED, STAMP
+from acromion.fusion.readers.tables.layout import CALENDAR, TextLayout, decode_head, flag_text, read_layout
+from acromion.fusion.readers.tables.rows import (
     TablePlan,
     build_clock,
     build_recording,
@@ -23,9 +23,9 @@ from fusion.readers.tables.rows import (
     find_clock,
     read_table,
 )
-from fusion.readers.time.clock import flag_drift, hash_serial
-from fusion.readers.time.grid import cut_counted, cut_stamped
-from fusion.recording import MICROSECONDS, Recording, Stated
+from acromion.fusion.readers.time.clock import flag_drift, hash_serial
+from acromion.fusion.readers.time.grid import cut_counted, cut_stamped
+from acromion.fusion.recording import MICROSECONDS, Recording, Stated
 
 FIRST_LINE = re.compile(r"^\W*-{5,}\s*Data (Table )?File Created By ActiGraph", re.IGNORECASE)
 HEADER_LINE = re.compile(r"(Serial Number|Start Time|Start Date|Epoch Period \(hh:mm:ss\)):?\s+(.*)")
@@ -45,15 +45,18 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
     ------
     EpochFile, NoGyroscope, UnknownColumns
         An export of another kind.
-    fusion.errors.UnreadableRows, fusion.errors.CutByExcel, fusion.errors.AmbiguousDecimal
+    acromion.fusion.errors.UnreadableRows, acromion.fusion.errors.CutByExcel,
+    acromion.fusion.errors.AmbiguousDecimal
         The table is damaged.
     """
     head = decode_head(source)
-    header = _parse_header(head)
-    plan = _plan_table(read_layout(source), header, head)
+    header = parse_header(head)
+    plan = _plan_table(read_layout(source), header, head, is_thigh=source.is_thigh)
     rows = read_table(source, plan)
     if rows.columns.rows == 0:
         raise NoSamples
+    if 4 not in plan.targets:
+        rows.columns.gyr[:] = 0.0
     # `at 100 Hz` of the first line: ActiLife's IMU exports are resampled to exactly that
     stated = re.search(r"at (\d{1,4}) Hz", header[""])
     stated_hz = float(stated.group(1)) if stated else 100.0
@@ -63,7 +66,7 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
         grid = cut_stamped(rows.columns)
         changes += flag_drift(stated_hz, MICROSECONDS / grid.period_us)
     else:
-        clock, changes = build_clock(_parse_start(header)), ()
+        clock, changes = build_clock(parse_start(header)), ()
         grid = cut_counted(rows.columns, stated_hz)
     version = re.search(r"ActiLife v([\d.]+)", header[""])
     has_time = any(column.channel == "time" for column in plan.layout.columns)
@@ -90,15 +93,15 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
     )
 
 
-def _parse_header(head: str) -> dict[str, str]:
-    """The ten lines before the table; the first under the key ""."""
+def parse_header(head: str) -> dict[str, str]:
+    """Return the ten lines before the table; the first under the key ""."""
     first, *lines = [line.rstrip("\r").strip(',;\t "') for line in head.split("\n")[:12]]
     found = [HEADER_LINE.match(line) for line in lines]
     return {"": first, **{one.group(1).split(" (")[0]: one.group(2) for one in found if one}}
 
 
-def _parse_start(header: dict[str, str]) -> datetime | None:
-    """Start Date and Time by the date format that the first line names; None where they contradict it."""
+def parse_start(header: dict[str, str]) -> datetime | None:
+    """Return the start by the date format that the first line names; None if they contradict each other."""
     order = re.search(r"date format (\w)", header[""])
     parts = re.findall(r"\d+", header.get("Start Date", ""))
     if order is None or len(parts) != 3:
@@ -112,14 +115,14 @@ def _parse_start(header: dict[str, str]) -> datetime | None:
         return None
 
 
-def _plan_table(layout: TextLayout | None, header: dict[str, str], head: str) -> TablePlan:
+def _plan_table(layout: TextLayout | None, header: dict[str, str], head: str, *, is_thigh: bool) -> TablePlan:
     """Plan the table, or refuse an export of another kind."""
     epoch_s = parse_offset_s(header.get("Epoch Period", "")) or 0
     if epoch_s > 0:
         raise EpochFile(sec=epoch_s)
     columns = layout.columns if layout else ()
     acc, gyr = choose_vector(columns, "acc"), choose_vector(columns, "gyr")
-    if layout is None or acc is None or gyr is None:
+    if layout is None or acc is None or (gyr is None and not is_thigh):
         if "Accelerometer X" in head and "Gyroscope" not in head:
             raise NoGyroscope(cure="GT9X")
         if layout is not None:
@@ -127,7 +130,9 @@ def _plan_table(layout: TextLayout | None, header: dict[str, str], head: str) ->
         raise NoSamples if "Accelerometer X" in head else UnknownColumns(why="no header")
     targets = [IGNORED] * layout.n_columns
     for axis in range(3):
-        targets[acc[axis]], targets[gyr[axis]] = 1 + axis, 4 + axis
+        targets[acc[axis]] = 1 + axis
+        if gyr is not None:
+            targets[gyr[axis]] = 4 + axis
     stamps = [k for k, column in enumerate(layout.columns) if column.channel == "time"]
     if stamps and all(CALENDAR.fullmatch(row[stamps[0]]) for row in layout.sample_rows[:5]):
         targets[stamps[0]] = STAMP

@@ -15,13 +15,13 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.caveats import Caveat
-from fusion.clocks import is_clock_set
-from fusion.errors import UnknownRate, UnknownUnit, UnusableTime
-from fusion.readers.samples import SampleColumns
-from fusion.readers.time.clock import datetime_at_us, is_change_of_offset
-from fusion.readers.time.grid import FASTEST_HZ, SLOWEST_HZ
-from fusion.recording import (
+from acromion.fusion.caveats import Caveat
+from acromion.fusion.clocks import is_clock_set
+from acromion.fusion.errors import UnknownRate, UnknownUnit, UnusableTime
+from acromion.fusion.readers.samples import SampleColumns
+from acromion.fusion.readers.time.clock import datetime_at_us, is_change_of_offset
+from acromion.fusion.readers.time.grid import FASTEST_HZ, SLOWEST_HZ
+from acromion.fusion.recording import (
     ACC_UNITS_G,
     GYR_UNITS_DPS,
     MICROSECONDS,

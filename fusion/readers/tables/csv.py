@@ -9,18 +9,25 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from fusion.caveats import Caveat
-from fusion.conventions import parse_arm_axis
-from fusion.devices import find_device_name
-from fusion.diary import parse_pose_held
-from fusion.errors import NoSamples, UnknownColumns, UnknownRate, UnusableTime
-from fusion.readers.samples import PAUSE, SampleColumns, drop_blank_rows
-from fusion.readers.source import Source, read_chunks
-from fusion.readers.tables.columns import DateOrder, TimeUnit
-from fusion.readers.tables.csv_lines import IGNORED, STAMP
-from fusion.readers.tables.layout import ClockWriter, Place, TextLayout, flag_text, read_layout, sniff_layout
-from fusion.readers.tables.profile import ColumnProfile, apply_profile
-from fusion.readers.tables.rows import (
+from acromion.fusion.caveats import Caveat
+from acromion.fusion.conventions import parse_arm_axis
+from acromion.fusion.devices import find_device_name
+from acromion.fusion.diary import parse_pose_held
+from acromion.fusion.errors import NoSamples, UnknownColumns, UnknownRate, UnusableTime
+from acromion.fusion.readers.samples import PAUSE, SampleColumns, drop_blank_rows
+from acromion.fusion.readers.source import Source, read_chunks
+from acromion.fusion.readers.tables.columns import DateOrder, TimeUnit
+from acromion.fusion.readers.tables.csv_lines import IGNORED, STAMP
+from acromion.fusion.readers.tables.layout import (
+    ClockWriter,
+    Place,
+    TextLayout,
+    flag_text,
+    read_layout,
+    sniff_layout,
+)
+from acromion.fusion.readers.tables.profile import ColumnProfile, apply_profile
+from acromion.fusion.readers.tables.rows import (
     PACKET_NUMBERS,
     TableClock,
     TablePlan,
@@ -33,8 +40,8 @@ from fusion.readers.tables.rows import (
     plan_table,
     read_table,
 )
-from fusion.readers.time.clock import datetime_at_us, flag_drift, hash_serial, trust_clock
-from fusion.readers.time.grid import (
+from acromion.fusion.readers.time.clock import datetime_at_us, flag_drift, hash_serial, trust_clock
+from acromion.fusion.readers.time.grid import (
     FASTEST_HZ,
     SLOWEST_HZ,
     Grid,
@@ -42,12 +49,13 @@ from fusion.readers.time.grid import (
     cut_stamped,
     leave_out_repeats,
 )
-from fusion.recording import MICROSECONDS, QualityFlag, Recording, Stated, name_unit_source
+from acromion.fusion.recording import MICROSECONDS, QualityFlag, Recording, Stated, name_unit_source
 
 # A header that names the columns.
 #
 # Units and time come from it if it states them, and from the samples if it does not
-# (:mod:`fusion.checks.physics`). A preamble of `# key: value` lines may state device, start and ranges.
+# (:mod:`acromion.fusion.checks.physics`). A preamble of `# key: value` lines may state device, start and
+# ranges.
 
 T = TypeVar("T")
 
@@ -74,14 +82,14 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:
 
     Raises
     ------
-    fusion.errors.UnreadableFile
+    acromion.fusion.errors.UnreadableFile
         Columns are missing or not understood, or the table is damaged.
     UnknownRate
         The layout has no time and no rate is given.
-    fusion.errors.UnusableTime
+    acromion.fusion.errors.UnusableTime
         The stamps do not come from even sampling.
     """
-    return _read_planned(source, plan_table(_read_layout(source)), rate_hz)
+    return _read_planned(source, plan_table(_read_layout(source), is_thigh=source.is_thigh), rate_hz)
 
 
 def read_profiled(source: Source, profile: ColumnProfile, rate_hz: float | None = None) -> Recording:
@@ -117,6 +125,8 @@ def _read_planned(source: Source, plan: TablePlan, rate_hz: float | None) -> Rec
     columns = rows.columns
     if columns.rows == 0:
         raise NoSamples
+    if 4 not in plan.targets:
+        columns.gyr[:] = 0.0
     is_added = add_gravity(source, plan, columns)
     time.unit.refuse_doubtful(columns)
     repairs = time.repair(columns, rows.changes) if time.has_times else ()
@@ -301,7 +311,7 @@ def _is_empty(rows: Sequence[Sequence[str]], place: int) -> bool:
 # Both are those of Raspberry Pi loggers: `u32 s, u32 us, 9 x int16` little-endian, or the same as
 # `epoch,gx,gy,gz,ax,ay,az,mx,my,mz`. The registers' frame is left-handed (measured: da/dt = -(a x w)), so the
 # x axis of both sensors is turned round here; the ranges stand nowhere and are found in
-# :mod:`fusion.checks.physics`.
+# :mod:`acromion.fusion.checks.physics`.
 
 RECORD = np.dtype([("s", "<u4"), ("us", "<u4"), ("gyr", "<i2", 3), ("acc", "<i2", 3), ("mag", "<i2", 3)])
 MIN_RECORDS = 20

@@ -30,8 +30,8 @@ from numba import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from fusion.numba_kernels import inner_making_arrays, kernel_making_arrays, njit
-from fusion.readers.samples import PAUSE
+from acromion.fusion.numba_kernels import inner_making_arrays, kernel_making_arrays, njit
+from acromion.fusion.readers.samples import PAUSE
 
 Bytes = NDArray[np.uint8]
 Marks = NDArray[np.int32]

@@ -9,11 +9,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from fusion.caveats import Caveat
-from fusion.devices import KnownDevice, find_known_device
-from fusion.errors import AmbiguousDecimal, EpochFile, UnknownFormat, UnusableTime
-from fusion.readers.source import Source, UnpackedFile, read_chunks
-from fusion.readers.tables.columns import (
+from acromion.fusion.caveats import Caveat
+from acromion.fusion.devices import KnownDevice, find_known_device
+from acromion.fusion.errors import AmbiguousDecimal, EpochFile, UnknownFormat, UnusableTime
+from acromion.fusion.readers.source import Source, UnpackedFile, read_chunks
+from acromion.fusion.readers.tables.columns import (
     MONTHS,
     REMARKS,
     STAMP_LIKE,
@@ -31,8 +31,8 @@ from fusion.readers.tables.columns import (
     parse_column_name,
     read_unit,
 )
-from fusion.readers.tables.csv_lines import LEAD_BYTES, TRAIL_BYTES, LinePiece
-from fusion.recording import QualityFlag, acc_scale_g
+from acromion.fusion.readers.tables.csv_lines import LEAD_BYTES, TRAIL_BYTES, LinePiece
+from acromion.fusion.recording import QualityFlag, acc_scale_g
 
 Place = str | int
 """A column by its name in the header, or by its number, counted from 1."""
@@ -49,6 +49,7 @@ FILLERS = ',;" \t\r\n\f\v\u00a0'
 WORD_ABSENT = frozenset({"", "-", "nan", "na", "null", "inf", "-inf"})
 MIN_COLUMNS = 6
 COLUMNS_OF_ONE = 4
+COLUMNS_OF_THIGH = 3
 """A table of one sensor has at least its time and its three axes."""
 
 
@@ -607,9 +608,9 @@ def find_layout(
     ------
     AmbiguousDecimal
         The comma is both separator and decimal mark.
-    fusion.errors.UnusableTime
-        The stamps cannot be understood, as in :func:`fusion.readers.tables.columns.find_dates` (``order``: of
-        day, month and year, as a person gives it).
+    acromion.fusion.errors.UnusableTime
+        The stamps cannot be understood, as in :func:`acromion.fusion.readers.tables.columns.find_dates`
+        (``order``: of day, month and year, as a person gives it).
     """
     lines = [line for line in head.split("\n")[:LABELLED_LINES] if line.strip()]
     named = [labels for labels, _ in map(read_labels, lines) if len(labels) >= MIN_COLUMNS]
@@ -806,10 +807,11 @@ def read_layout(
     ------
     AmbiguousDecimal
         Further on, numbers contain the comma that separates columns.
-    fusion.errors.FusionError
+    acromion.fusion.errors.FusionError
         As :func:`find_layout`.
     """
-    layout = sniff_layout(source, order, stated_time=stated_time)
+    fewest = COLUMNS_OF_THIGH if source.is_thigh else MIN_COLUMNS
+    layout = sniff_layout(source, order, stated_time=stated_time, fewest=fewest)
     if layout is None or find_form(source.head).encoding or isinstance(source.file, UnpackedFile):
         return layout
     has_point = any(re.search(r"\d\.\d", field) for row in layout.sample_rows for field in row)
@@ -947,7 +949,7 @@ def read_line_pieces(pieces: Iterable[bytes]) -> Iterator[LinePiece]:
     """Cut pieces at line ends; add a line end to a last line without one.
 
     Only lines at the seams are copied: a line that continues in the next piece, and lines too near the ends
-    of the bytes for :mod:`fusion.readers.tables.csv_lines`.
+    of the bytes for :mod:`acromion.fusion.readers.tables.csv_lines`.
 
     Raises UnknownFormat if a line is longer than 64 KiB, because no table of samples has such a line.
     """

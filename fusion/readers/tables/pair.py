@@ -16,20 +16,20 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.caveats import Caveat
-from fusion.errors import FusionError, NoGravity, NoPair, NoSamples, UnknownRate, UnreadableRows
-from fusion.readers.archive import open_member
-from fusion.readers.samples import SampleColumns
-from fusion.readers.source import Source, open_archive, read_text
-from fusion.readers.tables.columns import (
+from acromion.fusion.caveats import Caveat
+from acromion.fusion.errors import FusionError, NoGravity, NoPair, NoSamples, UnknownRate, UnreadableRows
+from acromion.fusion.readers.archive import open_member
+from acromion.fusion.readers.samples import SampleColumns
+from acromion.fusion.readers.source import Source, open_archive, read_text
+from acromion.fusion.readers.tables.columns import (
     Column,
     DateOrder,
     check_units,
     find_own_axes,
     read_named_axis,
 )
-from fusion.readers.tables.csv_lines import IGNORED, STAMP
-from fusion.readers.tables.layout import (
+from acromion.fusion.readers.tables.csv_lines import IGNORED, STAMP
+from acromion.fusion.readers.tables.layout import (
     COLUMNS_OF_ONE,
     DELIMITERS,
     FEWEST_HEADER_LINES,
@@ -39,7 +39,7 @@ from fusion.readers.tables.layout import (
     sniff_layout,
     split_fields,
 )
-from fusion.readers.tables.rows import (
+from acromion.fusion.readers.tables.rows import (
     JUDGED_ROWS,
     TablePlan,
     TimeColumn,
@@ -51,10 +51,10 @@ from fusion.readers.tables.rows import (
     read_epoch,
     read_table,
 )
-from fusion.readers.time.bursts import find_bursts, spread_bursts, spread_shared
-from fusion.readers.time.clock import DAY_US
-from fusion.readers.time.grid import LONGEST_DELAY_US, SLOWEST_HZ, cut_stamped
-from fusion.recording import (
+from acromion.fusion.readers.time.bursts import find_bursts, spread_bursts, spread_shared
+from acromion.fusion.readers.time.clock import DAY_US
+from acromion.fusion.readers.time.grid import LONGEST_DELAY_US, SLOWEST_HZ, cut_stamped
+from acromion.fusion.recording import (
     LONGEST_BRIDGE_US,
     MICROSECONDS,
     QualityFlag,
@@ -127,7 +127,7 @@ def read(
     NoPair
         A table lacks a named time or three named axes, or they have no time in common.
     NoSamples, UnknownRate
-    fusion.errors.FusionError
+    acromion.fusion.errors.FusionError
         As for a table of both sensors.
     """
     archive = open_archive(source)

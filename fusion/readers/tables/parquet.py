@@ -8,8 +8,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from fusion.caveats import Caveat
-from fusion.errors import (
+from acromion.fusion.caveats import Caveat
+from acromion.fusion.errors import (
     DamagedFile,
     NoGravity,
     NoGyroscope,
@@ -18,9 +18,9 @@ from fusion.errors import (
     UnknownRate,
     UnsafeArchive,
 )
-from fusion.readers.samples import SampleColumns, check_rows, drop_blank_rows
-from fusion.readers.source import Source
-from fusion.readers.tables.columns import (
+from acromion.fusion.readers.samples import SampleColumns, check_rows, drop_blank_rows
+from acromion.fusion.readers.source import Source
+from acromion.fusion.readers.tables.columns import (
     Column,
     check_both_units,
     choose_acceleration,
@@ -28,9 +28,9 @@ from fusion.readers.tables.columns import (
     name_missing,
     parse_column_name,
 )
-from fusion.readers.tables.csv_lines import LARGEST_VALUE
-from fusion.readers.tables.layout import TextLayout
-from fusion.readers.tables.rows import (
+from acromion.fusion.readers.tables.csv_lines import LARGEST_VALUE
+from acromion.fusion.readers.tables.layout import TextLayout
+from acromion.fusion.readers.tables.rows import (
     TableClock,
     TimeColumn,
     build_clock,
@@ -38,8 +38,15 @@ from fusion.readers.tables.rows import (
     choose_stamp,
     put_back_gravity,
 )
-from fusion.readers.time.grid import cut_counted, cut_stamped
-from fusion.recording import QualityFlag, Recording, Stated, acc_scale_g, gyr_scale_dps, name_unit_source
+from acromion.fusion.readers.time.grid import cut_counted, cut_stamped
+from acromion.fusion.recording import (
+    QualityFlag,
+    Recording,
+    Stated,
+    acc_scale_g,
+    gyr_scale_dps,
+    name_unit_source,
+)
 
 MAGIC = b"PAR1"
 BATCH_ROWS = 65_536
@@ -80,7 +87,7 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:
     DamagedFile
         Parquet's own reader refuses it.
     NoGyroscope, NoGravity, UnknownColumns, UnsafeArchive, NoSamples
-    fusion.errors.UnusableTime, fusion.errors.UnknownRate
+    acromion.fusion.errors.UnusableTime, acromion.fusion.errors.UnknownRate
     """
     try:
         table = pq.ParquetFile(source.file)

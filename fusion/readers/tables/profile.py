@@ -10,8 +10,8 @@ from dataclasses import asdict, dataclass, fields, replace
 from statistics import median
 from typing import Any, BinaryIO, get_args
 
-from fusion.conventions import PoseHeld, check_choice
-from fusion.errors import (
+from acromion.fusion.conventions import PoseHeld, check_choice
+from acromion.fusion.errors import (
     FusionError,
     SeveralSensors,
     UnknownColumns,
@@ -19,9 +19,9 @@ from fusion.errors import (
     UnusableProfile,
     UnusableTime,
 )
-from fusion.readers.archive import open_member, unpack
-from fusion.readers.source import open_archive, open_source
-from fusion.readers.tables.columns import (
+from acromion.fusion.readers.archive import open_member, unpack
+from acromion.fusion.readers.source import open_archive, open_source
+from acromion.fusion.readers.tables.columns import (
     TIME_UNITS_EXPONENT,
     Channel,
     Column,
@@ -29,7 +29,7 @@ from fusion.readers.tables.columns import (
     choose_vector,
     parse_column_name,
 )
-from fusion.readers.tables.layout import (
+from acromion.fusion.readers.tables.layout import (
     ARRIVAL,
     COLUMNS_OF_ONE,
     DELIMITERS,
@@ -42,8 +42,8 @@ from fusion.readers.tables.layout import (
     find_sensors,
     split_fields,
 )
-from fusion.readers.tables.rows import choose_sensor, explain_misfit, find_unnamed_time, plan_table
-from fusion.recording import ACC_UNITS_G, GYR_UNITS_DPS
+from acromion.fusion.readers.tables.rows import choose_sensor, explain_misfit, find_unnamed_time, plan_table
+from acromion.fusion.recording import ACC_UNITS_G, GYR_UNITS_DPS
 
 HEADER_REACH = 4
 CHOICES: Mapping[str, Sequence[object]] = {
@@ -60,8 +60,8 @@ class ColumnProfile:
     """The meaning of each column of a table.
 
     ``acceleration``, ``angular_rate``: columns of x, y and z; empty if ``sensor`` names them.
-    ``acceleration_unit``, ``angular_rate_unit``: as in :mod:`fusion.readers.tables.columns`; empty: found
-    from the data.
+    ``acceleration_unit``, ``angular_rate_unit``: as in :mod:`acromion.fusion.readers.tables.columns`; empty:
+    found from the data.
     ``acceleration_factor``, ``angular_rate_factor``: g and deg/s for one unit of the file; they override
     the units.
     ``time``: column of the time; None if there is none: then ``rate_hz`` is needed.
@@ -159,7 +159,7 @@ def apply_profile(layout: TextLayout, profile: ColumnProfile) -> TextLayout:
     ------
     UnknownColumns
         A column that the profile names is not there.
-    fusion.errors.SeveralSensors
+    acromion.fusion.errors.SeveralSensors
         The sensor that it names is not there.
     """
     acc_unit = "g" if profile.acceleration_factor else profile.acceleration_unit or None
@@ -257,7 +257,7 @@ class ProfileProposal:
 def propose_file_profile(file: BinaryIO, file_name: str = "") -> ProfileProposal:
     """Propose a profile for a file; for an archive of several recordings, their names.
 
-    Raises FusionError: as :func:`fusion.readers.archive.unpack` and :func:`propose_profile`.
+    Raises FusionError: as :func:`acromion.fusion.readers.archive.unpack` and :func:`propose_profile`.
     """
     try:
         source = unpack(open_source(file, file_name, is_hashed=False))
@@ -281,7 +281,7 @@ def propose_profile(head: bytes) -> ProfileProposal:
     ------
     UnknownFormat
         No lines of six fields are found.
-    fusion.errors.FusionError
+    acromion.fusion.errors.FusionError
         The table holds epochs, or its comma has two meanings.
     """
     text = decode_head(open_source(io.BytesIO(head), is_hashed=False))
@@ -372,7 +372,7 @@ def check_profile(head: bytes, profile: ColumnProfile) -> None:
     ------
     UnknownFormat
         No rows of six numbers are found.
-    fusion.errors.UnknownColumns
+    acromion.fusion.errors.UnknownColumns
         A column that the profile names is not there, or is named twice.
     """
     plan_table(apply_profile(_find_head_layout(head, profile), profile))

@@ -13,9 +13,9 @@ from typing import Any, Literal, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.caveats import Caveat
-from fusion.clocks import format_offset, is_clock_set
-from fusion.errors import (
+from acromion.fusion.caveats import Caveat
+from acromion.fusion.clocks import format_offset, is_clock_set
+from acromion.fusion.errors import (
     CutByExcel,
     NoGravity,
     NoGyroscope,
@@ -25,10 +25,10 @@ from fusion.errors import (
     UnusableProfile,
     UnusableTime,
 )
-from fusion.readers.samples import SampleColumns, drop_blank_rows
-from fusion.readers.source import Source
-from fusion.readers.tables import csv_lines
-from fusion.readers.tables.columns import (
+from acromion.fusion.readers.samples import SampleColumns, drop_blank_rows
+from acromion.fusion.readers.source import Source
+from acromion.fusion.readers.tables import csv_lines
+from acromion.fusion.readers.tables.columns import (
     ENDS_IN_TIME,
     EPOCH,
     GYROSCOPE,
@@ -50,8 +50,8 @@ from fusion.readers.tables.columns import (
     parse_zone_s,
     rewrite_pieces,
 )
-from fusion.readers.tables.csv_lines import IGNORED, STAMP
-from fusion.readers.tables.layout import (
+from acromion.fusion.readers.tables.csv_lines import IGNORED, STAMP
+from acromion.fusion.readers.tables.layout import (
     ARRIVAL,
     CALENDAR,
     UTC_NAME,
@@ -62,9 +62,16 @@ from fusion.readers.tables.layout import (
     read_text_pieces,
     split_fields,
 )
-from fusion.readers.time.clock import datetime_at_us, trust_clock
-from fusion.readers.time.grid import Grid, repair_row_times
-from fusion.recording import MICROSECONDS, QualityFlag, Recording, acc_scale_g, flag_counts, gyr_scale_dps
+from acromion.fusion.readers.time.clock import datetime_at_us, trust_clock
+from acromion.fusion.readers.time.grid import Grid, repair_row_times
+from acromion.fusion.recording import (
+    MICROSECONDS,
+    QualityFlag,
+    Recording,
+    acc_scale_g,
+    flag_counts,
+    gyr_scale_dps,
+)
 
 PACKET_NUMBERS = 65_536
 """Xsens' packet counter starts over here (MT Manager and DOT user manuals)."""
@@ -171,26 +178,30 @@ class TablePlan:
 
     @property
     def angular_rate(self) -> Column:
-        """Its first column."""
-        return self.layout.columns[self.targets.index(4)]
+        """Its first column; in a table of the thigh without one, that of the acceleration."""
+        return self.layout.columns[self.targets.index(4 if 4 in self.targets else 1)]
 
 
-def plan_table(layout: TextLayout) -> TablePlan:
+def plan_table(layout: TextLayout, *, is_thigh: bool = False) -> TablePlan:
     """Decide which column goes where, and with which factor.
 
-    If the header states no unit, the factor is 1 and :mod:`fusion.checks.physics` finds the unit.
+    If the header states no unit, the factor is 1 and :mod:`acromion.fusion.checks.physics` finds the unit. On
+    the thigh, a table may have no gyroscope.
 
     Raises NoGyroscope, NoGravity, SeveralSensors, UnknownColumns or UnknownUnit.
     """
     layout = choose_sensor(layout)
     acc, gravity = choose_acceleration(layout.columns)
     gyr = choose_vector(layout.columns, "gyr")
-    if acc is None or gyr is None:
+    if acc is None or (gyr is None and not is_thigh):
         _refuse_columns(layout)
-    check_both_units(layout.columns, acc, gyr)
+    if gyr is not None:
+        check_both_units(layout.columns, acc, gyr)
     targets = [IGNORED] * layout.n_columns
     for axis in range(3):
-        targets[acc[axis]], targets[gyr[axis]] = 1 + axis, 4 + axis
+        targets[acc[axis]] = 1 + axis
+        if gyr is not None:
+            targets[gyr[axis]] = 4 + axis
     place, time = choose_stamp(layout)
     if place is not None:
         if targets[place] != IGNORED:  # a profile that counts the columns without the time
@@ -201,7 +212,7 @@ def plan_table(layout: TextLayout) -> TablePlan:
         tuple(targets),
         time,
         acc_scale_g(layout.columns[acc[0]].unit) or 1.0,
-        gyr_scale_dps(layout.columns[gyr[0]].unit) or 1.0,
+        (gyr_scale_dps(layout.columns[gyr[0]].unit) if gyr else None) or 1.0,
         gravity,
     )
 

@@ -11,10 +11,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.caveats import Caveat
-from fusion.errors import UnusableTime
-from fusion.numba_kernels import njit
-from fusion.recording import QualityFlag
+from acromion.fusion.caveats import Caveat
+from acromion.fusion.errors import UnusableTime
+from acromion.fusion.numba_kernels import njit
+from acromion.fusion.recording import QualityFlag
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -6,8 +6,8 @@ from datetime import UTC, datetime, timedelta
 from functools import cache
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError, available_timezones
 
-from fusion.caveats import Caveat
-from fusion.clocks import (
+from acromion.fusion.caveats import Caveat
+from acromion.fusion.clocks import (
     correct_start,
     find_time_zone,
     format_clock_offset,
@@ -16,7 +16,7 @@ from fusion.clocks import (
     measure_us,
     read_clock,
 )
-from fusion.recording import MICROSECONDS, QualityFlag, Recording
+from acromion.fusion.recording import MICROSECONDS, QualityFlag, Recording
 
 # Zones: the offset at the first sample, and whether it changes before the last.
 #
@@ -53,7 +53,7 @@ def find_zone(display_name: str) -> ZoneInfo | None:
 def set_clock(
     recording: Recording, time_zone: str = "", clock_offset_s: float = 0.0, origin: datetime | None = None
 ) -> Recording:
-    """Return the recording by the clock that a person states (:func:`fusion.clocks.correct_start`).
+    """Return the recording by the clock that a person states (:func:`acromion.fusion.clocks.correct_start`).
 
     ``origin``: the device's clock at the first sample of the recording that a shift was cut from. A device
     does not follow a change of the zone, so the statement is about its start.

@@ -11,13 +11,13 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.caveats import Caveat
-from fusion.errors import UnknownRate, UnusableTime
-from fusion.numba_kernels import njit
-from fusion.readers.samples import PAUSE, SampleColumns
-from fusion.readers.time.bursts import spread_bursts
-from fusion.readers.time.clock import datetime_at_us, is_change_of_wall_clock
-from fusion.recording import (
+from acromion.fusion.caveats import Caveat
+from acromion.fusion.errors import UnknownRate, UnusableTime
+from acromion.fusion.numba_kernels import njit
+from acromion.fusion.readers.samples import PAUSE, SampleColumns
+from acromion.fusion.readers.time.bursts import spread_bursts
+from acromion.fusion.readers.time.clock import datetime_at_us, is_change_of_wall_clock
+from acromion.fusion.recording import (
     LONGEST_BRIDGE_US,
     MICROSECONDS,
     QualityFlag,

@@ -5,12 +5,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 from datetime import datetime, timedelta
 
-from fusion.caveats import Caveat
-from fusion.checks.faults import cut_rows
-from fusion.clocks import measure_us
-from fusion.errors import UnusableJoin
-from fusion.readers.time.clock import flag_days, is_change_of_offset
-from fusion.recording import MICROSECONDS, QualityFlag, Recording, Span, flag_spans
+from acromion.fusion.caveats import Caveat
+from acromion.fusion.checks.faults import cut_rows
+from acromion.fusion.clocks import measure_us
+from acromion.fusion.errors import UnusableJoin
+from acromion.fusion.readers.time.clock import flag_days, is_change_of_offset
+from acromion.fusion.recording import MICROSECONDS, QualityFlag, Recording, Span, flag_spans
 
 LONGEST_OVERLAP_US = 2 * MICROSECONDS
 """Two files of one logger may share a second at the seam; more is not one shift."""

@@ -7,12 +7,20 @@ recording.
 from collections.abc import Iterator
 from dataclasses import replace
 
-from fusion.caveats import Caveat
-from fusion.checks.faults import cut_rows
-from fusion.clocks import ShiftWindow, read_clock
-from fusion.errors import UnusableShift
-from fusion.readers.time.clock import flag_days
-from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment, Span, cut_windows, flag_gaps
+from acromion.fusion.caveats import Caveat
+from acromion.fusion.checks.faults import cut_rows
+from acromion.fusion.clocks import ShiftWindow, read_clock
+from acromion.fusion.errors import UnusableShift
+from acromion.fusion.readers.time.clock import flag_days
+from acromion.fusion.recording import (
+    MICROSECONDS,
+    QualityFlag,
+    Recording,
+    Segment,
+    Span,
+    cut_windows,
+    flag_gaps,
+)
 
 
 def cut_recording(recording: Recording, window: ShiftWindow) -> Recording:

@@ -14,16 +14,16 @@ from fastapi.testclient import TestClient
 from httpx2 import Response
 from sqlalchemy import update
 
-from app.accounts import passwords
-from app.accounts.accounts import LONGEST_S, AccountStore, Person, hash_secret
-from app.accounts.passwords import hash_password
-from app.accounts.sign_in import SignIn
-from app.accounts.subjects import ROLES, Permission, Role
-from app.library.audit_log import AuditFilter, find_lines
-from app.library.database.tables import tokens
-from app.main import create_app
-from app.services import Services
-from app.settings import Settings
+from acromion.app.accounts import passwords
+from acromion.app.accounts.accounts import LONGEST_S, AccountStore, Person, hash_secret
+from acromion.app.accounts.passwords import hash_password
+from acromion.app.accounts.sign_in import SignIn
+from acromion.app.accounts.subjects import ROLES, Permission, Role
+from acromion.app.library.audit_log import AuditFilter, find_lines
+from acromion.app.library.database.tables import tokens
+from acromion.app.main import create_app
+from acromion.app.services import Services
+from acromion.app.settings import Settings
 
 PASSWORD = "seven green bicycles"
 SECRET = "JBSWY3DPEHPK3PXPJBSWY3DPEHPK3PXP"

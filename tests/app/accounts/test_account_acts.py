@@ -8,13 +8,13 @@ from sqlalchemy import text
 from sqlalchemy.exc import SQLAlchemyError
 from typer.testing import CliRunner
 
-from app.accounts.accounts import AccountStore
-from app.accounts.sign_in import Caller, SignIn
-from app.cli import app
-from app.errors import LoginRefused
-from app.library.audit_log import AuditFilter, AuditLine, acting, find_lines
-from app.library.jobs import JobStore
-from app.settings import Settings
+from acromion.app.accounts.accounts import AccountStore
+from acromion.app.accounts.sign_in import Caller, SignIn
+from acromion.app.cli import app
+from acromion.app.errors import LoginRefused
+from acromion.app.library.audit_log import AuditFilter, AuditLine, acting, find_lines
+from acromion.app.library.jobs import JobStore
+from acromion.app.settings import Settings
 from tests.app.accounts.conftest import PASSWORD, AddPerson
 
 HERE = Caller("192.0.2.1", "")

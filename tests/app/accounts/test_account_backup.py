@@ -9,16 +9,16 @@ import pytest
 from sqlalchemy import Table, func, select
 from typer.testing import CliRunner
 
-from app.accounts.accounts import AccountStore, Person
-from app.accounts.sign_in import Caller, SignIn
-from app.cli import app
-from app.errors import AccountsLost, LoginRefused, NotEmpty
-from app.library.database.tables import known_browsers, sessions, tickets, tries
-from app.library.jobs import JobStore
-from app.main import create_app
-from app.ops.backup import back_up, find_damage, restore
-from app.ops.place import Accounts
-from app.settings import Settings
+from acromion.app.accounts.accounts import AccountStore, Person
+from acromion.app.accounts.sign_in import Caller, SignIn
+from acromion.app.cli import app
+from acromion.app.errors import AccountsLost, LoginRefused, NotEmpty
+from acromion.app.library.database.tables import known_browsers, sessions, tickets, tries
+from acromion.app.library.jobs import JobStore
+from acromion.app.main import create_app
+from acromion.app.ops.backup import back_up, find_damage, restore
+from acromion.app.ops.place import Accounts
+from acromion.app.settings import Settings
 from tests.app.accounts.conftest import PASSWORD, SECRET, AddPerson, Clock, make_code
 from tests.app.conftest import on_both_databases
 from tests.postgres import PostgresServer

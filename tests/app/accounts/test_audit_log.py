@@ -11,8 +11,8 @@ from fastapi.testclient import TestClient
 from sqlalchemy import insert, text, update
 from sqlalchemy.exc import IntegrityError
 
-from app.http.api.housekeeping import write_side_files
-from app.http.middleware.access import (
+from acromion.app.http.api.housekeeping import write_side_files
+from acromion.app.http.middleware.access import (
     MAX_COUNTED_CLIENTS,
     MAX_LINES,
     MAX_RECENT_READS,
@@ -21,15 +21,15 @@ from app.http.middleware.access import (
     RecentReads,
     RefusedLines,
 )
-from app.library.audit_log import ACTS, AuditFilter, AuditLine, acting, find_lines, record
-from app.library.database.tables import facts, sessions
-from app.library.jobs import JobStore
-from app.library.rows import Job
-from app.logs import LineFormatter
-from app.queue.worker import WorkerContext, open_worker_context, run_next
-from app.report.words.wording import LANGUAGES, load_wording
-from app.request import ReportRequest
-from app.settings import Settings
+from acromion.app.library.audit_log import ACTS, AuditFilter, AuditLine, acting, find_lines, record
+from acromion.app.library.database.tables import facts, sessions
+from acromion.app.library.jobs import JobStore
+from acromion.app.library.rows import Job
+from acromion.app.logs import LineFormatter
+from acromion.app.queue.worker import WorkerContext, open_worker_context, run_next
+from acromion.app.report.words.wording import LANGUAGES, load_wording
+from acromion.app.request import ReportRequest
+from acromion.app.settings import Settings
 from tests.app import stand_ins
 from tests.app.accounts.conftest import Clock, House
 from tests.app.conftest import AddJob, do_next, on_both_databases

@@ -13,8 +13,8 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from app.accounts.accounts import AccountStore, Person
-from app.settings import Settings
+from acromion.app.accounts.accounts import AccountStore, Person
+from acromion.app.settings import Settings
 from tests.ways_in.servers import RunningServer
 
 MOST_S = 5.0

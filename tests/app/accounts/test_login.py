@@ -12,14 +12,14 @@ import pytest
 from argon2 import PasswordHasher, Type
 from fastapi.testclient import TestClient
 
-from app.accounts import passwords
-from app.accounts.accounts import AccountStore, Person
-from app.accounts.gate import Gate, StartSecret, read_or_create_secret
-from app.accounts.passwords import check_password, hash_password, needs_rehash, verify_password
-from app.accounts.sign_in import Caller, SignIn
-from app.errors import LoginRefused, StartSecretUnusable, WeakPassword
-from app.main import write_opener
-from app.settings import Settings
+from acromion.app.accounts import passwords
+from acromion.app.accounts.accounts import AccountStore, Person
+from acromion.app.accounts.gate import Gate, StartSecret, read_or_create_secret
+from acromion.app.accounts.passwords import check_password, hash_password, needs_rehash, verify_password
+from acromion.app.accounts.sign_in import Caller, SignIn
+from acromion.app.errors import LoginRefused, StartSecretUnusable, WeakPassword
+from acromion.app.main import write_opener
+from acromion.app.settings import Settings
 from tests.app.accounts.conftest import (
     PASSWORD,
     SECRET,

@@ -11,13 +11,13 @@ import pytest
 from fastapi.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
-from app.accounts.routes import ROUTE_TABLE
-from app.accounts.subjects import ROLES, Permission, collect_permissions
-from app.library.recordings import Description
-from app.main import PAGES, ROUTES
-from app.request import ReportRequest
-from app.settings import Settings
-from app.store.server_secret import ServerSecret
+from acromion.app.accounts.routes import ROUTE_TABLE
+from acromion.app.accounts.subjects import ROLES, Permission, collect_permissions
+from acromion.app.library.recordings import Description
+from acromion.app.main import PAGES, ROUTES
+from acromion.app.request import ReportRequest
+from acromion.app.settings import Settings
+from acromion.app.store.server_secret import ServerSecret
 from tests.app.accounts.conftest import House
 
 REFUSED = (401, 403)
@@ -76,7 +76,7 @@ def known(house: House) -> dict[str, str]:
     upload = services.storage.open_upload(1_000_000)
     upload.write(b"recording")
     job = services.store.add(upload.keep(), ReportRequest("shift.gt3x", "W-1"), study="spring")
-    batch = services.batches.find_newest(1)[0].id
+    batch = services.batches.find_page(1)[0].id
     services.views.add("mine", "text=W")
     services.mappings.put("00000000000000aa", "logger", "{}", is_confirmed=False)
     ids = {

@@ -6,11 +6,11 @@ import re
 import pytest
 from httpx2 import Response
 
-from app.accounts.accounts import AccountStore
-from app.accounts.sign_in import Caller, SignIn
-from app.library.audit_log import AuditFilter, find_lines
-from app.library.jobs import JobStore
-from app.settings import Settings
+from acromion.app.accounts.accounts import AccountStore
+from acromion.app.accounts.sign_in import Caller, SignIn
+from acromion.app.library.audit_log import AuditFilter, find_lines
+from acromion.app.library.jobs import JobStore
+from acromion.app.settings import Settings
 from tests.app.accounts.conftest import AddPerson, Clock, Enter, Visit, Visitor, make_code, read_ticket
 
 NEW_PASSWORD = "five yellow umbrellas"

@@ -11,9 +11,9 @@ from urllib.parse import parse_qs, urlsplit
 import httpx2
 import pytest
 
-from app.accounts.accounts import AccountStore
-from app.accounts.sign_in import CredentialStore
-from app.settings import Settings
+from acromion.app.accounts.accounts import AccountStore
+from acromion.app.accounts.sign_in import CredentialStore
+from acromion.app.settings import Settings
 from tests.app.accounts.conftest import AddPerson, Clock, Visit, Visitor, open_server
 
 FOLDER = Path(__file__).parent / "provider"

@@ -6,15 +6,15 @@ from pathlib import Path
 import pytest
 from sqlalchemy import select, update
 
-from app.accounts.accounts import AccountStore, Person
-from app.accounts.sign_in import Caller, SignIn
-from app.errors import SecondFactorLost, SecretUnreadable
-from app.library.database.tables import people, tickets
-from app.library.jobs import JobStore
-from app.library.webhooks import WebhookStore
-from app.main import create_app
-from app.settings import Settings
-from app.store.server_secret import LENGTH_BYTES, ServerSecret
+from acromion.app.accounts.accounts import AccountStore, Person
+from acromion.app.accounts.sign_in import Caller, SignIn
+from acromion.app.errors import SecondFactorLost, SecretUnreadable
+from acromion.app.library.database.tables import people, tickets
+from acromion.app.library.jobs import JobStore
+from acromion.app.library.webhooks import WebhookStore
+from acromion.app.main import create_app
+from acromion.app.settings import Settings
+from acromion.app.store.server_secret import LENGTH_BYTES, ServerSecret
 from tests.app.accounts.conftest import PASSWORD, SECRET, AddPerson, Clock, Visit, make_code, read_ticket
 
 HERE = Caller("192.0.2.1", "")

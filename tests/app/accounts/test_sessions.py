@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from app.accounts.accounts import AccountStore, Person, SessionAges
+from acromion.app.accounts.accounts import AccountStore, Person, SessionAges
 from tests.app.accounts.conftest import (
     PASSWORD,
     AddPerson,

@@ -6,13 +6,13 @@ import json
 import pytest
 from sqlalchemy import select
 
-from app.accounts import passwords
-from app.accounts.accounts import AccountStore, Person
-from app.accounts.sign_in import LOG_PERIOD_S, Budget, Caller, SignIn, limit_address
-from app.errors import LoginRefused, TooManyTries
-from app.library.audit_log import NOBODY, acting
-from app.library.database.tables import audit_log, tries
-from app.settings import Settings
+from acromion.app.accounts import passwords
+from acromion.app.accounts.accounts import AccountStore, Person
+from acromion.app.accounts.sign_in import LOG_PERIOD_S, Budget, Caller, SignIn, limit_address
+from acromion.app.errors import LoginRefused, TooManyTries
+from acromion.app.library.audit_log import NOBODY, acting
+from acromion.app.library.database.tables import audit_log, tries
+from acromion.app.settings import Settings
 from tests.app.accounts.conftest import PASSWORD, AddPerson, Clock, Visit, Visitor, make_code, read_ticket
 from tests.app.conftest import on_both_databases
 

@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 from starlette.requests import Request
 
-from app.accounts.accounts import AccountStore, Person
-from app.accounts.subjects import AT_THE_MACHINE, Permission, Subject
-from app.services import get_request_origin
+from acromion.app.accounts.accounts import AccountStore, Person
+from acromion.app.accounts.subjects import AT_THE_MACHINE, Permission, Subject
+from acromion.app.services import get_request_origin
 from tests.app.accounts.conftest import AddPerson, Clock, Enter, Visit, Visitor
 
 DAY_S = 86400.0

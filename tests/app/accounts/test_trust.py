@@ -12,19 +12,19 @@ from fastapi.testclient import TestClient
 from pypdf import PdfReader
 from sqlalchemy import insert, update
 
-from app.http.api.housekeeping import apply_retention, write_side_files
-from app.http.api.library import released
-from app.library.audit_log import AuditFilter, find_lines
-from app.library.batches import identify_study
-from app.library.database.tables import analyses, answers
-from app.library.governance import DAY_S, AggregateStore, ReleaseStore, RetentionStore, StudyGroup
-from app.library.jobs import JobStore
-from app.library.recordings import RecordingStore
-from app.library.rows import Job
-from app.queue.worker import WorkerContext
-from app.request import ReportRequest
-from app.services import Services
-from app.store.folder import Storage
+from acromion.app.http.api.housekeeping import apply_retention, write_side_files
+from acromion.app.http.api.library import released
+from acromion.app.library.audit_log import AuditFilter, find_lines
+from acromion.app.library.batches import identify_study
+from acromion.app.library.database.tables import analyses, answers
+from acromion.app.library.governance import DAY_S, AggregateStore, ReleaseStore, RetentionStore, StudyGroup
+from acromion.app.library.jobs import JobStore
+from acromion.app.library.recordings import RecordingStore
+from acromion.app.library.rows import Job
+from acromion.app.queue.worker import WorkerContext
+from acromion.app.request import ReportRequest
+from acromion.app.services import Services
+from acromion.app.store.folder import Storage
 from tests.app.accounts.conftest import House
 from tests.app.conftest import AddJob, do_next, on_both_databases
 from tests.crash.program import write_digest

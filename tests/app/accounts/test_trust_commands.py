@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from app.accounts.accounts import AccountStore, Person
-from app.accounts.sign_in import Caller, SignIn
-from app.cli import app
-from app.library.audit_log import AuditFilter, find_lines
-from app.library.jobs import JobStore
-from app.settings import Settings
+from acromion.app.accounts.accounts import AccountStore, Person
+from acromion.app.accounts.sign_in import Caller, SignIn
+from acromion.app.cli import app
+from acromion.app.library.audit_log import AuditFilter, find_lines
+from acromion.app.library.jobs import JobStore
+from acromion.app.settings import Settings
 from tests.app.accounts.conftest import AddPerson
 from tests.app.conftest import AddJob
 
@@ -107,7 +107,7 @@ def run_unread(settings: Settings, *words: str) -> "subprocess.CompletedProcess[
     """Run a command in a process of its own, into a pipe whose reader has left."""
     read_end, write_end = os.pipe()
     os.close(read_end)
-    typed, told = [sys.executable, "-m", "app", *words], os.environ | settings.as_environment()
+    typed, told = [sys.executable, "-m", "acromion", *words], os.environ | settings.as_environment()
     with os.fdopen(write_end) as pipe:
         return subprocess.run(typed, stdout=pipe, stderr=subprocess.PIPE, env=told, check=False)
 

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from app.report.export.all import write_elevation
-from app.report.export.results import encode_results
-from app.report.findings import Findings, FinishedAnalysis, ReportSubject
-from app.report.several.people import MeasuredDay, Stage
-from app.request import OnStage, ReportRequest
-from fusion.elevation import Elevation, ElevationSegment
-from fusion.exposure.types import TimeAbove
+from acromion.app.report.export.angles import write_elevation
+from acromion.app.report.export.results import encode_results
+from acromion.app.report.findings import Findings, FinishedAnalysis, ReportSubject
+from acromion.app.report.several.people import MeasuredDay, Stage
+from acromion.app.request import OnStage, ReportRequest
+from acromion.fusion.elevation import Elevation, ElevationSegment
+from acromion.fusion.exposure.types import TimeAbove
 from tests.app import stand_ins
 from tests.app.analysis_factory import ANALYSED_S, make_analysis, make_exposure, make_quality, make_subject
 

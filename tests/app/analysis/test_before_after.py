@@ -7,12 +7,12 @@ from typing import Any, Literal
 
 import pytest
 
-from app.errors import CannotCompare
-from app.report.findings import FinishedAnalysis
-from app.report.model import Report, format_brief
-from app.report.pairs import build_comparison, check_comparable, describe_comparison, encode_document
-from app.report.render.html import render_html
-from fusion.conventions import CalibrationState
+from acromion.app.errors import CannotCompare
+from acromion.app.report.findings import FinishedAnalysis
+from acromion.app.report.model import Report, format_brief
+from acromion.app.report.pairs import build_comparison, check_comparable, describe_comparison, encode_document
+from acromion.app.report.render.html import render_html
+from acromion.fusion.conventions import CalibrationState
 from tests.app.analysis.days_factory import MONDAY, make_day
 from tests.app.report.report_reading import plain
 

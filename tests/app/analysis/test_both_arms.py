@@ -12,21 +12,28 @@ import numpy as np
 import pytest
 from pypdf import PdfReader
 
-from app.analysis.pair import find_offset_s, make_report_of_two, read_analysed, widen_unconfirmed
-from app.errors import CannotPair
-from app.report.export.all import write_elevation
-from app.report.export.results import encode_results
-from app.report.findings import FinishedAnalysis
-from app.report.model import Report, format_brief
-from app.report.pairs import ArmPair, OnePerson, build_pair, describe_pair
-from app.report.render.pdf import render_pdf
-from app.report.words.wording import LANGUAGES, Language
-from app.request import PairRequest
-from fusion.comparison.arms import ArmShare, PairedArms, TrunkRelative
-from fusion.conventions import MethodName
-from fusion.elevation import Elevation, ElevationSegment
-from fusion.exposure.types import Interval
-from fusion.recording import Span
+from acromion.app.analysis.pair import (
+    find_offset_s,
+    make_report_of_two,
+    pair_analyses,
+    read_analysed,
+    widen_unconfirmed,
+)
+from acromion.app.errors import CannotPair
+from acromion.app.report.export.angles import write_elevation
+from acromion.app.report.export.results import encode_results
+from acromion.app.report.findings import FinishedAnalysis
+from acromion.app.report.model import Report, format_brief
+from acromion.app.report.pairs import ArmPair, OnePerson, PairClock, build_pair, describe_pair
+from acromion.app.report.render.pdf import render_pdf
+from acromion.app.report.words.wording import LANGUAGES, Language
+from acromion.app.request import PairRequest
+from acromion.fusion.comparison.arms import ArmShare, PairedArms, TrunkRelative, pair_arms
+from acromion.fusion.comparison.movement import ClockMatch
+from acromion.fusion.conventions import MethodName
+from acromion.fusion.elevation import Elevation, ElevationSegment
+from acromion.fusion.exposure.types import Interval
+from acromion.fusion.recording import Span
 from tests.app.analysis_factory import START, make_analysis, make_exposure, make_subject
 from tests.app.report.report_reading import plain, section_of
 
@@ -50,7 +57,7 @@ def kept_of(
 
 
 def make_pair(offset_s: float = 0.0, trunk: TrunkRelative = NO_TRUNK) -> ArmPair:
-    return ArmPair(kept_of("left"), kept_of("right"), offset_s, "clocks", SHARED, (trunk, trunk))
+    return ArmPair(kept_of("left"), kept_of("right"), PairClock(offset_s, "clocks"), SHARED, (trunk, trunk))
 
 
 def report_of(pair: ArmPair, language: Language = "en") -> Report:
@@ -80,7 +87,7 @@ def keep_arms(folder: Path, changes: Changes = ({}, {})) -> tuple[Path, ...]:
     sides: tuple[dict[str, Any], ...] = (
         {"side": "left", "angle_deg": 40.0},
         {"side": "right", "angle_deg": 70.0},
-        {"side": "unknown", "angle_deg": 15.0},
+        {"side": "trunk", "angle_deg": 15.0},
     )
     return tuple(
         keep(folder / name, **(side | more)) for name, side, more in zip("lrt", sides, changes, strict=False)
@@ -237,6 +244,7 @@ def test_with_a_trunk_sensor_the_limits_stand_beside_the_figures() -> None:
 
     section = next(s for s in report.sections if s.key == "trunk")
     assert "12.1° off" in section.paragraphs[0]
+    assert section.paragraphs[1].startswith("No range is given: the error of a sensor on the trunk")
     assert section.tables[0].rows[0][2:] == ("1.0°", "12.0°", "30.0°", "50.0°")
     assert "the trunk was not measured" not in report.limits.paragraphs[0]
 
@@ -327,7 +335,37 @@ def test_the_clock_of_the_trunk_is_set_by_the_devices_or_by_a_person(tmp_path: P
 
     clocks = [pair(tmp_path, folders, None, offset_s)["trunk_clock"] for offset_s in (None, 5.0)]
 
-    assert clocks == [{"offset_s": 20.0, "from": "clocks"}, {"offset_s": 5.0, "from": "person"}]
+    assert [(clock["offset_s"], clock["from"]) for clock in clocks] == [(20.0, "clocks"), (5.0, "person")]
+
+
+@pytest.mark.parametrize(
+    ("language", "name", "quality"), [("en", "Trunk", "use with care"), ("fr", "Tronc", "prudence")]
+)
+def test_the_file_and_quality_of_the_trunk_stand_beside_those_of_the_arms(
+    tmp_path: Path, language: Language, name: str, quality: str
+) -> None:
+    left, right, trunk = keep_arms(tmp_path, ({}, {}, {"sha256": "7" * 64}))
+    made = pair_analyses((left, right), trunk, PairRequest("pair"))
+
+    (table,) = section_of(report_of(made, language), "provenance").tables
+
+    assert table.columns[3] == name
+    assert [table.rows[k][3] for k in (1, 5)] == ["7" * 16 + "…", quality]
+    assert describe_pair(made)["trunk"]["sha256"] == "7" * 64
+
+
+def test_a_pose_of_the_trunk_that_nobody_confirmed_is_named(tmp_path: Path) -> None:
+    left, right, trunk = keep_arms(tmp_path, ({}, {}, {}))
+    made = pair_analyses((left, right), trunk, PairRequest("pair"))
+    assert made.trunk_source is not None
+    findings = made.trunk_source.findings
+    assert findings.calibration is not None
+    assumed = replace(findings, calibration=replace(findings.calibration, state="assumed"))
+
+    report = report_of(replace(made, trunk_source=replace(made.trunk_source, findings=assumed)))
+
+    told = section_of(report, "trunk").paragraphs[2]
+    assert told.startswith("Trunk: calibration pose assumed, not confirmed.")
 
 
 def test_a_corrected_offset_of_the_right_arm_moves_it_against_the_trunk_too(tmp_path: Path) -> None:
@@ -371,3 +409,49 @@ def test_the_first_page_stands_alone_on_letter_paper(language: Language) -> None
 
     first = re.sub(r"\s", "", PdfReader(io.BytesIO(document)).pages[0].extract_text())
     assert re.sub(r"\s", "", report.intended_use.paragraphs[0])[-40:] in first
+
+
+# ------------------------------------------------------------------ the clocks by the shared movement
+
+
+def test_a_drift_moves_the_right_arm_over_the_whole_time() -> None:
+    """After 1 h at 1000 ppm the right clock is 3.6 s ahead: its last rise is that of the left."""
+    rows = np.arange(3600 * 20)
+    left = np.where((rows >= 3500 * 20) & (rows < 3510 * 20), 90.0, 0.0)
+    right = np.where((rows >= 3503.5 * 20) & (rows < 3513.51 * 20), 90.0, 0.0)
+    first, second = (
+        Elevation((ElevationSegment(0, 20.0, deg.astype(np.float32), np.ones(len(deg), bool)),), None)
+        for deg in (left, right)
+    )
+
+    shared = pair_arms(first, second, drift_ppm=1000.0)
+
+    assert shared.both_above_60_percent == pytest.approx(shared.left.time_above_percent[60], rel=0.02)
+
+
+def test_movement_that_was_not_stored_refuses_the_match_and_says_what_to_do(tmp_path: Path) -> None:
+    with pytest.raises(CannotPair) as refusal:
+        pair(tmp_path, keep_arms(tmp_path), clock="signals")
+
+    assert refusal.value.facts == {
+        "why": "no movement stored",
+        "place": "clock right",
+        "cure": "state the offset",
+    }
+
+
+MATCH = ClockMatch(31.5, 48.0, 0.021, 12, 20)
+
+
+@pytest.mark.parametrize(
+    ("clock", "told"),
+    [
+        (PairClock(0.0, "clocks"), "nothing else confirms it"),
+        (PairClock(31.0, "clocks", MATCH), "confirms it"),
+        (PairClock(0.0, "clocks", MATCH), "contradicts it: it gives 31.5 s"),
+        (PairClock(31.5, "signals", MATCH), "12 minutes agree), to within 0.02 s"),
+    ],
+    ids=["clocks", "confirmed", "doubtful", "signals"],
+)
+def test_the_report_says_how_certain_the_offset_is(clock: PairClock, told: str) -> None:
+    assert told in " ".join(report_of(replace(make_pair(), clock=clock)).pose_caution.split())

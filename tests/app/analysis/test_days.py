@@ -10,16 +10,16 @@ from typing import Any
 
 import pytest
 
-from app.errors import CannotProfile
-from app.report.model import Report
-from app.report.pairs import encode_document, mark_rounding
-from app.report.several.charts import FigureRow, build_rows
-from app.report.several.document import describe_profile, encode_day_table, encode_overlay_table
-from app.report.several.people import MeasuredDay, Stage, StudiedDays, group_days
-from app.report.several.report import build_days
-from app.report.words.wording import Language, load_wording
-from fusion.comparison.days import ClockBand
-from fusion.exposure.types import Interval
+from acromion.app.errors import CannotProfile
+from acromion.app.report.model import Report
+from acromion.app.report.pairs import encode_document, mark_rounding
+from acromion.app.report.several.charts import FigureRow, build_rows
+from acromion.app.report.several.document import describe_profile, encode_day_table, encode_overlay_table
+from acromion.app.report.several.people import MeasuredDay, Stage, StudiedDays, group_days
+from acromion.app.report.several.report import build_days
+from acromion.app.report.words.wording import Language, load_wording
+from acromion.fusion.comparison.days import ClockBand
+from acromion.fusion.exposure.types import Interval
 from tests.app.analysis.days_factory import MONDAY, change_findings, change_recording, make_day
 from tests.app.analysis_factory import make_quality
 from tests.app.report.report_reading import plain

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.analysis.run import make_report
-from app.request import ReportRequest
-from app.store.decoded import DecodedCache, hash_entry_key
-from app.store.folder import KnownFiles
-from fusion.recording import QualityFlag, Recording, Span
-from fusion.simulation import write_recordings
+from acromion.app.analysis.run import make_report
+from acromion.app.request import ReportRequest
+from acromion.app.store.decoded import DecodedCache, hash_entry_key
+from acromion.app.store.folder import KnownFiles
+from acromion.fusion.recording import QualityFlag, Recording, Span
+from acromion.fusion.simulation import write_recordings
 from tests.factories import hold
 
 KEY = hash_entry_key("00" * 32, "", "0123")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from app.cli import app
+from acromion.app.cli import app
 from tests.badfiles import signal_files as s
 from tests.badfiles.table_files import changed, misnamed, resaved
 from tests.badfiles.table_files import stamped as write_stamped

@@ -6,25 +6,27 @@ from typing import Any
 
 import pytest
 
-from app.analysis.run import make_report
-from app.report.products import MEASURED, set_report_again
-from app.request import LABEL, Conclusion, ReportRequest
-from app.store.decoded import DecodedCache
-from app.store.folder import KnownFiles
-from fusion.diary import DiaryEntry
-from fusion.simulation import write_recordings
+from acromion.app.analysis.run import make_report
+from acromion.app.report.products import MEASURED, set_report_again
+from acromion.app.request import LABEL, Conclusion, ReportRequest
+from acromion.app.store.decoded import DecodedCache
+from acromion.app.store.folder import KnownFiles
+from acromion.fusion.diary import DiaryEntry
+from acromion.fusion.simulation import write_recordings
 
 NAME = "S012_right.gt3x"
 ASKED = ReportRequest(NAME, "S012", "right", kinds=("html", "pdf"), diary=(DiaryEntry(20.0, 40.0, "break"),))
 LABELS: dict[str, dict[str, Any]] = {
     "subject": {"subject": "S013"},
     "side": {"side": "left"},
+    "trunk": {"side": "trunk"},
     "job": {"job_title": "Carpenter", "isco_code": "7115"},
     "conclusion": {"conclusion": Conclusion("Overhead work\nis the load.", "M. Tremblay", "2026-11-23")},
     "reason": {"reason": "wrong arm", "version": 2, "changes": ("side",)},
     "language": {"languages": ("fr-CA",)},
     "paper": {"paper": "letter", "appendix": True},
     "kinds": {"kinds": ("html",)},
+    "the least hours of a day": {"min_hours": 2.0},
 }
 
 

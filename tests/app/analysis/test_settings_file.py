@@ -6,10 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.batch.settings_file import DIARY_HINT, encode_settings, read_settings
-from app.errors import UnusableSettings
-from app.request import ReportRequest
-from fusion.diary import DiaryEntry
+from acromion.app.batch.settings_file import DIARY_HINT, encode_settings, read_settings
+from acromion.app.batch.stated import format_stated
+from acromion.app.errors import UnusableSettings
+from acromion.app.request import ReportRequest
+from acromion.fusion.diary import DiaryEntry
 
 MOMENTS = st.floats(0, 86_400).map(lambda s: round(s, 3)) | st.times().map(
     lambda t: t.replace(microsecond=0).isoformat()
@@ -86,7 +87,7 @@ def test_a_name_that_is_not_known_is_refused_with_the_nearest_one() -> None:
     [
         ("method: kalman", "smoothed|published|live"),
         ("pose: t-pose", "n-pose|side-lean|two-point"),
-        ("side: up", "left|right"),
+        ("side: up", "left|right|trunk"),
         ("lang: it", "en|fr|fr-CA"),
         ("report: [docx]", "[html, pdf]"),
         ("appendix: perhaps", "true|false"),
@@ -116,3 +117,11 @@ def test_a_list_is_no_settings_file() -> None:
 
 def test_code_in_the_file_is_not_run() -> None:
     assert refusal(b"method: !!python/object/apply:os.getcwd []\n").facts["why"] == "yaml"
+
+
+def test_a_row_of_the_summary_states_what_differs_from_the_defaults_and_no_word_of_the_diary() -> None:
+    diary = (DiaryEntry(0, 60, "task", "Mrs Smith"),)
+    request = ReportRequest("a.gt3x", "S01", "left", pose_held="start", slip_times_s=(7.0,), diary=diary)
+
+    assert format_stated(ReportRequest("a.gt3x", "S01", "left")) == "{}"
+    assert format_stated(request) == '{"pose_held": "start", "slip_at": [7.0], "diary_rows": 1}'

@@ -7,13 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.analysis.inspect import read_on_stated_clock
-from app.batch.folder import Task
-from app.batch.shifts import split_into_shifts
-from app.request import ReportRequest
-from app.store.folder import NOTHING_KNOWN
-from fusion.readers import read_recording
-from fusion.readers.time.clock import set_clock
+from acromion.app.analysis.inspect import read_on_stated_clock
+from acromion.app.batch.folder import Task
+from acromion.app.batch.shifts import cut_as_asked, split_into_shifts
+from acromion.app.request import ReportRequest
+from acromion.app.store.folder import NOTHING_KNOWN
+from acromion.fusion.errors import UnusableShift
+from acromion.fusion.readers import read_recording
+from acromion.fusion.readers.time.clock import set_clock
 from tests.simulated_week import Week, write_week
 
 CHANGE = datetime(2026, 3, 28, 7)  # noqa: DTZ001  the device's clock; those of Paris change the next night
@@ -51,6 +52,26 @@ def test_a_shift_is_cut_and_timed_by_the_stated_clock(
     single = read_recording(weekend.days[day])
     assert np.array_equal(recording.segments[0].acc_g, single.segments[0].acc_g)
     assert recording.duration_us == single.duration_us
+
+
+def test_the_hours_of_a_run_follow_the_zone_that_the_file_names() -> None:
+    extent = {"start": "2026-03-28T07:00:00+01:00", "duration_us": 2 * 86_400_000_000}
+    asked = ReportRequest("week.gt3x", shift="09:00-10:00")
+
+    requests, _ = cut_as_asked(asked, extent | {"time_zone": "Europe/Paris"}, not_removed=False)
+
+    assert requests[1].shift == "2026-03-29T09:00:00+02:00/2026-03-29T10:00:00+02:00"
+
+
+def test_a_shift_outside_the_recording_is_named_by_the_stated_clock(weekend: Week) -> None:
+    shift = "2026-03-30T14:00:00+02:00/2026-03-30T14:02:00+02:00"
+
+    with pytest.raises(UnusableShift) as refusal:
+        read_on_stated_clock(
+            weekend.path, ReportRequest("week.gt3x", shift=shift, time_zone="Europe/Paris"), NOTHING_KNOWN
+        )
+
+    assert refusal.value.facts["window"] == shift
 
 
 def test_a_device_without_an_offset_keeps_the_hour_of_its_start_after_the_change(weekend: Week) -> None:

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from app import version
-from app.analysis.fork_server import LOCK, _lock_preparation, report_preparing
-from app.request import Stage
-from fusion import numba_kernels
-from fusion.numba_kernels import DONE, USUAL_KERNELS
+from acromion.app import version
+from acromion.app.analysis.fork_server import LOCK, _lock_preparation, report_preparing
+from acromion.app.request import Stage
+from acromion.fusion import numba_kernels
+from acromion.fusion.numba_kernels import DONE, USUAL_KERNELS
 from tests import ROOT
 
 COMPILED = {"numba", "scipy", "pyarrow", "typst"}
@@ -24,8 +24,8 @@ SLOW = {
 }
 
 WRITE_TABLES = (
-    "import numpy; from app.report.export.all import *;"
-    "encode_parquet([]); build_numbers(numpy.zeros(1)); build_flags(numpy.ones(1, bool))"
+    "import numpy; from acromion.app.report.export.all import *;"
+    "encode_parquet('summary', []); build_numbers(numpy.zeros(1)); build_flags(numpy.ones(1, bool))"
 )
 
 
@@ -33,15 +33,18 @@ WRITE_TABLES = (
     "steps",
     [
         [
-            ("import app.start", {"typer", "app.cli", "app.settings", "numpy"}),
-            ("import app.cli", COMPILED | OF_THE_COMMAND),
-            ("import app.batch.tables", {"numpy", "pydantic"}),
-            ("import app.main, app.queue.worker", COMPILED),
+            ("import acromion.app.start", {"typer", "acromion.app.cli", "acromion.app.settings", "numpy"}),
+            ("import acromion.app.cli", COMPILED | OF_THE_COMMAND),
+            ("import acromion.app.batch.tables", {"numpy", "pydantic"}),
+            ("import acromion.app.main, acromion.app.queue.worker", COMPILED),
         ],
         [
-            ("import app.report.render.write, app.report.pairs", {"numba", "scipy", "pandas", "pyarrow"}),
-            ("import app.analysis.run", SLOW),
-            ("import app.analysis.preloaded", SLOW),
+            (
+                "import acromion.app.report.render.write, acromion.app.report.pairs",
+                {"numba", "scipy", "pandas", "pyarrow"},
+            ),
+            ("import acromion.app.analysis.run", SLOW),
+            ("import acromion.app.analysis.preloaded", SLOW),
             (WRITE_TABLES, {"pandas"}),
         ],
     ],
@@ -110,7 +113,7 @@ def test_only_one_prepares(tmp_path: Path) -> None:
 def test_preparing_compiles_and_says_so(tmp_path: Path) -> None:
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
 
-    subprocess.run([sys.executable, "-m", "fusion.prepare"], check=True, env=environment)
+    subprocess.run([sys.executable, "-m", "acromion.fusion.prepare"], check=True, env=environment)
 
     compiled = {path.name.split("-")[0] for path in tmp_path.rglob("*.nbc")}
     assert (tmp_path / DONE).exists()
@@ -131,7 +134,7 @@ def copy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def find_revision() -> str:
     """Take the revision anew: it is computed once for each process."""
-    return version.software_revision.__wrapped__()
+    return version.source_fingerprint.__wrapped__()
 
 
 def test_a_change_in_any_folder_of_the_science_or_the_report_changes_the_revision(copy: Path) -> None:
@@ -159,4 +162,28 @@ def test_a_file_that_moves_or_comes_changes_the_revision(copy: Path) -> None:
 
 
 def test_the_same_sources_have_the_same_revision(copy: Path) -> None:
-    assert find_revision() == version.software_revision()
+    assert find_revision() == version.source_fingerprint()
+
+
+def test_a_checkout_has_the_commit_of_git_and_anything_else_is_not_released(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = ["git", "-C", str(ROOT), "rev-parse", "--short=12", "HEAD"]
+    commit = subprocess.run(asked, capture_output=True, text=True, check=False).stdout.strip()
+
+    revision = version.source_revision.__wrapped__()
+    monkeypatch.setattr(version, "_ROOT", tmp_path)
+    installed = version.source_revision.__wrapped__()
+
+    unreleased = f"{version.software_version()}, not released"
+    assert (revision, installed) == (f"git {commit}" if commit else unreleased, unreleased)
+
+
+def test_a_package_has_the_revision_that_was_written_when_it_was_built(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "app").mkdir()
+    (tmp_path / "app" / "revision.txt").write_text("release 9.9.9\n")
+    monkeypatch.setattr(version, "_ROOT", tmp_path)
+
+    assert version.source_revision.__wrapped__() == "release 9.9.9"

@@ -11,14 +11,14 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner, Result
 
-from app.analysis.validate import make_validation
-from app.cli import app
-from app.report.agreement import format_drift, tabulate_lags
-from app.report.model import Table
-from app.report.words.wording import load_wording
-from app.request import Reference, ReportRequest
-from fusion.comparison.alignment import WindowLag
-from fusion.diary import TaskWindow
+from acromion.app.analysis.validate import make_validation
+from acromion.app.cli import app
+from acromion.app.report.agreement import format_drift, tabulate_lags
+from acromion.app.report.model import Table
+from acromion.app.report.words.wording import load_wording
+from acromion.app.request import Reference, ReportRequest
+from acromion.fusion.comparison.alignment import WindowLag
+from acromion.fusion.diary import TaskWindow
 from tests.simulated_mvnx import write_mvnx
 
 STATISTICS = {"r", "rmse_deg", "mean_absolute_error_deg", "bias_deg", "loa_low_deg", "loa_high_deg"}

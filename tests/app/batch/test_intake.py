@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from app import intake
-from app.intake import FolderWatch, Intake
-from app.library.jobs import JobStore
-from app.library.rows import Job
-from app.request import ReportRequest
-from app.settings import Settings
-from app.store.folder import Storage
+from acromion.app import intake
+from acromion.app.intake import FolderWatch, Intake
+from acromion.app.library.jobs import JobStore
+from acromion.app.library.rows import Job
+from acromion.app.request import ReportRequest
+from acromion.app.settings import Settings
+from acromion.app.store.folder import Storage
 
 
 @pytest.fixture

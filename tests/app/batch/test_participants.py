@@ -1,17 +1,32 @@
 """The list of participants: whose arm is in which file."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from app.batch.folder import Task
-from app.batch.inputs import assign_participants, read_participants
-from app.errors import UnusableParticipants
-from app.report.words.messages import describe_problem
-from app.request import Proposal, ReportRequest, propose_description
-from fusion.conventions import Side
-from fusion.errors import UnusableDiary, split_facts
+from acromion.app.batch.folder import Task
+from acromion.app.batch.inputs import assign_participants, read_participants
+from acromion.app.errors import UnusableParticipants
+from acromion.app.report.words.messages import describe_problem
+from acromion.app.request import Proposal, ReportRequest, propose_description
+from acromion.fusion.conventions import Side
+from acromion.fusion.diary import DiaryEntry
+from acromion.fusion.errors import UnusableDiary, split_facts
 from tests.workbooks import write
+
+
+def test_postures_are_added_to_the_diary_of_the_row_or_else_of_the_run(tmp_path: Path) -> None:
+    (tmp_path / "diary.csv").write_text("start,end,kind\n08:00,09:00,task\n")
+    (tmp_path / "thigh.csv").write_text("datetime,activity\n2026-03-02 08:00:00,sit\n")
+    work = DiaryEntry("08:00", "16:00", "work")
+    tasks = [replace(make_task(name), request=ReportRequest(name, diary=(work,))) for name in ("a", "b")]
+    text = b"file,diary,posture\na,diary.csv,thigh.csv\nb,,thigh.csv\n"
+
+    assigned, _ = assign_participants(tasks, text, tmp_path)
+
+    kinds = [[entry.kind for entry in task.request.diary] for task in assigned]
+    assert kinds == [["task", "posture"], ["work", "posture"]]
 
 
 def read_one(text: str, folder: Path = Path()) -> dict[str, object]:
@@ -94,7 +109,8 @@ def test_a_diary_is_read_from_the_folder_of_the_list(tmp_path: Path) -> None:
     [
         ("", 1, "participant columns"),
         ("subject,side\nS01,left\n", 1, "participant columns"),
-        ("file,colour\na,red\n", 1, "participant columns"),
+        ("file,,subject\na,red,S01\n", 1, "participant columns"),
+        ("file,subject,id\na,S01,7\n", 1, "same column"),
         ("file,subject\n,S01\n", 2, "no file named"),
         ("file,pose\na,sitting\n", 2, "value"),
         ("file,calibration\na,15-5\n", 2, "value"),
@@ -179,7 +195,7 @@ def test_all_faults_of_a_list_are_told_at_once() -> None:
     assert english.detail == (
         'Line 2: the row matches several recordings ("arm.csv"): p1/arm.csv and p2/arm.csv. '
         "Write enough of the file’s path to match only one recording, as named here. "
-        'Line 3: an impossible value ("up"). Allowed: left|right. '
+        'Line 3: an impossible value ("up"). Allowed: left|right|trunk. '
         'Line 5: two rows match the same recording ("c.csv"); the other row is line 4.'
     )
     assert english.fix == "Correct the list and send it again. Nothing was changed or analysed."
@@ -264,3 +280,29 @@ def test_the_wrong_lines_of_all_diaries_are_named_at_once_with_their_diary(tmp_p
         ("a.csv", 3, "kind"),
         ("b.xlsx", 2, "end first"),
     ]
+
+
+def test_an_open_quotation_mark_in_the_list_is_named_with_its_line() -> None:
+    refused = refusal('file,subject\na.gt3x,"S01\nb.gt3x,S02\n', "a.gt3x", "b.gt3x")
+
+    assert (refused.facts["line"], refused.facts["why"]) == (2, "open quote")
+
+
+def test_a_column_with_a_name_of_the_tables_hides_no_wrong_row() -> None:
+    refused = refusal("file,side,verdict\na.gt3x,up,good\nb.gt3x,left,good\n", "a.gt3x", "b.gt3x")
+
+    assert [(row["line"], row["why"]) for row in split_facts(refused.facts)] == [
+        (1, "taken column"),
+        (2, "value"),
+    ]
+
+
+def test_an_unknown_column_is_refused_only_without_a_folder() -> None:
+    text = b"file,age\na.gt3x,34\n"
+
+    (row,), _ = read_participants(text, Path())
+    with pytest.raises(UnusableParticipants) as refused:
+        read_participants(text, None)
+
+    assert row.further == {"age": "34"}
+    assert refused.value.facts["why"] == "known columns"

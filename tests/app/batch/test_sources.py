@@ -6,8 +6,15 @@ from pathlib import Path
 
 import pytest
 
-from app.batch.folder import MARKER, assign_folders, find_recordings, identify_place, plan_tasks, read_list
-from app.batch.run import (
+from acromion.app.batch.folder import (
+    MARKER,
+    assign_folders,
+    find_recordings,
+    identify_place,
+    plan_tasks,
+    read_list,
+)
+from acromion.app.batch.run import (
     NEED_BYTES,
     Capacity,
     Outcome,
@@ -17,8 +24,8 @@ from app.batch.run import (
     collect_outcomes,
     parse_shard,
 )
-from app.errors import UnusableList
-from app.request import ReportRequest
+from acromion.app.errors import UnusableList
+from acromion.app.request import ReportRequest
 
 
 @pytest.fixture
@@ -241,3 +248,48 @@ def test_recordings_of_one_stem_are_numbered_and_the_second_keeps_the_folder_it_
 )
 def test_no_recording_is_named_as_a_table_or_a_folder_of_ours(tmp_path: Path, name: str, folder: str) -> None:
     assert list_names((tmp_path / f"{name}.gt3x",), tmp_path / "out") == [folder]
+
+
+def list_places(out: Path, *places: str) -> list[str]:
+    """Return the folders of recordings at these paths of the input, relative to the results."""
+    logs = [out.parent / "study" / place for place in places]
+    return [path.relative_to(out).as_posix() for path in assign_folders(logs, out, places)]
+
+
+@pytest.mark.parametrize(
+    ("places", "folders"),
+    [
+        (("siteA/p01.gt3x", "siteB/p01.gt3x"), ["siteA/p01", "siteB/p01"]),
+        (("a/arm.gt3x", "a/arm.csv"), ["a/arm", "a/arm-2"]),
+        (("siteA.gt3x", "siteA/p01.gt3x"), ["siteA-2", "siteA/p01"]),
+        (("SiteA/p01.gt3x", "sitea/p01.gt3x"), ["SiteA/p01", "sitea/p01-2"]),
+        (
+            ("v1/arm.gt3x", "shards/arm.gt3x", "run.json/arm.gt3x"),
+            ["v1_/arm", "shards_/arm", "run.json_/arm"],
+        ),
+        (("../arm.gt3x",), ["_/arm"]),
+    ],
+    ids=["mirrored", "of one name", "not inside another", "on any disk", "none of ours", "never outside"],
+)
+def test_the_folders_mirror_the_paths_of_the_input(
+    tmp_path: Path, places: tuple[str, ...], folders: list[str]
+) -> None:
+    assert list_places(tmp_path / "out", *places) == folders
+
+
+def test_a_folder_of_a_run_before_folders_were_mirrored_is_kept(tmp_path: Path) -> None:
+    log = tmp_path / "study" / "siteA" / "p01.gt3x"
+    log.parent.mkdir(parents=True)
+    log.write_text("bytes")
+    leave_marker(tmp_path / "out" / "p01", log)
+
+    assert list_places(tmp_path / "out", "siteA/p01.gt3x", "siteB/p01.gt3x") == ["p01", "siteB/p01"]
+
+
+def test_a_recording_does_not_go_into_the_folder_of_another_that_is_done(tmp_path: Path) -> None:
+    log = tmp_path / "study" / "siteA.gt3x"
+    log.parent.mkdir()
+    log.write_text("bytes")
+    leave_marker(tmp_path / "out" / "siteA", log)
+
+    assert list_places(tmp_path / "out", "siteA.gt3x", "siteA/p01.gt3x") == ["siteA", "siteA_/p01"]

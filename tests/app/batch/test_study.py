@@ -10,13 +10,13 @@ import pytest
 from playwright.sync_api import Browser
 from typer.testing import CliRunner
 
-from app.analysis.validate import find_study_files
-from app.cli import app
-from app.report.agreement import build_study
-from app.report.findings import Software
-from app.report.render.html import render_html
-from fusion.comparison.agreement import AgreementEntry, measure_agreement, summarise_agreement_study
-from fusion.errors import UnusableStudy
+from acromion.app.analysis.validate import find_study_files
+from acromion.app.cli import app
+from acromion.app.report.agreement import build_study
+from acromion.app.report.findings import Software
+from acromion.app.report.render.html import render_html
+from acromion.fusion.comparison.agreement import AgreementEntry, measure_agreement, summarise_agreement_study
+from acromion.fusion.errors import UnusableStudy
 from tests.fusion.comparison.test_agreement import OURS, REFERENCE
 from tests.simulated_tasks import TITLES
 

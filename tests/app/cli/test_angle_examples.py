@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.report.export.all import write_elevation
-from fusion.elevation import Elevation, ElevationSegment
+from acromion.app.report.export.angles import write_elevation
+from acromion.fusion.elevation import Elevation, ElevationSegment
 from tests import ROOT
 
 PAGE = ROOT / "docs" / "batch.md"

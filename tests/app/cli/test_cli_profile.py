@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from app.cli import app
+from acromion.app.cli import app
 from tests.badfiles.table_files import values
 
 PROFILE = {

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from typer.testing import Result
 
-from fusion.simulation import simulate_shift, write_shift
+from acromion.fusion.simulation import simulate_shift, write_shift
 from tests.app.cli.typed import read_table, run
 
 PREAMBLE = "# start: "
@@ -121,6 +121,24 @@ def test_a_clock_that_cannot_be_right_is_told_with_its_code(
     assert result.exit_code == 3
     assert "E-CLOCK" in result.output
     assert told in result.output
+
+
+def test_an_inspection_shows_the_stated_clock(tmp_path: Path, table: str) -> None:
+    path = put(tmp_path, table, "arm.csv", "2026-03-29T02:59:00")
+    clock = ("--time-zone", "Europe/Paris", "--clock-offset", "-1h02m")
+
+    result = run("inspect", path, *clock)
+
+    assert "2026-03-29T01:57:00+01:00" in result.output
+
+
+def test_a_correction_of_a_thousand_hours_must_be_written_in_days(tmp_path: Path, table: str) -> None:
+    path = put(tmp_path, table, "arm.csv", "2026-03-29T02:59:00")
+
+    refused, read = (run("inspect", path, "--clock-offset", text) for text in ("1000:00:00", "41d16h"))
+
+    assert (refused.exit_code, "4d4h" in refused.output) == (2, True)
+    assert "2026-05-09T18:59:00" in read.output
 
 
 def test_an_ambiguous_row_of_a_diary_is_told_with_its_line_and_its_cure(tmp_path: Path, table: str) -> None:

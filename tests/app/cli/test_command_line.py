@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from pypdf import PdfReader
 
-from app.batch.folder import plan_tasks
-from app.request import ReportRequest
+from acromion.app.batch.folder import plan_tasks
+from acromion.app.request import ReportRequest
 from tests.app.cli.typed import read_table, run
 
 
@@ -28,8 +28,12 @@ def test_one_file_and_no_other_option_gives_every_product_and_the_tables_beside_
 
     assert made >= {"results.json", "elevation.parquet", "report.html", "report.pdf"}
     assert tables == {
-        *("summary.csv", "summary_fr.csv", "summary.xlsx", "periods.csv", "marks.csv"),
-        *("problems.csv", "dictionary.csv", "run.json", "settings.yaml", "methods.md", "index.html"),
+        *("summary.csv", "summary_fr.csv", "summary.xlsx"),
+        *("days.csv", "hours.csv", "periods.csv", "tasks.csv", "postures.csv", "marks.csv", "pairs.csv"),
+        *("summary.parquet", "days.parquet", "hours.parquet", "periods.parquet", "tasks.parquet"),
+        *("postures.parquet", "marks.parquet", "pairs.parquet"),
+        *("redcap_import.csv", "redcap_dictionary.csv", "problems.csv", "dictionary.csv", "run.json"),
+        *("settings.yaml", "methods.md", "index.html", "run.lock"),
         *("datapackage.json", "ro-crate-metadata.json"),
     }
     made_at = json.loads((done / "run.json").read_text("utf-8"))["made_at"]

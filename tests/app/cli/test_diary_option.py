@@ -7,9 +7,10 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from app.cli import app
-from app.request import ReportRequest
-from fusion.diary import DiaryEntry
+from acromion.app.cli import app
+from acromion.app.request import ReportRequest
+from acromion.fusion.diary import DiaryEntry, read_diary
+from tests.fusion.readers.test_thigh import RATE_HZ, simulate_thigh, write_table
 from tests.workbooks import write
 
 DIARY = "start_s,end_s,kind,label\n0,60,task,Boxes\n60,90,break,Coffee\n"
@@ -28,8 +29,8 @@ def test_each_row_of_the_diary_is_a_row_of_the_tables(tmp_path: Path) -> None:
     assert expose(tmp_path, DIARY).exit_code == 0
 
     with (tmp_path / "out" / "periods.csv").open(encoding="utf-8", newline="") as file:
-        rows = [row for row in csv.DictReader(file) if row["kind"] == "period"]
-    told = [(row["period_kind"], row["label"], row["analysed_s"], row["excluded_as"]) for row in rows]
+        rows = list(csv.DictReader(file))
+    told = [(row["kind"], row["label"], row["analysed_s"], row["excluded_as"]) for row in rows]
     assert told == [
         ("task", "Boxes", "60.0", ""),
         ("break", "Coffee", "0.0", "break"),
@@ -44,6 +45,80 @@ def test_a_slip_in_the_diary_is_told_before_anything_is_read(tmp_path: Path) -> 
     assert "E-DIARY" in result.output
     assert "Write one of: shift, work, pose, task" in result.output
     assert not (tmp_path / "out").exists()
+
+
+POSTURE = "datetime,activity\n2026-03-02 08:00:00,sit\n2026-03-02 08:00:01,sit\n"
+
+
+def plan(folder: Path, *options: str) -> Result:
+    (folder / "S01.csv").write_text("acc_x\n")
+    (folder / "S01 thigh.csv").write_text(POSTURE)
+    arguments = ["run", folder / "S01.csv", "-o", folder / "out", *options, "--dry-run"]
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def test_a_file_of_postures_is_given_beside_the_diary(tmp_path: Path) -> None:
+    planned = plan(tmp_path, "--posture", str(tmp_path / "S01 thigh.csv"))
+
+    assert "diary: 1" in planned.output
+    assert "E-DIARY" not in planned.output
+
+
+def test_printed_postures_are_a_diary_that_can_be_read(tmp_path: Path) -> None:
+    (tmp_path / "thigh.csv").write_text(POSTURE)
+
+    printed = CliRunner().invoke(app, ["posture", str(tmp_path / "thigh.csv")])
+
+    assert printed.exit_code == 0
+    (row,) = read_diary(printed.output.encode())
+    assert (row.start, row.end, row.kind, row.label) == (
+        "2026-03-02T08:00:00", "2026-03-02T08:00:02", "posture", "seated",
+    )  # fmt: skip
+
+
+def test_a_recording_of_the_arm_without_a_gyroscope_is_refused_although_one_of_the_thigh_is_not(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "thigh.csv").write_bytes(write_table(simulate_thigh()))
+
+    printed = CliRunner().invoke(app, ["posture", str(tmp_path / "thigh.csv")])
+    refused = CliRunner().invoke(app, ["run", str(tmp_path / "thigh.csv"), "-o", str(tmp_path / "out")])
+
+    assert [line.split(",")[-1] for line in printed.output.splitlines()[1:]] == ["seated", "upright"]
+    assert refused.exit_code != 0
+    assert "E-NO-GYRO" in refused.output
+
+
+def test_a_diary_is_no_file_of_postures(tmp_path: Path) -> None:
+    (tmp_path / "diary.csv").write_text(DIARY)
+
+    refused = plan(tmp_path, "--posture", str(tmp_path / "diary.csv"))
+
+    assert refused.exit_code == 2
+    assert "E-POSTURE" in refused.output
+    assert "diary cannot" not in refused.output
+
+
+def test_every_wrong_line_of_a_file_of_postures_is_named_as_one_of_that_file(tmp_path: Path) -> None:
+    rows = ("2026-03-02 08:00:00,dance", "soon,sit", "2026-03-02 08:00:02,sit", "2026-03-02 08:00:01,sit")
+    (tmp_path / "thigh.csv").write_text("\n".join(("datetime,activity", *rows)))
+
+    refused = plan(tmp_path, "--posture", str(tmp_path / "thigh.csv"))
+
+    assert "E-POSTURE The file of postures cannot be used" in refused.output
+    assert [f"Line {line}" in refused.output for line in (2, 3, 4, 5)] == [True, True, False, True]
+    assert "diary" not in refused.output
+
+
+def test_a_recording_of_the_thigh_without_a_clock_has_no_line(tmp_path: Path) -> None:
+    rows = write_table(simulate_thigh()).decode().splitlines()[1:]
+    lines = (f"{k / RATE_HZ},{row.partition(',')[2]}" for k, row in enumerate(rows))
+    (tmp_path / "thigh.csv").write_text("\n".join(("time_s,acc_x,acc_y,acc_z", *lines)))
+
+    refused = CliRunner().invoke(app, ["posture", str(tmp_path / "thigh.csv")])
+
+    assert "E-POSTURE" in refused.output
+    assert "Line 0" not in refused.output
 
 
 @pytest.mark.parametrize("end", [None, 60.5, "07:59:00"], ids=["until the next", "seconds", "clock"])
@@ -78,5 +153,5 @@ def test_the_dry_run_names_every_wrong_row_of_a_workbook_and_the_names_without_a
     assert refused.exit_code == 2
     assert "Line 3" in refused.output
     assert "Line 4" in refused.output
-    assert planned.exit_code == 0
+    assert "E-DIARY" not in planned.output
     assert "no recording for S02" in planned.output

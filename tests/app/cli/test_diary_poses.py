@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from app.analysis.run import make_report
-from app.request import ReportRequest
-from fusion.diary import DiaryEntry, read_diary
-from fusion.errors import UnusableDiary
-from fusion.exposure.periods import find_diary_poses
+from acromion.app.analysis.run import make_report
+from acromion.app.request import ReportRequest
+from acromion.fusion.diary import DiaryEntry, read_diary
+from acromion.fusion.errors import UnusableDiary
+from acromion.fusion.exposure.periods import find_diary_poses
 
 START = datetime.fromisoformat("2026-03-02T07:00:00-05:00")
 HOUR_US = 3_600_000_000

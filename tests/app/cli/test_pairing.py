@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from pypdf import PdfReader
 
-from fusion.simulation import write_recordings
+from acromion.fusion.simulation import write_recordings
 from tests.app.cli.typed import run
 
 

@@ -137,3 +137,40 @@ def test_a_day_without_a_clock_is_in_the_means_and_not_in_the_overlay(week: Path
     assert result.exit_code == 0, result.output
     (arm,) = json.loads((tmp_path / "out" / "days" / "profile.json").read_bytes())["arms"]
     assert (arm["figures"]["time_above_60_percent"]["days"], arm["overlay"][0]["days"]) == (6, 5)
+
+
+@pytest.mark.parametrize(("hours", "counted"), [("2", 5), ("9.5", 0)])
+def test_the_least_hours_of_a_day_that_counts_are_an_option(
+    week: Path, tmp_path: Path, hours: str, counted: int
+) -> None:
+    run("profile", week, "-o", tmp_path, "--report", "html", "--min-hours", hours)
+
+    described = json.loads((tmp_path / "days" / "profile.json").read_bytes())
+    (arm,) = described["arms"]
+    assert [day["left_out"] for day in arm["days"]].count(None) == counted
+    assert described["rules"]["whole_day_s"] == float(hours) * 3600
+
+
+def test_a_day_that_is_too_short_is_said_with_the_hours_that_were_asked_for(
+    week: Path, tmp_path: Path
+) -> None:
+    result = run("profile", week, "-o", tmp_path, "--lang", "fr", "--report", "html", "--min-hours", "9.5")
+
+    assert "aucun jour d'au moins 9,5 h" in plain(result.output)
+
+
+def test_a_short_day_of_good_quality_stays_good(week: Path, tmp_path: Path) -> None:
+    run("profile", week, "-o", tmp_path, "--report", "html", "--min-hours", "9.5")
+
+    rows = read_table(tmp_path / "days" / "profile.csv")
+    assert {(row["verdict"], row["left_out"]) for row in rows} == {("good", "short")}
+
+
+def test_the_days_of_a_person_are_sessions_of_the_motion_dataset(week: Path, tmp_path: Path) -> None:
+    run("export", week, "-o", tmp_path / "bids")
+
+    person = tmp_path / "bids" / "sub-S012"
+    stems = [path.name.partition("_task")[0] for path in sorted(person.rglob("*_motion.tsv"))]
+    assert stems == [f"sub-S012_ses-{day:02d}" for day in range(1, 6)]
+    assert (person / "ses-05" / "motion").is_dir()
+    assert len((person / "sub-S012_sessions.tsv").read_text().splitlines()) == 6

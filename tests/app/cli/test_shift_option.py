@@ -10,8 +10,8 @@ from zipfile import ZipFile
 import numpy as np
 import pytest
 
-from app.analysis.inspect import propose_shifts
-from fusion.recording import Recording, Segment
+from acromion.app.analysis.inspect import propose_shifts
+from acromion.fusion.recording import Recording, Segment
 from tests.app.cli.typed import read_table, run
 from tests.simulated_week import Week, write_week
 
@@ -38,7 +38,7 @@ def results_of(out: Path, date: str) -> dict[str, Any]:
 
 
 def test_each_shift_has_its_folder_named_by_its_date(out: Path) -> None:
-    folders = sorted(path.name for path in out.iterdir() if path.is_dir())
+    folders = sorted(path.name for path in out.glob("week*"))
 
     assert folders == ["week_2026-03-02", "week_2026-03-03", "week_2026-03-04"]
     assert [row["path"] for row in read_table(out / "summary.csv")] == [
@@ -80,10 +80,29 @@ def test_the_pose_of_the_first_shift_applies_to_the_later_ones_only_if_the_senso
     ended = run("run", week.path, "-o", tmp_path, *HOURS, "--not-removed")
 
     assert ended.exit_code == 0, ended.output
-    first, _, last = (results_of(tmp_path, f"2026-03-0{day}")["calibration"] for day in (2, 3, 4))
+    first, second, last = (results_of(tmp_path, f"2026-03-0{day}")["calibration"] for day in (2, 3, 4))
     assert (first["state"], last["state"]) == ("held_at_start", "carried")
+    assert second == results_of(out, "2026-03-03")["calibration"]  # its own pose takes precedence
     assert last["sigma_deg"] == first["sigma_deg"]
     assert results_of(out, "2026-03-04")["calibration"]["state"] != "carried"
+
+
+def test_a_stated_slip_ends_the_carrying_of_a_pose(week: Week, tmp_path: Path) -> None:
+    ended = run("run", week.path, "-o", tmp_path, *HOURS, "--not-removed", "--slip-at", "900")
+
+    assert ended.exit_code == 0, ended.output
+    last = results_of(tmp_path, "2026-03-04")
+    assert last["calibration"]["state"] in {"assumed", "none"}
+    assert last["quality"]["verdict"] != "good"
+
+
+def test_a_pose_that_nobody_stated_applies_to_no_other_shift(week: Week, tmp_path: Path) -> None:
+    ended = run("run", week.path, "-o", tmp_path, *HOURS[:2], *HOURS[4:], "--not-removed")
+
+    assert ended.exit_code == 0, ended.output
+    every = [results_of(tmp_path, f"2026-03-0{day}") for day in (2, 3, 4)]
+    assert {results["calibration"]["state"] for results in every} <= {"assumed", "none"}
+    assert "good" not in {results["quality"]["verdict"] for results in every}
 
 
 @pytest.mark.parametrize(
@@ -128,6 +147,47 @@ def leave_out_zone(path: Path, out: Path) -> Path:
         archive.writestr("info.txt", "\n".join(lines))
         archive.writestr("log.bin", source.read("log.bin"))
     return out
+
+
+@pytest.fixture(scope="module")
+def night(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two short shifts from 02:00 of the device; in the second night the clocks of Paris change."""
+    folder = tmp_path_factory.mktemp("night")
+    week = write_week(folder, days=2, minutes=2, first=datetime(2026, 3, 28, 2))  # noqa: DTZ001
+    return leave_out_zone(week.path, folder / "naive.gt3x")
+
+
+def run_beside_another(
+    night: Path, week: Week, out: Path, *options: str | Path
+) -> tuple[Any, dict[str, str]]:
+    """Return what a run of a recording and another one prints, and the code of each in the tables."""
+    ended = run("run", night, week.days[0], "-o", out, *HOURS[4:], "--time-zone", "Europe/Paris", *options)
+    return ended, {Path(row["path"]).name: row["code"] for row in read_table(out / "problems.csv")}
+
+
+def test_a_diary_at_a_time_that_the_clocks_skip_is_a_problem_of_its_recording_only(
+    night: Path, week: Week, tmp_path: Path
+) -> None:
+    diary = tmp_path / "diary.csv"
+    rows = ("naive,2026-03-29 02:30,2026-03-29 08:00,shift", "day1,2026-03-02 13:00,2026-03-02 13:20,shift")
+    diary.write_text("\n".join(("file,start,end,kind", *rows)))
+
+    ended, codes = run_beside_another(night, week, tmp_path, "--shift", "diary", "--diary", diary)
+
+    assert codes == {"naive.gt3x": "E-DIARY"}
+    assert "Line 2: the clocks of the time zone change that day and never show this time" in ended.output
+    assert len(list(tmp_path.glob("*/day1_2026-03-02/results.json"))) == 1
+
+
+def test_only_the_shift_at_a_time_that_the_clocks_skip_is_refused(
+    night: Path, week: Week, tmp_path: Path
+) -> None:
+    ended, codes = run_beside_another(night, week, tmp_path, "--shift", "01:30-02:30")
+
+    assert codes == {"naive.gt3x 2026-03-29": "E-SHIFT", "day1.gt3x": "E-SHIFT"}
+    assert "never show this time (2026-03-29 02:30:00)" in ended.output
+    again = run("run", "--again", tmp_path)
+    assert "never show this time (2026-03-29 02:30:00)" in again.output
 
 
 def test_the_days_of_a_diary_cut_a_recording(week: Week, tmp_path: Path) -> None:
@@ -179,3 +239,38 @@ def test_a_recording_of_more_than_a_day_has_a_proposed_shift_for_each_stretch_of
         "2026-03-03T07:00:00/2026-03-03T09:00:00",
     ]
     assert propose_shifts(replace(recording, start=None)) == []
+
+
+@pytest.mark.parametrize(
+    ("options", "rows", "said"),
+    [
+        ((), "2026-03-01 07:01,2026-03-01 07:02,task", "E-DIARY"),
+        ((), "07:01,07:02,task\n2026-03-01 07:01,2026-03-01 07:02,task", "entirely outside the recording"),
+        ((), "2026-03-01 07:01,2026-03-01 07:02,pose", "E-DIARY"),
+        ((), "2026-03-01T07:01:00,2026-03-01T07:02:00,posture,seated", "E-POSTURE"),
+        (("--calibration", "5000,5010"), "", "E-CALIBRATION"),
+        (("--slip-at", "5000"), "", "E-PARAMETER"),
+        (("--shift", "diary"), "", "no row of the diary has a date in the recording"),
+        (("--shift", "22:00-23:00"), "", "it has no samples in these hours"),
+        (("--time-zone", "Europe/Paris"), "2026-03-29 02:30,2026-03-29 03:30,task", "never show this time"),
+    ],
+)
+def test_a_dry_run_names_what_the_run_will_refuse_or_ignore_in_the_same_words(
+    week: Week, tmp_path: Path, options: tuple[str, ...], rows: str, said: str
+) -> None:
+    if rows:
+        (tmp_path / "diary.csv").write_text(f"start,end,kind,label\n{rows}\n")
+        options += ("--diary", str(tmp_path / "diary.csv"))
+    arguments: list[str | Path] = ["run", week.days[0], "-o", tmp_path / "out", *HOURS[4:], *options]
+
+    dry = run(*arguments, "--dry-run")
+
+    assert said in " ".join(dry.stderr.split())
+    assert not (tmp_path / "out").exists()
+    real = run(*arguments)
+    assert dry.exit_code == real.exit_code
+    planned, told = (
+        {line.partition(" … ")[0] for line in ended.stderr.splitlines() if line.startswith("  ")}
+        for ended in (dry, real)
+    )
+    assert planned <= told  # without the end of a .gt3x, which is known to the second before it is read

@@ -1,7 +1,6 @@
 """A study done by three processes, two of which are killed and started again."""
 
 import json
-import shutil
 import signal
 import subprocess
 import sys
@@ -11,10 +10,10 @@ from pathlib import Path
 import pytest
 
 from tests import ROOT
-from tests.app.cli.typed import read_table, run
+from tests.app.cli.typed import copy_gt3x, read_table, run
 
 SLICES = 3
-KILLED = {2: "b", 3: "arm-3"}
+KILLED = {2: "b", 3: "p3/arm"}
 """Slices, and the folder at which each is killed."""
 OPTIONS = ("--report", "html", "-j", "1", "--quiet")
 PATIENCE_S = 120.0
@@ -26,10 +25,10 @@ def study(shift_gt3x: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("sliced")
     for place in ("p1", "p2", "p3"):
         (folder / place).mkdir()
-        shutil.copy(shift_gt3x, folder / place / "arm.gt3x")
+        copy_gt3x(shift_gt3x, folder / place / "arm.gt3x")
     (folder / "p2" / "arm.gt3x").write_bytes(b"")
     for name in "ab":
-        shutil.copy(shift_gt3x, folder / f"{name}.gt3x")
+        copy_gt3x(shift_gt3x, folder / f"{name}.gt3x")
     (folder / "broken.gt3x").write_bytes(b"no recording")
     (folder / "people.csv").write_text("file,subject,side\na.gt3x,S01,left\np3/arm.gt3x,S02,right\n")
     return folder
@@ -42,8 +41,12 @@ def list_arguments(study: Path, out: Path) -> tuple[str | Path, ...]:
 def start(study: Path, out: Path, number: int) -> "subprocess.Popen[bytes]":
     typed = (*list_arguments(study, out), "--shard", f"{number}/{SLICES}")
     return subprocess.Popen(
-        [sys.executable, "-m", "app", *map(str, typed)], cwd=ROOT, stderr=subprocess.DEVNULL
+        [sys.executable, "-m", "acromion", *map(str, typed)], cwd=ROOT, stderr=subprocess.DEVNULL
     )
+
+
+def get_staging(folder: Path) -> Path:
+    return folder.with_name(f".{folder.name}.part")
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +57,7 @@ def sliced(study: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     try:
         end_s, alive = time.monotonic() + PATIENCE_S, dict(KILLED)
         while alive:
-            for number in [one for one, folder in alive.items() if (out / f".{folder}.part").exists()]:
+            for number in [one for one, folder in alive.items() if get_staging(out / folder).exists()]:
                 processes[number].kill()
                 assert processes[number].wait() == -signal.SIGKILL
                 del alive[number]
@@ -100,7 +103,7 @@ def read_tables(out: Path) -> dict[str, bytes]:
 
 
 def test_no_process_leaves_anything_half_made(sliced: Path) -> None:
-    assert not list(sliced.glob(".*"))
+    assert not list(sliced.rglob(".*"))
 
 
 def test_a_slice_or_a_folder_that_is_none_is_a_usage_error_and_one_without_recordings_is_not(
@@ -127,7 +130,7 @@ def test_a_slice_with_a_failure_says_that_collect_lists_it(tmp_path: Path) -> No
 
 def test_a_slice_that_ran_with_other_options_is_named(shift_gt3x: Path, tmp_path: Path) -> None:
     for name in "ab":
-        shutil.copy(shift_gt3x, tmp_path / f"{name}.gt3x")
+        copy_gt3x(shift_gt3x, tmp_path / f"{name}.gt3x")
     for number, method in ((1, "published"), (2, "smoothed")):
         options = ("--report", "html", "--method", method, "--shard", f"{number}/2")
         run("run", tmp_path, "-o", tmp_path / "out", *options)

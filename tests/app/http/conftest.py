@@ -5,9 +5,9 @@ from collections.abc import Iterator
 import pytest
 from fastapi.testclient import TestClient
 
-from app.main import create_app
-from app.queue.worker import open_worker_context, run_next
-from app.settings import Settings
+from acromion.app.main import create_app
+from acromion.app.queue.worker import open_worker_context, run_next
+from acromion.app.settings import Settings
 from tests.app import stand_ins
 
 

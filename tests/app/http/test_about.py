@@ -7,11 +7,11 @@ import pytest
 from fastapi.testclient import TestClient
 from openapi_spec_validator import validate
 
-from app.errors import list_refusals
-from app.formats import FORMATS
-from app.http.api.housekeeping import apply_retention
-from app.report.words.messages import find_flag_codes
-from fusion.readers import READERS
+from acromion.app.errors import list_refusals
+from acromion.app.formats import FORMATS
+from acromion.app.http.api.housekeeping import apply_retention
+from acromion.app.report.words.messages import find_flag_codes
+from acromion.fusion.readers import READERS
 from tests.app.conftest import services_of
 
 TUS = {"tus-resumable": "1.0.0", "upload-length": "3"}

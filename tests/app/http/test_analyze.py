@@ -14,11 +14,11 @@ from hypothesis import HealthCheck, given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
-from app.library.jobs import JobStore
-from app.queue.worker import run_next
-from app.request import clean_file_name
-from app.settings import Settings
-from app.store.folder import Storage
+from acromion.app.library.jobs import JobStore
+from acromion.app.queue.worker import run_next
+from acromion.app.request import clean_file_name
+from acromion.app.settings import Settings
+from acromion.app.store.folder import Storage
 from tests.app import stand_ins
 from tests.app.conftest import OpenWorker, serving
 

@@ -2,16 +2,17 @@
 
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 from starlette.testclient import TestClient
 
-from app.analysis.pair import make_profile
-from app.http.api.pairs import ProfileView
-from app.library.batches import identify_study
-from app.queue.worker import open_worker_context, run_next
-from app.request import ProfileRequest
-from app.settings import Settings
+from acromion.app.analysis.pair import make_profile
+from acromion.app.http.api.pairs import ProfileView
+from acromion.app.library.batches import identify_study
+from acromion.app.queue.worker import open_worker_context, run_next
+from acromion.app.request import ProfileRequest
+from acromion.app.settings import Settings
 from tests.app.analysis.days_factory import write_day
 from tests.app.conftest import OpenWorker
 from tests.app.http.test_pairs import send, take_folder
@@ -72,6 +73,17 @@ def test_the_figures_are_as_the_openapi_document_says(shared: TestClient, days: 
     view = ProfileView.model_validate_json(figures.content)
     (arm,) = view.arms
     assert (arm.subject, arm.side, arm.figures["time_above_60_percent"].mean) == ("S012", "right", 6.0)
+
+
+@pytest.mark.parametrize(("hours", "left_out"), [(0, None), (24, "short")])
+def test_the_least_hours_of_a_counted_day_are_a_parameter(
+    shared: TestClient, days: Finished, hours: int, left_out: str | None
+) -> None:
+    asked: dict[str, Any] = {"analysis": list(days), "min_hours": hours}
+    figures = shared.get("/api/v1/profile/profile.json", params=asked)
+
+    (arm,) = ProfileView.model_validate_json(figures.content).arms
+    assert {day.left_out for day in arm.days} == {left_out}
 
 
 def test_one_analysis_is_no_profile_and_no_place_of_the_server_is_told(

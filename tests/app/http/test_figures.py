@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from app.http.pages.recording.figures import FigureRow, build_figures, format_difference
+from acromion.app.http.pages.recording.figures import FigureRow, build_figures, format_difference
 
 
 def plain(text: str) -> str:

@@ -8,12 +8,12 @@ import pytest
 from fastapi.testclient import TestClient
 from starlette.types import Message
 
-from app.errors import BadParameter, FileTooLarge, ForeignAddress, SlowUpload
-from app.http.middleware.guard import _BodyWatch, accepts_file
-from app.library.jobs import JobStore
-from app.main import create_app
-from app.settings import Settings
-from app.start_checks import check_exposure, check_host_names
+from acromion.app.errors import BadParameter, FileTooLarge, ForeignAddress, SlowUpload
+from acromion.app.http.middleware.guard import _BodyWatch, accepts_file
+from acromion.app.library.jobs import JobStore
+from acromion.app.main import create_app
+from acromion.app.settings import Settings
+from acromion.app.start_checks import check_exposure, check_host_names
 from tests.loops import run_coroutine
 
 CHANGES = ("/api/v1/analyze", "/api/v1/analyses/an_1/cancel", "/analyses/an_1/cancel")

@@ -2,9 +2,9 @@
 
 import pytest
 
-from app.errors import BadParameter
-from app.http.pages.recording.day import read_whose
-from app.request import ReportRequest
+from acromion.app.errors import BadParameter
+from acromion.app.http.pages.recording.day import read_whose
+from acromion.app.request import ReportRequest
 
 STATED = ReportRequest("a.csv", job_title="Carpenter", isco_code="7115")
 

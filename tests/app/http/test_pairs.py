@@ -8,14 +8,14 @@ from typing import Any
 import pytest
 from starlette.testclient import TestClient
 
-from app.analysis.attempt import Attempt, load_and_make_report, run_and_wait
-from app.analysis.pair import make_report_of_two
-from app.http.api.pairs import ChangeView, PairView
-from app.library import report_cache as pairs
-from app.main import create_app
-from app.queue.worker import open_worker_context, run_next
-from app.request import PairRequest
-from app.settings import Settings
+from acromion.app.analysis.attempt import Attempt, load_and_make_report, run_and_wait
+from acromion.app.analysis.pair import make_report_of_two
+from acromion.app.http.api.pairs import ChangeView, PairView
+from acromion.app.library import report_cache as pairs
+from acromion.app.main import create_app
+from acromion.app.queue.worker import open_worker_context, run_next
+from acromion.app.request import PairRequest
+from acromion.app.settings import Settings
 from tests.app import stand_ins
 from tests.app.conftest import OpenWorker, services_of
 
@@ -274,3 +274,17 @@ def test_a_start_keeps_reports_of_two(client: TestClient, two: Finished, setting
     services.pairs.sweep()
 
     assert len(list((settings.data_dir / "cache" / "pairs").glob("*/report.en.pdf"))) == 1
+
+
+def test_a_movement_that_is_not_shared_is_refused(shared: TestClient, arms: Finished) -> None:
+    refused = shared.get("/api/v1/pair/pair.json", params=ask_pair(arms, clock="signals"))
+
+    assert (refused.status_code, refused.json()["code"]) == (422, "E-PAIR")
+
+
+def test_the_page_gives_the_reason_and_asks_for_the_clocks_again(shared: TestClient, arms: Finished) -> None:
+    shown = shared.get("/beside/pair", params={"first": arms[0], "second": arms[1], "clock": "signals"}).text
+
+    assert "The two recordings cannot be paired" in shown
+    assert '<option value="signals" selected>' in shown
+    assert 'name="offset_s"' in shown

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 from fastapi.testclient import TestClient
 
-from app.http.middleware import guard
+from acromion.app.http.middleware import guard
 
 JSON = {"content-type": "application/json"}
 UNFIT = [r"\ud800", r"\uDFFF", r"a\udc80b", r"\u0000"]

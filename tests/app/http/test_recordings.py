@@ -13,13 +13,13 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from sqlalchemy import update
 
-from app.http.api.library.recordings import XLSX
-from app.library.database.tables import purged_uploads, recordings
-from app.library.jobs import JobStore
-from app.library.recordings import RecordingStore
-from app.queue.worker import run_next
-from app.settings import Settings
-from app.store.folder import Storage
+from acromion.app.http.api.library.recordings import XLSX
+from acromion.app.library.database.tables import purged_uploads, recordings
+from acromion.app.library.jobs import JobStore
+from acromion.app.library.recordings import RecordingStore
+from acromion.app.queue.worker import run_next
+from acromion.app.settings import Settings
+from acromion.app.store.folder import Storage
 from tests.app import stand_ins
 from tests.app.conftest import OpenWorker, serving
 from tests.workbooks import write
@@ -313,6 +313,21 @@ def test_a_diary_file_is_taken_and_given_as_csv(client: TestClient) -> None:
     assert again.json() == client.get(address).json()
 
 
+def test_a_file_of_postures_is_added_to_the_other_rows_and_replaces_earlier_postures(
+    client: TestClient,
+) -> None:
+    address, kind = f"{URL}/{keep(client)['id']}/periods", {"content-type": "text/csv"}
+    head, morning = "datetime,activity\n", "2026-03-03 07:59:00,sit\n"
+    client.put(address, json=[{"start": "07:58", "end": "08:10", "kind": "task", "label": "tri"}])
+
+    client.put(address, content=(head + morning).encode(), headers=kind)
+    taken = client.put(address, content=(head + morning.replace("sit", "walk")).encode(), headers=kind)
+
+    assert [(row["kind"], row["label"]) for row in taken.json()] == [("task", "tri"), ("posture", "upright")]
+    text = client.get(address, headers={"accept": "text/csv"}).text
+    assert client.put(address, content=text.encode(), headers=kind).json() == taken.json()
+
+
 def test_of_a_workbook_for_many_recordings_the_rows_of_this_one_are_taken(client: TestClient) -> None:
     kept = keep(client)
     head, kind = ("file", "start", "end", "kind"), {"content-type": XLSX}
@@ -583,3 +598,18 @@ def test_periods_of_one_analysis_are_checked_when_it_is_asked_for(shared: TestCl
     wish = {"recording_ids": [recording_id], "settings": {"periods": [REVERSED]}}
 
     assert shared.post("/api/v1/analyses", json=wish).json()["code"] == "E-DIARY"
+
+
+# The job is a detail of the recording, as its subject and arm are.
+
+
+def test_a_job_that_was_stated_once_is_used_by_the_next_analysis_of_the_recording(shared: TestClient) -> None:
+    wishes = {"job_title": "Painter", "isco_code": "7131"}
+    first = shared.post("/api/v1/analyze", content=b"a shift of a painter", params=wishes).json()
+
+    wish = {"recording_ids": [first["recording_id"]], "settings": {"method": "published"}}
+    second = shared.post("/api/v1/analyses", json=wish).json()
+
+    found = shared.get(f"{URL}/{first['recording_id']}").json()
+    assert (found["job_title"], found["isco_code"]) == ("Painter", "7131")
+    assert second["settings"]["job_title"] == "Painter"

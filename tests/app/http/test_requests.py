@@ -11,11 +11,11 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import delete
 
-from app.analysis.attempt import load_and_make_report
-from app.library.database.tables import batch_items
-from app.library.jobs import JobStore
-from app.queue.worker import run_next
-from app.settings import Settings
+from acromion.app.analysis.attempt import load_and_make_report
+from acromion.app.library.database.tables import batch_items
+from acromion.app.library.jobs import JobStore
+from acromion.app.queue.worker import run_next
+from acromion.app.settings import Settings
 from tests.app import stand_ins
 from tests.app.conftest import OpenWorker, serving
 
@@ -463,6 +463,63 @@ def test_the_hours_of_a_shift_are_analysed_and_nothing_else(
     assert recording["shift"] == "2026-03-02T07:01:00/2026-03-02T07:05:00"
 
 
+def start_shifts(client: TestClient, shift_gt3x: Path, shift: str, **asked: Any) -> Any:
+    """Ask for the shifts of six minutes from 07:00 on 2 March."""
+    recording = keep(client, shift_gt3x.read_bytes(), file_name="week.gt3x")
+    not_removed = asked.pop("not_removed", False)
+    wish = {"recording_ids": [recording], "settings": {"shift": shift, **asked}, "not_removed": not_removed}
+    return client.post(URL, json=wish)
+
+
+def test_hours_of_each_day_give_an_analysis_of_each_shift(client: TestClient, shift_gt3x: Path) -> None:
+    items = start_shifts(client, shift_gt3x, "07:01-07:05").json()["items"]
+
+    shifts = [item["settings"]["shift"] for item in items]
+    assert shifts == ["2026-03-02T07:01:00-05:00/2026-03-02T07:05:00-05:00"]
+
+
+def test_the_shifts_of_a_diary_are_analysed_separately_and_a_confirmed_pose_is_carried(
+    client: TestClient, store: JobStore, shift_gt3x: Path
+) -> None:
+    rows = [
+        {"start": f"2026-03-02T07:0{a}:00", "end": f"2026-03-02T07:0{b}:00", "kind": "shift"}
+        for a, b in ((0, 2), (3, 5))
+    ]
+    asked = {"periods": rows, "calibration": ["5,15"], "not_removed": True}
+
+    items = start_shifts(client, shift_gt3x, "diary", **asked).json()["items"]
+
+    first, second = (store.get(item["id"]).request for item in items)
+    assert (first.shift[11:19], second.shift[11:19]) == ("07:00:00", "07:03:00")
+    assert (first.pose_from, second.pose_from) == ("", first.shift)
+
+
+def test_a_shift_of_a_diary_at_a_time_that_the_clocks_skip_is_refused(
+    client: TestClient, shift_gt3x: Path
+) -> None:
+    rows = [{"start": "2026-03-29T02:30:00", "end": "2026-03-29T08:00:00", "kind": "shift"}]
+
+    refused = start_shifts(client, shift_gt3x, "diary", periods=rows, time_zone="Europe/Paris")
+
+    assert (refused.status_code, refused.json()["code"]) == (422, "E-DIARY")
+    assert "never show this time" in refused.json()["detail"]
+
+
+def test_only_one_recording_is_cut_at_a_time(client: TestClient) -> None:
+    recordings = [keep_number(client, 0), keep_number(client, 1)]
+    settings = {"shift": "07:00-15:30"}
+    items = [{"recording_id": one} for one in recordings]
+
+    refused = [
+        client.post(URL, json={"recording_ids": recordings, "settings": settings}),
+        client.post(BATCHES, json={"items": items, "settings": settings}),
+    ]
+
+    assert [(answer.status_code, answer.json()["code"]) for answer in refused] == [(422, "E-PARAMETER")] * 2
+    assert "recording_ids" in refused[0].text
+    assert "shift" in refused[1].text
+
+
 def test_a_shift_outside_the_recording_fails_with_its_code(
     client: TestClient, open_worker: OpenWorker, shift_gt3x: Path
 ) -> None:
@@ -473,3 +530,72 @@ def test_a_shift_outside_the_recording_fails_with_its_code(
     view = client.get(f"/api/v1/analyses/{job['id']}").json()
 
     assert (view["state"], view["problem"]["code"]) == ("failed", "E-SHIFT")
+
+
+def test_a_shift_at_a_time_that_the_clocks_skip_fails_with_the_time_and_its_cure(
+    client: TestClient, open_worker: OpenWorker, shift_gt3x: Path
+) -> None:
+    wish = {"shift": "2026-03-29T02:30/2026-03-29T08:00", "time_zone": "Europe/Paris"}
+    job = client.post("/api/v1/analyze", params=wish, content=shift_gt3x.read_bytes()).json()
+    run_next(open_worker(load_and_make_report))
+
+    problem = client.get(f"/api/v1/analyses/{job['id']}").json()["problem"]
+
+    assert problem["code"] == "E-SHIFT"
+    assert "never show this time (2026-03-29 02:30:00)" in problem["detail"]
+    assert problem["fix"].startswith("Choose other hours for this day")
+
+
+def test_batches_are_listed_newest_first_and_page_by_page(client: TestClient) -> None:
+    made = [start(client, 1, first=k, name=f"study {k}")["id"] for k in range(3)]
+
+    newest = client.get(BATCHES, params={"limit": 2}).json()
+    oldest = client.get(BATCHES, params={"limit": 2, "cursor": newest["next_cursor"]}).json()
+
+    assert [batch["id"] for batch in (*newest["items"], *oldest["items"])] == made[::-1]
+    assert oldest["next_cursor"] is None
+    assert newest["items"][0]["counts"]["queued"] == 1
+
+
+REFUSED: list[tuple[str, dict[str, Any]]] = [
+    (BATCHES, {"items": []}),
+    (BATCHES, {"items": [{"recording_id": "KEPT"}, {"recording_id": "rec_none"}]}),
+    (BATCHES, {"items": [{"recording_id": "KEPT"}, {"recording_id": "KEPT", "settings": {"pose": "lying"}}]}),
+    (BATCHES, {"items": [{"recording_id": "KEPT"}], "settings": {"side": "both"}}),
+    (BATCHES, {"items": [{"recording_id": "KEPT"}], "unknown": 1}),
+    (URL, {"recording_ids": ["KEPT", "rec_none"]}),
+    (URL, {"recording_ids": ["KEPT"], "settings": {"periods": [{"start_s": 5, "end_s": 1, "kind": "task"}]}}),
+]
+
+
+@pytest.mark.parametrize(("url", "body"), REFUSED)
+def test_a_refused_request_changes_nothing(client: TestClient, url: str, body: dict[str, Any]) -> None:
+    def look() -> list[Any]:
+        return [client.get(f"/api/v1/{name}").json() for name in ("recordings", "analyses", "batches")]
+
+    kept = keep(client)
+    before = look()
+
+    refused = client.post(url, json=json.loads(json.dumps(body).replace("KEPT", kept)))
+
+    assert refused.status_code in (404, 422)
+    assert look() == before
+
+
+def test_a_batch_that_does_not_fit_into_the_queue_changes_nothing(settings: Settings) -> None:
+    with serving(settings, max_queued=2) as client:
+        items = [{"recording_id": keep_number(client, k)} for k in range(3)]
+
+        assert client.post(BATCHES, json={"items": items}).status_code == 503
+        assert client.get(BATCHES).json()["items"] == client.get(URL).json()["items"] == []
+
+
+@pytest.mark.parametrize(
+    "query", ["pose=lying", "side=both", "calibration=9,1", "pose=two-point&calibration=5,15"]
+)
+def test_a_recording_sent_with_settings_that_are_refused_is_not_stored(
+    client: TestClient, query: str
+) -> None:
+    assert client.post(f"/api/v1/analyze?{query}", content=b"1").status_code == 422
+
+    assert client.get("/api/v1/recordings").json()["items"] == []

@@ -13,11 +13,11 @@ from fastapi.testclient import TestClient
 from frictionless import validate
 from rocrate.rocrate import ROCrate
 
-from app.analysis.attempt import MakeReport, load_and_make_report
-from app.batch.settings_file import read_settings
-from app.queue.worker import open_worker_context, run_next
-from app.report.export.crate import CRATE
-from app.settings import Settings
+from acromion.app.analysis.attempt import MakeReport, load_and_make_report
+from acromion.app.batch.settings_file import read_settings
+from acromion.app.queue.worker import open_worker_context, run_next
+from acromion.app.report.export.crate import CRATE
+from acromion.app.settings import Settings
 from tests.app import stand_ins
 from tests.app.conftest import OpenWorker, services_of
 
@@ -227,6 +227,6 @@ def test_the_settings_are_given_as_the_command_takes_them(shared: TestClient, an
 
 
 def test_the_hours_are_a_table(shared: TestClient, analysed: str) -> None:
-    body = shared.get(f"{analysed}/periods.csv").text
+    body = shared.get(f"{analysed}/hours.csv").text
 
     assert [row["label"] for row in csv.DictReader(io.StringIO(body))] == ["2026-03-02T07:00"]

@@ -3,16 +3,21 @@
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Any
+from zoneinfo import ZoneInfo
 
 import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import update
 
-from app.library.database.tables import analyses
-from app.queue.worker import WorkerContext, open_worker_context, run_next
-from app.settings import Settings
+from acromion.app.http.pages.recording.day import DayClock
+from acromion.app.http.pages.recording.finish import read_shifts
+from acromion.app.library.database.tables import analyses
+from acromion.app.queue.worker import WorkerContext, open_worker_context, run_next
+from acromion.app.settings import Settings
+from acromion.fusion.errors import UnusableShift
 from tests.app.conftest import serving
 from tests.simulated_week import WITHOUT_POSE, write_week
 
@@ -152,6 +157,32 @@ def test_the_same_answer_again_keeps_the_analyses(cut: Cut) -> None:
     assert tuple(one["id"] for one in find_shifts(cut.client, cut.recording)) == cut.shifts
 
 
+def test_a_batch_keeps_a_finished_analysis_that_the_page_cuts_later(cut: Cut) -> None:
+    items = [{"recording_id": cut.recording, "settings": {"axis": "y", "subject": "W1"}}]
+    batch = cut.client.post("/api/v1/batches", json={"items": items}).json()
+    while run_next(cut.worker):
+        pass
+    form = {"analysis": cut.whole, "subject": "W1", "side": "right", "cut": "hours"}
+
+    cut.client.post(
+        f"/recordings/{cut.recording}/finish", data=form | {"hours_start": "07:00", "hours_end": "07:08"}
+    )
+
+    rows = cut.client.get(f"/api/v1/batches/{batch['id']}/summary.csv").text.splitlines()
+    assert len(rows) == 2
+    assert ",axis," in rows[1]
+
+
+def test_the_same_hours_by_rest_are_the_same_analyses(cut: Cut) -> None:
+    settings = {**WISHES, "shift": "07:00-07:08"}
+
+    answer = cut.client.post(
+        "/api/v1/analyses", json={"recording_ids": [cut.recording], "settings": settings}
+    )
+
+    assert tuple(item["id"] for item in answer.json()["items"]) == cut.shifts
+
+
 @pytest.mark.parametrize(
     ("lines", "named"),
     [
@@ -173,6 +204,16 @@ def test_lines_that_are_no_shifts_are_refused_with_the_time(
     assert answer.status_code == 422
     assert named in answer.text
     assert tuple(one["id"] for one in find_shifts(cut.client, cut.recording)) == cut.shifts
+
+
+def test_hours_that_the_clocks_repeat_on_a_day_are_refused(cut: Cut) -> None:
+    clock = DayClock(datetime(2026, 10, 24, 12, tzinfo=ZoneInfo("Europe/Paris")), 172_800_000_000)
+    form = {"cut": ["hours"], "hours_start": ["02:30"], "hours_end": ["08:00"]}
+
+    with pytest.raises(UnusableShift) as refusal:
+        read_shifts(form, clock)
+
+    assert refusal.value.facts["value"] == "2026-10-25 02:30:00"
 
 
 def test_a_correction_of_one_shift_changes_no_other(cut: Cut) -> None:

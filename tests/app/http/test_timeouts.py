@@ -9,9 +9,9 @@ from contextlib import closing
 
 import pytest
 
-from app.main import listen
-from app.settings import Settings
-from app.store.folder import Storage
+from acromion.app.main import listen
+from acromion.app.settings import Settings
+from acromion.app.store.folder import Storage
 from tests.loops import run_coroutine
 
 PATIENCE_S = 0.4

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 from fastapi.testclient import TestClient
 
-from app.library.jobs import JobStore
-from app.settings import Settings
-from app.store.folder import Storage, borrow_recording
+from acromion.app.library.jobs import JobStore
+from acromion.app.settings import Settings
+from acromion.app.store.folder import Storage, borrow_recording
 from tests.app.conftest import services_of, serving
 
 URL = "/api/v1/uploads"

@@ -9,14 +9,14 @@ from fastapi.testclient import TestClient
 from pypdf import PdfReader
 from typer.testing import CliRunner
 
-from app.analysis.attempt import load_and_make_report
-from app.cli import app
-from app.library.batches import identify_study
-from app.library.jobs import JobStore
-from app.ops.recover import Unknown, find_unknown
-from app.queue.worker import open_worker_context, run_next
-from app.settings import Settings
-from app.store.folder import Storage
+from acromion.app.analysis.attempt import load_and_make_report
+from acromion.app.cli import app
+from acromion.app.library.batches import identify_study
+from acromion.app.library.jobs import JobStore
+from acromion.app.ops.recover import Unknown, find_unknown
+from acromion.app.queue.worker import open_worker_context, run_next
+from acromion.app.settings import Settings
+from acromion.app.store.folder import Storage
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenWorker, serving
 

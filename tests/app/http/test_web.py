@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from fastapi.testclient import TestClient
 
-import app.http.pages
-import app.report.words.wording
-from app.http.pages.views import format_size
-from app.library.jobs import JobStore
+import acromion.app.http.pages
+import acromion.app.report.words.wording
+from acromion.app.http.pages.views import format_size
+from acromion.app.library.jobs import JobStore
 from tests.app.conftest import AddJob
 from tests.app.library.test_report_versions import fail_next, finish_next
 
@@ -193,7 +193,7 @@ def test_no_page_holds_a_script_or_a_style_of_its_own(client: TestClient, add_jo
 
 
 def test_no_page_names_another_host(shared: TestClient) -> None:
-    static = Path(app.http.pages.__path__[0]) / "static"
+    static = Path(acromion.app.http.pages.__path__[0]).resolve() / "static"
     texts = [shared.get("/").text, *(path.read_text() for path in static.rglob("*.js"))]
 
     addresses = {found for text in texts for found in re.findall(r"https?://[^\s\"'<)]+", text)}
@@ -202,10 +202,10 @@ def test_no_page_names_another_host(shared: TestClient) -> None:
 
 
 def test_every_word_of_the_page_is_used() -> None:
-    folder = Path(app.http.pages.__path__[0])
+    folder = Path(acromion.app.http.pages.__path__[0]).resolve()
     sources = [*folder.rglob("*.py"), *(folder.parents[2] / "templates" / "web").rglob("*.html")]
     code = "".join(path.read_text() for path in sources)
-    wording = Path(app.report.words.wording.__file__).parent / "en.toml"
+    wording = Path(acromion.app.report.words.wording.__file__).resolve().parent / "en.toml"
     built = (
         "state",
         "stage",

@@ -18,15 +18,15 @@ import anyio
 import pytest
 from fastapi.testclient import TestClient
 
-from app.errors import ForeignWebhook
-from app.http.api import housekeeping
-from app.http.api.webhooks import WebhookSender, check_address, is_public, send_message
-from app.library.webhooks import Delivery
-from app.main import create_app
-from app.queue.worker import run_next
-from app.services import Services
-from app.settings import Settings
-from app.store.server_secret import ServerSecret
+from acromion.app.errors import ForeignWebhook
+from acromion.app.http.api import housekeeping
+from acromion.app.http.api.webhooks import WebhookSender, check_address, is_public, send_message
+from acromion.app.library.webhooks import Delivery
+from acromion.app.main import create_app
+from acromion.app.queue.worker import run_next
+from acromion.app.services import Services
+from acromion.app.settings import Settings
+from acromion.app.store.server_secret import ServerSecret
 from tests.app import stand_ins
 from tests.app.conftest import OpenWorker, services_of, serving
 from tests.loops import run_coroutine

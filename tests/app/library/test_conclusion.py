@@ -10,22 +10,22 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import select
 
-from app.errors import BadParameter, StaleVersion
-from app.http.pages import rendering
-from app.http.pages.recording.analysis import describe_draft, read_conclusion
-from app.library import versions
-from app.library.database.tables import audit_log
-from app.library.jobs import JobStore
-from app.library.listing import HeadlineFigures
-from app.library.rows import Job, JobState
-from app.library.side_files import read_side_rows
-from app.report.export.results import build_results, identify_report
-from app.report.findings import ReportSubject
-from app.report.single.report import build_report
-from app.request import Conclusion, ConclusionDraft, ReportRequest
-from fusion.conventions import METHOD_VERSION
-from fusion.diary import DiaryEntry
-from fusion.settings import DEFAULT_SETTINGS
+from acromion.app.errors import BadParameter, StaleVersion
+from acromion.app.http.pages import rendering
+from acromion.app.http.pages.recording.analysis import describe_draft, read_conclusion
+from acromion.app.library import versions
+from acromion.app.library.database.tables import audit_log
+from acromion.app.library.jobs import JobStore
+from acromion.app.library.listing import HeadlineFigures
+from acromion.app.library.rows import Job, JobState
+from acromion.app.library.side_files import read_side_rows
+from acromion.app.report.export.results import build_results, identify_report
+from acromion.app.report.findings import ReportSubject
+from acromion.app.report.single.report import build_report
+from acromion.app.request import Conclusion, ConclusionDraft, ReportRequest
+from acromion.fusion.conventions import METHOD_VERSION
+from acromion.fusion.diary import DiaryEntry
+from acromion.fusion.settings import DEFAULT_SETTINGS
 from tests.app.analysis_factory import make_analysis, make_subject
 from tests.app.conftest import AddJob
 from tests.app.library.test_report_versions import fail_next, finish_next

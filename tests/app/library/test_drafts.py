@@ -6,11 +6,11 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import update
 
-from app.library.database.tables import drafts
-from app.library.drafts import DraftStore
-from app.library.jobs import JobStore
-from app.library.recordings import RecordingStore
-from app.library.rows import Job
+from acromion.app.library.database.tables import drafts
+from acromion.app.library.drafts import DraftStore
+from acromion.app.library.jobs import JobStore
+from acromion.app.library.recordings import RecordingStore
+from acromion.app.library.rows import Job
 from tests.app.conftest import AddJob, on_both_databases
 
 FORM = "conclusion:rec_1"

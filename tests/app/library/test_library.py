@@ -8,19 +8,26 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import delete
 
-from app.http.pages.views import build_entry, draw_spark
-from app.library.batches import identify_study
-from app.library.database.tables import saved_views
-from app.library.jobs import JobStore
-from app.library.listing import VIEWS_FILE, HeadlineFigures, Library, LibraryFilter, SavedViews, summarise_day
-from app.library.recordings import RecordingStore
-from app.library.rows import Job, JobState
-from app.library.side_files import read_side_rows
-from app.main import create_app
-from app.request import Conclusion, ReportRequest
-from app.settings import Settings
-from app.store.folder import Storage
-from fusion.conventions import METHOD_VERSION
+from acromion.app.http.pages.views import build_entry, draw_spark
+from acromion.app.library.batches import identify_study
+from acromion.app.library.database.tables import saved_views
+from acromion.app.library.jobs import JobStore
+from acromion.app.library.listing import (
+    VIEWS_FILE,
+    HeadlineFigures,
+    Library,
+    LibraryFilter,
+    SavedViews,
+    summarise_day,
+)
+from acromion.app.library.recordings import RecordingStore
+from acromion.app.library.rows import Job, JobState
+from acromion.app.library.side_files import read_side_rows
+from acromion.app.main import create_app
+from acromion.app.request import Conclusion, ReportRequest
+from acromion.app.settings import Settings
+from acromion.app.store.folder import Storage
+from acromion.fusion.conventions import METHOD_VERSION
 from tests.app.conftest import AddJob
 from tests.app.library.test_report_versions import fail_next, finish_next
 

@@ -6,13 +6,13 @@ from typing import Any
 import pytest
 from fastapi.testclient import TestClient
 
-from app.http.pages.recording.columns import name_columns, read_profile
-from app.library.jobs import JobStore
-from app.library.mappings import MappingStore
-from app.library.rows import Job, JobState
-from app.queue.worker import run_next
-from app.report.words.messages import format_columns
-from app.request import write_profile
+from acromion.app.http.pages.recording.columns import name_columns, read_profile
+from acromion.app.library.jobs import JobStore
+from acromion.app.library.mappings import MappingStore
+from acromion.app.library.rows import Job, JobState
+from acromion.app.queue.worker import run_next
+from acromion.app.report.words.messages import format_columns
+from acromion.app.request import write_profile
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenWorker
 

@@ -10,15 +10,15 @@ from urllib.parse import unquote
 import pytest
 from fastapi.testclient import TestClient
 
-from app.http.pages.ranking import Ranking, build_ranking
-from app.library.batches import identify_study
-from app.library.jobs import JobStore
-from app.library.listing import Entry, HeadlineFigures, Library, LibraryFilter, find_other_arm
-from app.library.recordings import Description, RecordingStore
-from app.library.rows import Job
-from app.request import ReportRequest
-from app.store.folder import Storage
-from fusion.conventions import Side
+from acromion.app.http.pages.ranking import Ranking, build_ranking
+from acromion.app.library.batches import identify_study
+from acromion.app.library.jobs import JobStore
+from acromion.app.library.listing import Entry, HeadlineFigures, Library, LibraryFilter, find_other_arm
+from acromion.app.library.recordings import Description, RecordingStore
+from acromion.app.library.rows import Job
+from acromion.app.request import ReportRequest
+from acromion.app.store.folder import Storage
+from acromion.fusion.conventions import Side
 from tests.app.library.test_report_versions import finish_next
 from tests.app.report.report_reading import plain
 

@@ -15,21 +15,21 @@ from fastapi.testclient import TestClient
 from sqlalchemy import select
 from typer.testing import CliRunner
 
-from app.cli import app
-from app.http.api.housekeeping import apply_retention
-from app.library.database.tables import metadata
-from app.library.jobs import JobStore
-from app.library.recordings import RecordingStore
-from app.library.rows import JobState
-from app.library.side_files import SideWriter
-from app.library.webhooks import EVENTS, WebhookStore
-from app.main import create_app
-from app.ops.backup import back_up, drill, restore
-from app.services import Services
-from app.settings import Settings
-from app.store.decoded import DecodedCache, hash_entry_key
-from app.store.folder import Storage, open_storage
-from app.store.server_secret import ServerSecret
+from acromion.app.cli import app
+from acromion.app.http.api.housekeeping import apply_retention
+from acromion.app.library.database.tables import metadata
+from acromion.app.library.jobs import JobStore
+from acromion.app.library.recordings import RecordingStore
+from acromion.app.library.rows import JobState
+from acromion.app.library.side_files import SideWriter
+from acromion.app.library.webhooks import EVENTS, WebhookStore
+from acromion.app.main import create_app
+from acromion.app.ops.backup import back_up, drill, restore
+from acromion.app.services import Services
+from acromion.app.settings import Settings
+from acromion.app.store.decoded import DecodedCache, hash_entry_key
+from acromion.app.store.folder import Storage, open_storage
+from acromion.app.store.server_secret import ServerSecret
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenWorker, do_next, on_both_set_ups, services_of
 from tests.factories import hold

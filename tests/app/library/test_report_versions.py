@@ -8,17 +8,17 @@ from typing import Any
 import pytest
 from sqlalchemy import text
 
-from app.errors import NotHere, StaleVersion
-from app.library.batches import BatchStore
-from app.library.claims import WayIn, enqueue_all
-from app.library.jobs import JobStore
-from app.library.listing import HeadlineFigures, Library, LibraryFilter
-from app.library.recordings import RecordingStore, StoredRow
-from app.library.rows import Job, JobState
-from app.library.versions import identify_work
-from app.request import ReportRequest
-from app.store.folder import ResultFile
-from fusion.diary import DiaryEntry
+from acromion.app.errors import NotHere, StaleVersion
+from acromion.app.library.batches import BatchStore
+from acromion.app.library.claims import WayIn, enqueue_all
+from acromion.app.library.jobs import JobStore
+from acromion.app.library.listing import HeadlineFigures, Library, LibraryFilter
+from acromion.app.library.recordings import RecordingStore, StoredRow
+from acromion.app.library.rows import Job, JobState
+from acromion.app.library.versions import identify_work
+from acromion.app.request import ReportRequest
+from acromion.app.store.folder import ResultFile
+from acromion.fusion.diary import DiaryEntry
 from tests.app.conftest import AddJob
 from tests.ways_in.servers import wait_for
 
@@ -282,7 +282,7 @@ def test_a_batch_that_is_retried_twice_at_once_is_queued_once(
             wait_for(is_second_waiting)
         return enqueue_all(*rest)
 
-    monkeypatch.setattr("app.library.batches.enqueue_all", enqueue_while_the_second_waits)
+    monkeypatch.setattr("acromion.app.library.batches.enqueue_all", enqueue_while_the_second_waits)
     counts.append(batches.retry_failed(batch.id))
     second.join()
 

@@ -3,9 +3,9 @@
 import pytest
 from fastapi.testclient import TestClient
 
-from app.library.batches import BatchStore, identify_study
-from app.library.jobs import JobStore
-from app.request import ReportRequest
+from acromion.app.library.batches import BatchStore, identify_study
+from acromion.app.library.jobs import JobStore
+from acromion.app.request import ReportRequest
 from tests.app.conftest import AddJob
 
 on_both = pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)

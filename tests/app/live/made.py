@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from app.settings import Settings
-from app.store.folder import format_recording_name, open_storage
-from fusion.live import Frames, replay_frames
-from fusion.recording import Recording
+from acromion.app.settings import Settings
+from acromion.app.store.folder import format_recording_name, open_storage
+from acromion.fusion.live import Frames, replay_frames
+from acromion.fusion.recording import Recording
 from tests.factories import hold
 
 FIRST_POSE = (0.0, 12.0)

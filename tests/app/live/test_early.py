@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from fastapi.testclient import TestClient
 
-from app.http.api import live as live_api
-from app.http.api.live import LIVE_FOLDER
-from app.live.ports import (
+from acromion.app.http.api import live as live_api
+from acromion.app.http.api.live import LIVE_FOLDER
+from acromion.app.live.ports import (
     SHOWN,
     EarlyFile,
     EarlyPort,
@@ -21,10 +21,10 @@ from app.live.ports import (
     read_pieces,
     read_session_options,
 )
-from app.live.raw_file import write_early_rows
-from app.settings import Settings
-from fusion.readers import read_recording
-from fusion.recording import Recording
+from acromion.app.live.raw_file import write_early_rows
+from acromion.app.settings import Settings
+from acromion.fusion.readers import read_recording
+from acromion.fusion.recording import Recording
 from tests.app.conftest import serving
 from tests.app.live.made import count_stored_rows
 from tests.app.live.test_socket import connect, read_until

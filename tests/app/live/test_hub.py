@@ -12,12 +12,12 @@ import pytest
 from sqlalchemy.exc import OperationalError
 from websockets.sync.client import connect
 
-from app.analysis.attempt import Limits
-from app.errors import TooManySessions
-from app.live import hub as hubs
-from app.live.hub import Ended, LiveHub, RunningSession
-from app.live.ports import PushedPort, SessionFiles, SessionOptions, create_session_files
-from fusion.readers import read_recording
+from acromion.app.analysis.attempt import Limits
+from acromion.app.errors import TooManySessions
+from acromion.app.live import hub as hubs
+from acromion.app.live.hub import Ended, LiveHub, RunningSession
+from acromion.app.live.ports import PushedPort, SessionFiles, SessionOptions, create_session_files
+from acromion.fusion.readers import read_recording
 from tests.fusion.live.test_lines import HEADER, PREAMBLE, write_rows
 from tests.ways_in.servers import RunningServer, read_command, wait_for
 
@@ -249,7 +249,7 @@ def test_hostile_lines_are_read_in_a_separate_process_while_the_server_answers(
     assert server.process.pid not in readers
     assert '"state":"stopped"' in end
     loaded = Path(f"/proc/{server.process.pid}/maps").read_text()
-    assert "llvmlite" not in loaded  # without it fusion.live cannot be imported
+    assert "llvmlite" not in loaded  # without it acromion.fusion.live cannot be imported
 
 
 def test_a_killed_server_leaves_no_process_of_a_session(server: RunningServer) -> None:

@@ -12,16 +12,16 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from app.cli import app
-from app.cli.live import _run, _Screen
-from app.live.ports import EarlyFile
-from app.live.raw_file import RawFile, Wearer, build_session_options
-from app.live.recorder import Recorder
-from app.live.sources import SourceFacts
-from fusion.errors import UnusableTime
-from fusion.live import Frames, replay_frames
-from fusion.readers import read_recording
-from fusion.recording import Recording
+from acromion.app.cli import app
+from acromion.app.cli.live import _run, _Screen
+from acromion.app.live.ports import EarlyFile
+from acromion.app.live.raw_file import RawFile, Wearer, build_session_options
+from acromion.app.live.recorder import Recorder
+from acromion.app.live.sources import SourceFacts
+from acromion.fusion.errors import UnusableTime
+from acromion.fusion.live import Frames, replay_frames
+from acromion.fusion.readers import read_recording
+from acromion.fusion.recording import Recording
 from tests.app.live.made import FIRST_POSE, make_worn
 from tests.app.live.test_raw_file import HEADER, START
 from tests.fusion.live.test_lines import HEADER as COLUMNS
@@ -183,7 +183,7 @@ def test_a_board_that_goes_astray_is_said_and_what_came_is_kept(
 
 def test_a_disk_that_takes_no_more_is_said(tmp_path: Path, log: Path) -> None:
     # A limit of the size of a file, as a full disk: 256 blocks of 1 KiB.
-    command = f"ulimit -f 256; {sys.executable} -m app live {log} --speed 20 -o {tmp_path / 'out'}"
+    command = f"ulimit -f 256; {sys.executable} -m acromion live {log} --speed 20 -o {tmp_path / 'out'}"
 
     ended = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
 
@@ -241,7 +241,7 @@ def test_once_the_raw_file_has_the_rows_they_are_kept_no_second_time(tmp_path: P
     command = [
         sys.executable,
         "-m",
-        "app",
+        "acromion",
         "live",
         f"udp://127.0.0.1:{udp_port}",
         "-o",

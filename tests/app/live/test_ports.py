@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from app.errors import LiveSourceFailed
-from app.live.ports import MAX_PIECES, PushedPort, SerialPort, TcpPort, UdpPort, is_port, open_port
-from app.live.sources import LineSource, open_lines
-from fusion.live import LiveSession
+from acromion.app.errors import LiveSourceFailed
+from acromion.app.live.ports import MAX_PIECES, PushedPort, SerialPort, TcpPort, UdpPort, is_port, open_port
+from acromion.app.live.sources import LineSource, open_lines
+from acromion.fusion.live import LiveSession
 from tests.fusion.live.test_lines import HEADER, PREAMBLE, write_rows
 
 BOARD = PREAMBLE + HEADER
@@ -91,7 +91,7 @@ def test_a_serial_port_is_read_to_the_last_row(board: Board) -> None:
 def test_a_board_that_is_unplugged_comes_back_into_the_same_session(
     board: Board, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.live.ports.REOPEN_S", 0.01)
+    monkeypatch.setattr("acromion.app.live.ports.REOPEN_S", 0.01)
     source, writing = listen(board, BOARD + write_rows(0, 300))
     session = LiveSession(source.facts.rate_hz)
     read_until(source, session, 300)

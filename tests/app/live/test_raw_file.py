@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.live.raw_file import RawFile, find_interrupted_sessions, was_stopped
-from app.live.sources import ReplaySource, SourceFacts, find_axis
-from fusion.live import Frames, LiveElevation, LiveSession
-from fusion.readers import read_recording
-from fusion.recording import Recording
+from acromion.app.live.raw_file import RawFile, find_interrupted_sessions, was_stopped
+from acromion.app.live.sources import ReplaySource, SourceFacts, find_axis
+from acromion.fusion.live import Frames, LiveElevation, LiveSession
+from acromion.fusion.readers import read_recording
+from acromion.fusion.recording import Recording
 from tests.app.live.made import FIRST_POSE, make_frames, make_worn
 
 START = datetime(2026, 3, 2, 7, 0, tzinfo=UTC)

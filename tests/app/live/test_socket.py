@@ -15,19 +15,19 @@ from sqlalchemy import Row, select
 from starlette.testclient import WebSocketTestSession
 from starlette.websockets import WebSocketDisconnect
 
-from app.http.api.live import LIVE_FOLDER, _find_limiter
-from app.library.database.tables import audit_log, deliveries, recordings
-from app.library.jobs import JobStore
-from app.live.ports import SerialPort, create_session_files
-from app.live.raw_file import RawFile, Wearer
-from app.live.recorder import Recorder
-from app.live.sources import SourceFacts
-from app.main import create_app
-from app.settings import Settings
-from app.store.server_secret import ServerSecret
-from fusion.live import LiveElevation, replay_frames
-from fusion.live.cues import CueRule
-from fusion.recording import Recording
+from acromion.app.http.api.live import LIVE_FOLDER, _find_limiter
+from acromion.app.library.database.tables import audit_log, deliveries, recordings
+from acromion.app.library.jobs import JobStore
+from acromion.app.live.ports import SerialPort, create_session_files
+from acromion.app.live.raw_file import RawFile, Wearer
+from acromion.app.live.recorder import Recorder
+from acromion.app.live.sources import SourceFacts
+from acromion.app.main import create_app
+from acromion.app.settings import Settings
+from acromion.app.store.server_secret import ServerSecret
+from acromion.fusion.live import LiveElevation, replay_frames
+from acromion.fusion.live.cues import CueRule
+from acromion.fusion.recording import Recording
 from tests.app.live.made import FIRST_POSE, count_stored_rows, make_worn
 from tests.app.live.test_ports import Board
 from tests.app.live.test_raw_file import START
@@ -253,6 +253,38 @@ def test_the_trail_tells_who_started_a_session_and_what_became_of_it(
     assert told == ("live.ended", kept.added[0]["id"], analysis, started.who)
 
 
+# --- moments that the person marks ----------------------------------------------------------------------
+
+
+def test_a_marked_moment_becomes_a_row_of_the_diary(
+    client: TestClient, recording_id: str, store: JobStore
+) -> None:
+    with connect(client, **ask_for(recording_id, keeps=True)) as socket:
+        read_until(socket, "history")
+        shown_s = read_frames(socket, 200)["status"]["elapsed_s"]
+        socket.send_json({"type": "mark", "label": "pain"})
+        mark = read_until(socket, "mark")
+        analysis = stop(socket)["analysis"]
+
+    assert (mark["label"], mark["count"]) == ("pain", 1)
+    assert mark["time_s"] >= shown_s > 0
+    (row,) = store.get(analysis).request.diary
+    assert (row.start, row.kind, row.label) == (mark["time_s"], "mark", "pain")
+    recording = store.find_recording(analysis)
+    (kept,) = client.get(f"/api/v1/recordings/{recording}/periods").json()
+    assert (kept["start_s"], kept["kind"]) == (mark["time_s"], "mark")
+
+
+def test_a_replay_that_is_not_kept_has_no_marks(client: TestClient, recording_id: str) -> None:
+    with connect(client, **ask_for(recording_id)) as socket:
+        read_until(socket, "update")
+        socket.send_json({"type": "mark"})
+        socket.send_json({"type": "stop"})
+        messages = read_to_end(socket)
+
+    assert "mark" not in {message["type"] for message in messages}
+
+
 # --- while a session runs -------------------------------------------------------------------------------
 
 
@@ -319,7 +351,7 @@ def test_a_message_that_is_no_message_ends_the_connection_not_the_session(
 def test_a_message_that_is_too_long_in_coming_ends_the_connection(
     client: TestClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.http.api.live.FIRST_LIMIT_S", 0.05)
+    monkeypatch.setattr("acromion.app.http.api.live.FIRST_LIMIT_S", 0.05)
     with client.websocket_connect(f"ws://localhost:8080{ADDRESS}") as socket:
         assert socket.receive_json()["code"] == "E-PARAMETER"
 
@@ -361,17 +393,20 @@ def test_what_a_kill_left_of_a_session_becomes_a_recording_whose_end_is_in_the_t
     for frames in replay_frames(make_worn(*DAY), 1.0):
         recorder.take(frames)
     recorder.break_off()
+    files.marks.write_text('{"time_s": 4.5, "label": "pain"}\n{"time_s": 9', "utf-8")
 
     with TestClient(create_app(fresh), base_url="http://localhost:8080") as caller:
         (recording,) = list_recordings(caller)
         store: JobStore = caller.app.state.services.store  # type: ignore[attr-defined]
         (line,) = read_trail(store, files.session_id)
         of_analysis = store.find_recording(line.analysis_id)
+        marks = store.get(line.analysis_id).request.diary
         with store.engine.connect() as connection:
             tags = connection.execute(select(recordings.c.tags)).scalars().all()
 
     assert (recording["subject"], recording["side"], tags) == ("S007", "left", ['["cues"]'])
     assert count_stored_rows(fresh, recording["id"]) == 3200
+    assert [(mark.start, mark.kind, mark.label) for mark in marks] == [(4.5, "mark", "pain")]
     assert list(files.folder.iterdir()) == []
     assert (line.act, line.who, line.recording_id) == ("live.ended", "system", recording["id"])
     assert of_analysis == recording["id"]
@@ -396,7 +431,7 @@ def test_a_server_that_stops_makes_recordings_of_its_sessions(fresh: Settings, t
 def board(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Board]:
     """A board on a serial port; it writes 1,500 rows once its port is open, which drops earlier ones."""
     made, opening = Board(tmp_path), SerialPort.__init__
-    monkeypatch.setattr("app.http.api.live.find_serial_ports", lambda: (str(made.path),))
+    monkeypatch.setattr("acromion.app.http.api.live.find_serial_ports", lambda: (str(made.path),))
     writing: list[threading.Thread] = []
 
     def open_and_write(port: SerialPort, name: str, baud: int = 115_200) -> None:
@@ -423,7 +458,7 @@ def test_a_board_on_a_serial_port_becomes_a_recording(client: TestClient, board:
 def test_a_page_that_is_closed_while_the_server_reads_a_port_ends_the_session_with_its_report(
     client: TestClient, board: Board, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.live.hub.CLOSED_TERM_S", 0.1)
+    monkeypatch.setattr("acromion.app.live.hub.CLOSED_TERM_S", 0.1)
     asked = {"type": "start", "source": "port", "port": str(board.path), "keeps": True, "axis": "+z"}
     with connect(client, **asked) as socket:
         session = socket.receive_json()["session"]
@@ -453,7 +488,7 @@ def test_lines_go_on_after_a_lost_link_and_what_is_missing_is_a_hole(client: Tes
 def test_lines_without_a_header_are_refused_in_words_and_leave_no_file(
     client: TestClient, settings: Settings, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.live.ports.LEARN_LIMIT_S", 0.2)
+    monkeypatch.setattr("acromion.app.live.ports.LEARN_LIMIT_S", 0.2)
     with connect(client, type="start", source="lines", name="phone", keeps=True) as socket:
         socket.send_bytes(b"1,2,3,4,5,6,7\n")
 
@@ -465,7 +500,7 @@ def test_lines_without_a_header_are_refused_in_words_and_leave_no_file(
 def test_boards_that_are_silent_hold_up_no_other_request(
     client: TestClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.live.ports.LEARN_LIMIT_S", 600.0)
+    monkeypatch.setattr("acromion.app.live.ports.LEARN_LIMIT_S", 600.0)
     silent = 45  # more than the threads that answer requests
     with ExitStack() as sockets:
         for _ in range(silent):
@@ -475,7 +510,7 @@ def test_boards_that_are_silent_hold_up_no_other_request(
         client.get("/healthz")
 
         assert count_starting(client) == silent
-        monkeypatch.setattr("app.live.ports.LEARN_LIMIT_S", 0.0)
+        monkeypatch.setattr("acromion.app.live.ports.LEARN_LIMIT_S", 0.0)
 
 
 def count_starting(client: TestClient) -> int:

@@ -8,13 +8,13 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from app.cli import app
-from app.library.jobs import JobStore
-from app.library.rows import Job
-from app.ops.recover import update_side_files
-from app.queue.worker import run_next
-from app.settings import Settings
-from app.store.folder import Storage
+from acromion.app.cli import app
+from acromion.app.library.jobs import JobStore
+from acromion.app.library.rows import Job
+from acromion.app.ops.recover import update_side_files
+from acromion.app.queue.worker import run_next
+from acromion.app.settings import Settings
+from acromion.app.store.folder import Storage
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenWorker
 

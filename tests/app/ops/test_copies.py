@@ -12,14 +12,14 @@ from pathlib import Path
 import pytest
 from fastapi.testclient import TestClient
 
-from app.accounts.accounts import AccountStore
-from app.http.api.housekeeping import apply_retention
-from app.library.jobs import JobStore
-from app.library.recordings import RecordingFilter, RecordingStore
-from app.main import create_app
-from app.ops import copies
-from app.ops.copies import find_copies, keep_daily_copy, renew_copies, restore_copy
-from app.settings import Settings
+from acromion.app.accounts.accounts import AccountStore
+from acromion.app.http.api.housekeeping import apply_retention
+from acromion.app.library.jobs import JobStore
+from acromion.app.library.recordings import RecordingFilter, RecordingStore
+from acromion.app.main import create_app
+from acromion.app.ops import copies
+from acromion.app.ops.copies import find_copies, keep_daily_copy, renew_copies, restore_copy
+from acromion.app.settings import Settings
 from tests.app.conftest import AddJob
 from tests.app.ops.conftest import Acromion, lose_sqlite, read_subjects
 

@@ -11,10 +11,10 @@ import pytest
 import typer.main
 import yaml
 
-from app.cli import app
-from app.errors import ExamplePassword, ForeignAddress
-from app.settings import Settings
-from app.start_checks import check_exposure, check_passwords
+from acromion.app.cli import app
+from acromion.app.errors import ExamplePassword, ForeignAddress
+from acromion.app.settings import Settings
+from acromion.app.start_checks import check_exposure, check_passwords
 from benchmarks.third_party import Package, add_licences, read_lock
 from tests import ROOT
 

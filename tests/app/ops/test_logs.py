@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import pytest
 from fastapi.testclient import TestClient
 
-from app.logs import FORMAT, LineFormatter, escape_controls
-from app.queue.worker import run_next
+from acromion.app.logs import FORMAT, LineFormatter, escape_controls
+from acromion.app.queue.worker import run_next
 from tests.app import stand_ins
 from tests.app.conftest import OpenWorker
 

@@ -12,14 +12,14 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import text
 
-from app.errors import UnknownRecordings
-from app.library.database.connect import connect
-from app.library.jobs import JobStore
-from app.library.side_files import decode_side_file
-from app.ops.recover import read_side_file
-from app.queue.worker import open_worker_context, run_next
-from app.settings import Settings
-from app.store.folder import Storage, format_side_file_name, read_recording
+from acromion.app.errors import UnknownRecordings
+from acromion.app.library.database.connect import connect
+from acromion.app.library.jobs import JobStore
+from acromion.app.library.side_files import decode_side_file
+from acromion.app.ops.recover import read_side_file
+from acromion.app.queue.worker import open_worker_context, run_next
+from acromion.app.settings import Settings
+from acromion.app.store.folder import Storage, format_side_file_name, read_recording
 from tests.app import stand_ins
 from tests.app.conftest import on_both_set_ups, serving
 from tests.app.ops.conftest import Acromion, lose_sqlite

@@ -9,11 +9,11 @@ from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from sqlalchemy import Engine, inspect, text
 
-from app.errors import WrongSchema
-from app.library import migrations
-from app.library.database.connect import bring_up_to_date, connect, open_database, read_revision
-from app.library.database.tables import REVISION, metadata
-from app.settings import Settings
+from acromion.app.errors import WrongSchema
+from acromion.app.library import migrations
+from acromion.app.library.database.connect import bring_up_to_date, connect, open_database, read_revision
+from acromion.app.library.database.tables import REVISION, metadata
+from acromion.app.settings import Settings
 
 pytestmark = pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
 

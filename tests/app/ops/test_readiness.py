@@ -14,11 +14,11 @@ from typing import Any, cast
 import pytest
 from fastapi.testclient import TestClient
 
-from app.errors import StoreAway
-from app.main import create_app
-from app.services import Readiness
-from app.settings import Settings
-from app.store.folder import Storage
+from acromion.app.errors import StoreAway
+from acromion.app.main import create_app
+from acromion.app.services import Readiness
+from acromion.app.settings import Settings
+from acromion.app.store.folder import Storage
 from tests.app.conftest import on_both_set_ups
 from tests.postgres import PostgresServer
 

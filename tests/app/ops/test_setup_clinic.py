@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from app.library.rows import Job
-from app.settings import Settings
+from acromion.app.library.rows import Job
+from acromion.app.settings import Settings
 from tests import ROOT
 from tests.crash.rounds import can_cut_power
 
@@ -135,7 +135,7 @@ def test_an_upgrade_backs_up_switches_and_goes_back_if_it_is_not_ready(
 
 
 REAL = """first=$(readlink /opt/acromion/current)
-program='ACROMION_DATA_DIR=/var/lib/acromion exec {python} -P -m app "$@"'
+program='ACROMION_DATA_DIR=/var/lib/acromion exec {python} -P -m acromion "$@"'
 printf '#!/bin/sh\\n%s\\n' "$program" >"$first/bin/acromion"
 ln -sf {python} "$first/bin/python"
 cp -r {data}/. /var/lib/acromion/

@@ -13,13 +13,13 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from app.cli import app
-from app.errors import DatabaseLocked
-from app.library.database import connect as database_module
-from app.queue.worker import open_worker_context
-from app.request import ReportRequest
-from app.settings import Settings
-from app.store.folder import StoredRecording
+from acromion.app.cli import app
+from acromion.app.errors import DatabaseLocked
+from acromion.app.library.database import connect as database_module
+from acromion.app.queue.worker import open_worker_context
+from acromion.app.request import ReportRequest
+from acromion.app.settings import Settings
+from acromion.app.store.folder import StoredRecording
 from tests.postgres import PostgresServer
 
 Damage = Callable[[bytes], bytes]
@@ -222,7 +222,7 @@ FROM_ENVIRONMENT = {
 def serve_with(monkeypatch: pytest.MonkeyPatch, *options: str) -> tuple[object, ...]:
     """Return address, folders and number of workers with which the command starts the server."""
     served: list[Settings] = []
-    monkeypatch.setattr("app.main.serve", lambda settings, **_: served.append(settings))
+    monkeypatch.setattr("acromion.app.main.serve", lambda settings, **_: served.append(settings))
     assert CliRunner().invoke(app, ["serve", *options]).exit_code == 0
     (used,) = served
     return used.host, used.port, str(used.data_dir), used.workers, str(used.watch_dir)

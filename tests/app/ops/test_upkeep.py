@@ -17,16 +17,16 @@ import pytest
 from sqlalchemy import text
 from typer.testing import CliRunner
 
-from app.cli import app
-from app.library.database.tables import REVISION
-from app.library.jobs import JobStore
-from app.library.recordings import Description, RecordingStore, UploadStore
-from app.library.rows import Job, JobState
-from app.library.webhooks import EVENTS, SECRET_OF_WEBHOOK, WebhookStore
-from app.ops.recover import update_side_files
-from app.settings import Settings
-from app.store.folder import Fetched, FolderLock, Storage
-from app.store.server_secret import ServerSecret
+from acromion.app.cli import app
+from acromion.app.library.database.tables import REVISION
+from acromion.app.library.jobs import JobStore
+from acromion.app.library.recordings import Description, RecordingStore, UploadStore
+from acromion.app.library.rows import Job, JobState
+from acromion.app.library.webhooks import EVENTS, SECRET_OF_WEBHOOK, WebhookStore
+from acromion.app.ops.recover import update_side_files
+from acromion.app.settings import Settings
+from acromion.app.store.folder import Fetched, FolderLock, Storage
+from acromion.app.store.server_secret import ServerSecret
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, on_both_set_ups
 from tests.app.ops.conftest import Acromion
@@ -547,7 +547,7 @@ def test_the_doctor_warns_if_the_newest_backup_is_older_than_two_days(
 def test_the_doctor_warns_of_a_check_that_it_did_not_make(
     finished: Job, acromion: Acromion, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.ops.doctor.MOST_READ_BYTES", 0)
+    monkeypatch.setattr("acromion.app.ops.doctor.MOST_READ_BYTES", 0)
 
     assert find_line(acromion("doctor").output, "were not read").startswith("warn")
 

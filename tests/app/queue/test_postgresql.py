@@ -12,19 +12,19 @@ from fastapi.testclient import TestClient
 from sqlalchemy import Engine, text, update
 from sqlalchemy.exc import OperationalError
 
-from app.http.api.library.analyses import run_to_end
-from app.library.database.connect import lock_requests, lock_tables, open_database
-from app.library.database.tables import analyses, recordings
-from app.library.jobs import JobStore
-from app.library.recordings import Description, RecordingStore, insert_recording
-from app.library.results import find_or_add
-from app.library.rows import Job, JobState
-from app.main import create_app
-from app.queue.cluster import install, revive_if_leading
-from app.queue.leader import REVIVAL, Leader
-from app.queue.worker import run_next
-from app.settings import Settings
-from app.store.folder import Storage, StoredRecording
+from acromion.app.http.api.library.analyses import run_to_end
+from acromion.app.library.database.connect import lock_requests, lock_tables, open_database
+from acromion.app.library.database.tables import analyses, recordings
+from acromion.app.library.jobs import JobStore
+from acromion.app.library.recordings import Description, RecordingStore, insert_recording
+from acromion.app.library.results import find_or_add
+from acromion.app.library.rows import Job, JobState
+from acromion.app.main import create_app
+from acromion.app.queue.cluster import install, revive_if_leading
+from acromion.app.queue.leader import REVIVAL, Leader
+from acromion.app.queue.worker import run_next
+from acromion.app.settings import Settings
+from acromion.app.store.folder import Storage, StoredRecording
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenWorker
 from tests.loops import run_coroutine

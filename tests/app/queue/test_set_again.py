@@ -6,14 +6,14 @@ from typing import Any
 import pytest
 from sqlalchemy import select, update
 
-from app.library.audit_log import acting
-from app.library.database.tables import analyses, audit_log
-from app.library.jobs import JobFilter, JobStore
-from app.library.listing import HeadlineFigures
-from app.library.rows import Job, JobState
-from app.queue.worker import return_expired, run_next
-from app.request import Conclusion
-from app.store.folder import ResultFile, Storage, borrow_result, format_result_name
+from acromion.app.library.audit_log import acting
+from acromion.app.library.database.tables import analyses, audit_log
+from acromion.app.library.jobs import JobFilter, JobStore
+from acromion.app.library.listing import HeadlineFigures
+from acromion.app.library.rows import Job, JobState
+from acromion.app.queue.worker import return_expired, run_next
+from acromion.app.request import Conclusion
+from acromion.app.store.folder import ResultFile, Storage, borrow_result, format_result_name
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenWorker, on_both_set_ups
 

@@ -12,18 +12,18 @@ from fastapi.testclient import TestClient
 from sqlalchemy import delete, text, update
 from sqlalchemy.exc import IntegrityError
 
-from app.errors import NotHere, StoreMismatch
-from app.http.pages.views import USUAL_S_PER_MB, estimate_left_s
-from app.library.audit_log import acting
-from app.library.claims import WayIn
-from app.library.database.tables import analyses, recordings
-from app.library.jobs import JobFilter, JobStore
-from app.library.listing import AnalysisDuration, Library
-from app.library.rows import TRANSITIONS, Job, JobState
-from app.queue.worker import run_next
-from app.request import ReportRequest
-from app.settings import Settings
-from app.store.folder import ResultFile, Storage
+from acromion.app.errors import NotHere, StoreMismatch
+from acromion.app.http.pages.views import USUAL_S_PER_MB, estimate_left_s
+from acromion.app.library.audit_log import acting
+from acromion.app.library.claims import WayIn
+from acromion.app.library.database.tables import analyses, recordings
+from acromion.app.library.jobs import JobFilter, JobStore
+from acromion.app.library.listing import AnalysisDuration, Library
+from acromion.app.library.rows import TRANSITIONS, Job, JobState
+from acromion.app.queue.worker import run_next
+from acromion.app.request import ReportRequest
+from acromion.app.settings import Settings
+from acromion.app.store.folder import ResultFile, Storage
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenWorker, on_both_databases
 from tests.app.stand_ins import write_report

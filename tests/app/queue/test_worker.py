@@ -12,19 +12,19 @@ from typing import cast
 import pytest
 from sqlalchemy import select, update
 
-from app.analysis import attempt
-from app.analysis import fork_server as forking
-from app.analysis.attempt import NICENESS, MakeReport, choose_limits
-from app.analysis.fork_server import NotStarted, end_fork_server, warm_up_and_wait
-from app.library.database.tables import analyses
-from app.library.jobs import JobStore
-from app.library.recordings import RecordingStore
-from app.library.rows import JobState
-from app.queue import pool, worker
-from app.queue.worker import Lease, return_expired, run_next
-from app.request import Reference
-from app.settings import Settings
-from app.store.folder import Storage
+from acromion.app.analysis import attempt
+from acromion.app.analysis import fork_server as forking
+from acromion.app.analysis.attempt import NICENESS, MakeReport, choose_limits
+from acromion.app.analysis.fork_server import NotStarted, end_fork_server, warm_up_and_wait
+from acromion.app.library.database.tables import analyses
+from acromion.app.library.jobs import JobStore
+from acromion.app.library.recordings import RecordingStore
+from acromion.app.library.rows import JobState
+from acromion.app.queue import pool, worker
+from acromion.app.queue.worker import Lease, return_expired, run_next
+from acromion.app.request import Reference
+from acromion.app.settings import Settings
+from acromion.app.store.folder import Storage
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenWorker, on_both_set_ups
 

@@ -2,12 +2,12 @@
 
 import pytest
 
-from app.report.findings import Findings, build_findings
-from fusion.diary import DiaryEntry
-from fusion.pipeline import analyse
-from fusion.recording import Recording, Segment
-from fusion.settings import AnalysisSettings
-from fusion.simulation.shift import simulate_shift
+from acromion.app.report.findings import Findings, build_findings
+from acromion.fusion.diary import DiaryEntry
+from acromion.fusion.pipeline import analyse
+from acromion.fusion.recording import Recording, Segment
+from acromion.fusion.settings import AnalysisSettings
+from acromion.fusion.simulation.shift import simulate_shift
 from tests.simulated_shifts import play_shift
 
 

@@ -2,11 +2,11 @@
 
 import re
 
-from app.report.findings import Findings
-from app.report.model import Section, Table
-from app.report.single.report import Report, build_report
-from app.report.words.wording import Language
-from fusion.exposure.types import Exposure
+from acromion.app.report.findings import Findings
+from acromion.app.report.model import Section, Table
+from acromion.app.report.single.report import Report, build_report
+from acromion.app.report.words.wording import Language
+from acromion.fusion.exposure.types import Exposure
 from tests.app.analysis_factory import make_analysis, make_subject
 
 

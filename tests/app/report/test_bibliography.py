@@ -2,16 +2,17 @@
 
 import re
 from dataclasses import replace
-from typing import get_args
+from typing import Any, get_args
 
 import pytest
 
-from app.report.bibliography import BIBLIOGRAPHY, format_bibliography, write_methods
-from app.report.export.results import build_results
-from app.report.findings import CalibrationFacts
-from app.report.render.html import render_html
-from app.report.words.wording import LANGUAGES, Language, Part, load_wording
-from fusion.comparison.change import REFERENCES, SOURCE, STATEMENTS
+from acromion.app.report.bibliography import BIBLIOGRAPHY, format_bibliography, write_methods
+from acromion.app.report.export.results import build_results
+from acromion.app.report.findings import CalibrationFacts
+from acromion.app.report.render.html import render_html
+from acromion.app.report.words.wording import LANGUAGES, Language, Part, load_wording
+from acromion.fusion.comparison.change import REFERENCES, SOURCE, STATEMENTS
+from acromion.fusion.conventions import CalibrationState
 from tests import ROOT
 from tests.app.analysis_factory import make_analysis, make_subject
 from tests.app.report.report_reading import report_of, section_of
@@ -86,6 +87,51 @@ def test_a_device_is_called_by_its_name_or_as_inertial_sensors(
     assert named in name_device(device, language)
 
 
+def write_calibrated(state: CalibrationState) -> str:
+    analysis = make_analysis()
+    assert analysis.calibration is not None
+    stated = replace(analysis, calibration=replace(analysis.calibration, pose="n-pose", state=state))
+    return write_methods([build_results(stated, make_subject())], 0, "en").decode()
+
+
+@pytest.mark.parametrize("state", ["given", "held_at_start", "repeated", "carried"])
+def test_a_confirmed_pose_is_named_as_found(state: CalibrationState) -> None:
+    text = write_calibrated(state)
+
+    assert "found from still periods in the N-pose (arm hanging along the body; recordings: 1)" in text
+    assert "confirmed" not in text
+
+
+def test_a_pose_that_was_only_assumed_is_not_named_as_found() -> None:
+    text = write_calibrated("assumed")
+
+    assert "was found from still periods" not in text
+    assert "No person confirmed the pose" in text
+    assert "was assumed to be the N-pose (arm hanging along the body; recordings: 1)" in text
+    assert "The N-pose reads up to" in text  # its error applies all the same
+
+
+def test_an_axis_without_a_still_period_is_not_of_a_pose() -> None:
+    text = write_calibrated("none")
+
+    assert "N-pose" not in text
+    assert "estimated from walking or the stillest moment: 1." in text
+
+
+def test_the_methods_name_the_version_and_revision_of_the_results() -> None:
+    results: dict[str, Any] = build_results(make_analysis(), make_subject())
+    software = {**results["software"], "version": "0.1.0"}
+    every = [
+        {**results, "software": {**software, "revision": revision}}
+        for revision in ("git 1a2b3c4d5e6f", "release 0.1.0", "git 1a2b3c4d5e6f")
+    ]
+
+    text = write_methods(every, 0, "en").decode()
+
+    named = "Acromion 0.1.0 (revision: git 1a2b3c4d5e6f); Acromion 0.1.0 (revision: release 0.1.0)"
+    assert f"analysed with {named}." in text
+
+
 def test_a_recording_without_a_pose_is_told_by_the_axis_that_was_given() -> None:
     analysis = make_analysis()
     calibration = CalibrationFacts(None, "axis", 8.0, None, None, None, (0.1, 0.2, 0.3), axis="y")
@@ -96,3 +142,19 @@ def test_a_recording_without_a_pose_is_told_by_the_axis_that_was_given() -> None
     assert "If no pose was held (recordings: 1), the sensor axis" in text.replace("’", "'")
     assert "still periods" not in text
     assert "N-pose" not in text
+
+
+def test_the_methods_state_which_days_count() -> None:
+    text = write_methods([build_results(make_analysis(), make_subject())], 0, "fr", 2.5).decode()
+
+    assert "si au moins 2,5\u202fh en ont été analysées" in text.replace("\u00a0", "\u202f")
+
+
+def test_a_trunk_is_no_arm_in_the_methods_and_is_named_as_measured() -> None:
+    every = [build_results(make_analysis(), make_subject(side=side)) for side in ("left", "trunk")]
+
+    text = write_methods(every, 0, "en").decode()
+
+    assert "Recordings analysed: 1 " in text
+    assert "In further recordings (1) the sensor was on the trunk" in text
+    assert "The trunk was not measured" not in text

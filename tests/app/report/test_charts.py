@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.report.charts.bars import Slice, draw_bar
-from app.report.charts.day import (
+from acromion.app.report.charts.bars import Slice, draw_bar
+from acromion.app.report.charts.day import (
     Day,
     DayLabels,
     Mark,
@@ -24,13 +24,13 @@ from app.report.charts.day import (
     draw_day,
     merge_spans,
 )
-from app.report.charts.distribution import build_two_curves
-from app.report.charts.svg import RAMP
-from app.report.several.charts import Visit, VisitPanel, draw_visits
-from app.report.words.numbers import Clock
-from app.report.words.wording import load_wording
-from fusion.caveats import Caveat
-from fusion.recording import QualityFlag, Span
+from acromion.app.report.charts.distribution import build_two_curves
+from acromion.app.report.charts.svg import RAMP
+from acromion.app.report.several.charts import Visit, VisitPanel, draw_visits
+from acromion.app.report.words.numbers import Clock
+from acromion.app.report.words.wording import load_wording
+from acromion.fusion.caveats import Caveat
+from acromion.fusion.recording import QualityFlag, Span
 from tests.app.analysis_factory import START, make_analysis, make_exposure
 from tests.app.report.report_reading import plain
 

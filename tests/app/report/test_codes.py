@@ -7,11 +7,11 @@ from functools import cache
 
 import pytest
 
-from app.errors import CANCELLED, NO_RECORDING, UNREADABLE_PATH, list_refusals
-from app.report.words.wording import LANGUAGES, Language, load_wording
+from acromion.app.errors import CANCELLED, NO_RECORDING, UNREADABLE_PATH, list_refusals
+from acromion.app.report.words.wording import LANGUAGES, Language, load_wording
+from acromion.fusion.caveats import Caveat
+from acromion.fusion.errors import PLACE
 from benchmarks.codes import find_own_facts
-from fusion.caveats import Caveat
-from fusion.errors import PLACE
 from tests import ROOT
 
 SOURCES = {path: path.read_text() for folder in ("app", "fusion") for path in (ROOT / folder).rglob("*.py")}

@@ -7,9 +7,9 @@ import pypdf
 import pytest
 from fastapi.testclient import TestClient
 
-from app.http.pages.help import find_example
-from app.report.export.results import decode_results
-from app.report.findings import Findings
+from acromion.app.http.pages.help import find_example
+from acromion.app.report.export.results import decode_results
+from acromion.app.report.findings import Findings
 from benchmarks.example import analyse_example
 
 THRESHOLDS_DEG = (30, 60, 90)

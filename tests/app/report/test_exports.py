@@ -16,34 +16,37 @@ import openpyxl
 import pyarrow.parquet as pq
 import pytest
 from fhir.resources.R4B.bundle import Bundle
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from app.analysis.run import make_report
-from app.report.export.all import DICTIONARY_COLUMNS, export_results
-from app.report.export.fhir import encode_fhir
-from app.report.export.naming import Origin, format_file_name, format_report_name, pack_files
-from app.report.export.results import decode_results, encode_results
-from app.report.export.tables import (
+from acromion.app.analysis.run import make_report
+from acromion.app.report.export.all import DICTIONARY_COLUMNS, export_results
+from acromion.app.report.export.fhir import encode_fhir
+from acromion.app.report.export.naming import Origin, format_file_name, format_report_name, pack_files
+from acromion.app.report.export.results import decode_results, encode_results
+from acromion.app.report.export.tables import (
     FRENCH_EXCEL,
-    PERIOD_COLUMNS,
-    describe_marks,
-    describe_periods,
+    REDCAP_COLUMNS,
+    SHEETS_ONLY,
+    add_origin,
+    describe_tables,
     encode_dictionary,
-    encode_summary,
+    encode_rows,
     encode_table,
     find_paths,
     summarise_failure,
+    type_further,
 )
-from app.report.export.tables import Origin as FailedOrigin
-from app.report.figures import SUMMARY, find_unit, load_results
-from app.report.model import format_brief
-from app.report.single.report import build_report
-from app.report.words.wording import Language, load_wording
-from app.request import ReportRequest
-from app.store.folder import KnownFiles
-from fusion.diary import DiaryEntry
-from fusion.exposure.types import Interval
+from acromion.app.report.export.tables import Origin as FailedOrigin
+from acromion.app.report.figures import SUMMARY, TABLES, find_unit, load_results
+from acromion.app.report.model import format_brief
+from acromion.app.report.single.report import build_report
+from acromion.app.report.words.wording import LANGUAGES, Language, load_wording
+from acromion.app.request import ReportRequest
+from acromion.app.store.folder import KnownFiles
+from acromion.fusion.diary import DiaryEntry
+from acromion.fusion.exposure.types import Interval
+from tests import ROOT
 from tests.app.analysis_factory import (
     START,
     make_analysis,
@@ -57,6 +60,10 @@ from tests.app.analysis_factory import (
 def results_of(subject: str = "S012", file_name: str = "a.gt3x") -> dict[str, Any]:
     results: dict[str, Any] = json.loads(encode_results(make_analysis(), make_subject(subject, file_name)))
     return results
+
+
+def read_example_results() -> dict[str, Any]:
+    return load_results((ROOT / "templates" / "example" / "results.json").read_bytes())
 
 
 @cache
@@ -121,13 +128,26 @@ def test_every_column_of_every_table_is_explained_in_both_languages() -> None:
     tables: dict[str, list[str]] = {}
     for row in rows:
         tables.setdefault(row["file"], []).append(row["column"])
-    files = ("summary.csv", "periods.csv", "elevation.parquet")
-    assert {file: tables[file] for file in files} == {
-        "summary.csv": [c.name for c in SUMMARY],
-        "periods.csv": PERIOD_COLUMNS,
-        "elevation.parquet": ["time_us", "elevation_cdeg", "valid", "analysed"],
+    files = {name: f"summary.xlsx, {name}" if name in SHEETS_ONLY else f"{name}.csv" for name in TABLES}
+    fields = tables.pop("results.json")
+    assert fields
+    assert tables == {
+        **{files[name]: [c.name for c in columns] for name, columns in TABLES.items()},
+        "redcap_import.csv": [c.name for c in REDCAP_COLUMNS],
+        "elevation.parquet": ["time_us", "elevation_cdeg", "valid", "analysed", "acceleration_cg"],
     }
+    assert all(row["unit"] == find_unit(row["column"]) for row in rows)
     assert all(row["english"] and row["french"] for row in rows)
+
+
+@pytest.mark.parametrize("table", ["hours", "periods", "postures"])
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_the_records_of_a_part_refer_to_the_table_with_the_same_figures(
+    table: str, language: Language
+) -> None:
+    field = f"exposure.by_{table.removesuffix('s')}[].*"
+
+    assert f" {table}.csv" in load_wording(language, "fields")[field]
 
 
 def test_a_mark_survives_the_way_through_results_json_and_has_a_row_with_the_rest_of_the_shift() -> None:
@@ -136,34 +156,89 @@ def test_a_mark_survives_the_way_through_results_json_and_has_a_row_with_the_res
     rest = replace(exposure.by_hour[1], kind="rest", label="", intervals={})
     content = encode_results(make_analysis(exposure=replace(exposure, by_mark=(mark, rest))), make_subject())
 
-    (row,) = describe_marks(load_results(content))
+    (row,) = describe_tables([load_results(content)])["marks"]
 
-    assert (row["label"], row["mark_s"], row["at"]) == ("Pain", 900.0, "2026-03-03T08:13:12-05:00")
+    assert (row["label"], row["mark_s"]) == ("Pain", 900.0)
+    assert (row["at"], row["utc_offset"]) == ("2026-03-03T08:13:12", "UTC-05:00")
     assert (row["time_above_60_percent"], row["rest_time_above_60_percent"]) == pytest.approx(
-        (mark.percent_above[60], rest.percent_above[60])
+        (mark.time_above_percent[60], rest.time_above_percent[60])
     )
     assert decode_results(content).findings.exposure.by_mark == (mark, rest)
 
 
-def test_periods_csv_has_the_rest_and_the_difference_of_a_task_with_the_range() -> None:
+def test_a_posture_survives_the_way_through_results_json_and_has_a_row_of_its_table() -> None:
+    upright = replace(make_exposure().by_hour[0], kind="upright", label="")
+    analysis = make_analysis(exposure=replace(make_exposure(), by_posture=(upright,)))
+    content = encode_results(analysis, make_subject())
+
+    (row,) = describe_tables([load_results(content)])["postures"]
+
+    assert row["kind"] == "upright"
+    assert row["time_above_60_percent"] == pytest.approx(upright.time_above_percent[60])
+    assert decode_results(content).findings.exposure.by_posture == (upright,)
+
+
+def test_tasks_csv_has_the_rest_and_the_difference_of_a_task_with_the_range() -> None:
     exposure = with_diary(make_exposure())
     ranges = {"time_above_60_less_rest_percent": Interval(1.5, 4.0)}
     task = replace(
         exposure.by_task[0],
-        longest_above_60_s=42.0,
-        neutral_slow_percent=12.5,
-        less_rest_percent=2.5,
+        episodes_above_60_longest_s=42.0,
+        recovery_neutral_slow_percent=12.5,
+        time_above_60_less_rest_percent=2.5,
         intervals=ranges,
     )
     results = json.loads(
         encode_results(make_analysis(exposure=replace(exposure, by_task=(task,))), make_subject())
     )
 
-    (row,) = (row for row in describe_periods(results) if row["kind"] == "task")
+    (row,) = describe_tables([results])["tasks"]
     names = ("episodes_above_60_longest_s", "recovery_neutral_slow_percent")
     assert [row[name] for name in names] == [42.0, 12.5]
     main = "time_above_60_less_rest_percent"
     assert [row[name] for name in (main, f"{main}_low", f"{main}_high")] == [2.5, 1.5, 4.0]
+
+
+def test_the_day_is_divided_into_tables_of_one_kind_each_and_a_break_is_no_task() -> None:
+    tables = describe_tables([read_example_results()])
+
+    assert [row["label"] for row in tables["tasks"]] == ["Transport", "Installation", "Inspection"]
+    assert [row["kind"] for row in tables["periods"]].count("break") == 2
+    assert [row["label"] for row in tables["hours"][:2]] == ["2026-03-02T07:00", "2026-03-02T08:00"]
+
+
+def test_a_row_of_the_summary_says_how_its_figures_were_made() -> None:
+    origin = FailedOrigin("a.gt3x", path="a.gt3x", folder="a", settings='{"pose_held": "start"}')
+
+    (row,) = describe_tables([add_origin(read_example_results(), origin)])["summary"]
+
+    made = ("method", "method_version", "software_version", "pose", "calibration_state", "settings")
+    assert [row[name] for name in made] == [
+        *("smoothed", "6", "0.1.0", "side-lean", "given"),
+        '{"pose_held": "start"}',
+    ]
+
+
+def test_each_part_has_its_date_and_its_times_by_the_clock() -> None:
+    tables = describe_tables([read_example_results()])
+    transport = tables["tasks"][0]
+
+    assert [transport[name] for name in ("day", "start", "end")] == [
+        "2026-03-02",
+        "2026-03-02T07:10:00",  # 600.01 s after the start at 07:00
+        "2026-03-02T09:00:00",
+    ]
+
+
+def test_the_days_of_a_person_are_in_order_and_say_whether_they_count() -> None:
+    late, early, nobody = read_example_results(), read_example_results(), read_example_results()
+    early["recording"]["start"] = "2026-03-01T07:00:00-05:00"
+    early["time"]["analysed_s"] = 3600.0
+    nobody["recording"]["subject"] = ""
+
+    days = describe_tables([late, early, nobody])["days"]
+
+    assert [(row["day"], row["left_out"]) for row in days] == [("2026-03-01", "short"), ("2026-03-02", None)]
 
 
 @pytest.mark.parametrize(
@@ -218,6 +293,13 @@ def test_the_same_recording_is_the_same_record() -> None:
     one, other = (rows_of(exports_of(file_name=n)["redcap_import.csv"])[0] for n in ("a.gt3x", "b.gt3x"))
 
     assert one["record_id"] == other["record_id"] == "9f86d081884c7d65"
+
+
+@pytest.mark.parametrize("text", ["=1+1", "-x", "'-x"])
+def test_redcap_gets_text_as_it_was_given(text: str) -> None:
+    (row,) = rows_of(exports_of(subject=text)["redcap_import.csv"])
+
+    assert row["subject"] == text
 
 
 # ------------------------------------------------------------------ the answer to paste
@@ -313,7 +395,7 @@ def read_rows(encoded: bytes) -> list[dict[str, str]]:
 
 
 def test_a_failed_recording_keeps_its_row_with_its_code_and_empty_figures() -> None:
-    (row,) = read_rows(encode_summary([summarise_failure(FAILED, "E-EMPTY")]))
+    (row,) = read_rows(encode_rows("summary", [summarise_failure(FAILED, "E-EMPTY")]))
 
     assert (row["error_code"], row["time_above_60_percent"]) == ("E-EMPTY", "")
 
@@ -325,9 +407,39 @@ def test_each_column_stands_once_and_the_ends_of_a_range_beside_its_figure() -> 
 
 @given(st.sampled_from("=+-@\t\r"), st.text(max_size=20))
 def test_no_text_cell_can_become_a_formula(start: str, rest: str) -> None:
+    assume(not re.fullmatch(r"[+-][0-9.,]+", start + rest))  # a number
     encoded = encode_table(["subject"], [{"subject": start + rest}])
 
     assert encoded.decode("utf-8").splitlines()[1].lstrip('"')[0] == "'"
+
+
+@pytest.mark.parametrize("text", ["-1.5", "-1,5", "+2", "-0.25"])
+def test_a_number_among_texts_gets_no_apostrophe(text: str) -> None:
+    (row,) = csv.DictReader(io.StringIO(encode_table(["change"], [{"change": text}]).decode()))
+
+    assert row["change"] == text
+
+
+@pytest.mark.parametrize(
+    ("cells", "kind", "typed"),
+    [
+        (("34", "", "-1.5"), "number", [34, None, -1.5]),
+        (("3,5", "4"), "number", [3.5, 4]),  # a decimal comma
+        (("34", "NA", "N/A", "NaN", "null", "none", "-"), "number", [34, *[None] * 6]),
+        (("drill", "none"), "text", ["drill", "none"]),  # among words, "none" is an answer
+        (("NA", ""), "text", ["NA", None]),
+        (("007", "8"), "text", ["007", "8"]),
+        (("1,500",), "text", ["1,500"]),  # 1.5, or one thousand five hundred
+        (("12345678901234567",), "text", ["12345678901234567"]),  # has more digits than a number holds
+        (("",), "text", [None]),
+    ],
+)
+def test_a_further_column_is_a_number_if_all_its_values_are(
+    cells: tuple[str, ...], kind: str, typed: list[object]
+) -> None:
+    (column,), rows = type_further({str(rank): {"x": text} for rank, text in enumerate(cells)})
+
+    assert (column.kind, [row["x"] for row in rows.values()]) == (kind, typed)
 
 
 def test_a_negative_number_stays_a_number() -> None:
@@ -447,3 +559,22 @@ def test_every_resource_names_its_profile() -> None:
         "DiagnosticReport": ["http://hl7.org/fhir/StructureDefinition/DiagnosticReport"],
         "Observation": ["http://hl7.org/fhir/StructureDefinition/Observation"],
     }
+
+
+def test_a_figure_has_one_name_in_python_and_in_the_summary() -> None:
+    exposure = make_exposure()
+    (row,) = describe_tables(
+        [load_results(encode_results(make_analysis(exposure=exposure), make_subject()))]
+    )["summary"]
+
+    shared = exposure.figures.keys() & row.keys()
+    assert shared >= {
+        "time_0_20_percent",
+        "time_above_60_percent",
+        "elevation_p50_deg",
+        "entries_above_60_per_h",
+    }
+    assert {name: exposure.figures[name] for name in shared} == pytest.approx(
+        {name: row[name] for name in shared}, abs=1e-3
+    )
+    assert exposure.figures.keys() - row.keys() == set()

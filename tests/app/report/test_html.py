@@ -16,20 +16,19 @@ import openpyxl
 import pytest
 from pypdf import PdfReader
 
-from app.report.export.all import encode_redcap_import
-from app.report.export.results import build_results
-from app.report.export.tables import FRENCH_EXCEL, INTERNATIONAL, encode_summary, summarise_results
-from app.report.export.xlsx import encode_workbook
-from app.report.findings import Findings
-from app.report.model import format_brief
-from app.report.render.html import content_security_policy, render_html
-from app.report.render.pdf import render_pdf, replace_uncovered
-from app.report.single.report import Report, build_report
-from app.report.words.wording import LANGUAGES, Language
-from app.request import Conclusion
-from fusion.exposure.types import PartExposure
-from fusion.quality import Quality
-from fusion.recording import QualityFlag, Span
+from acromion.app.report.export.results import build_results
+from acromion.app.report.export.tables import FRENCH_EXCEL, INTERNATIONAL, describe_tables, encode_rows
+from acromion.app.report.export.xlsx import encode_workbook
+from acromion.app.report.findings import Findings
+from acromion.app.report.model import format_brief
+from acromion.app.report.render.html import content_security_policy, render_html
+from acromion.app.report.render.pdf import render_pdf, replace_uncovered
+from acromion.app.report.single.report import Report, build_report
+from acromion.app.report.words.wording import LANGUAGES, Language
+from acromion.app.request import Conclusion
+from acromion.fusion.exposure.types import PartExposure
+from acromion.fusion.quality import Quality
+from acromion.fusion.recording import QualityFlag, Span
 from tests.app.analysis_factory import make_analysis, make_exposure, make_subject
 from tests.app.payloads import FAMILIES, PAYLOADS
 
@@ -215,10 +214,9 @@ def results_with(text: str) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("payload", PAYLOADS)
-def test_no_cell_of_any_csv_begins_as_a_formula_however_it_is_read(payload: str) -> None:
-    row = summarise_results(results_with(payload))
-    tables = [encode_summary([row], d) for d in (INTERNATIONAL, FRENCH_EXCEL)]
-    tables.append(encode_redcap_import([results_with(payload)]))
+def test_no_cell_of_a_csv_for_spreadsheets_begins_as_a_formula_however_it_is_read(payload: str) -> None:
+    rows = describe_tables([results_with(payload)])["summary"]
+    tables = [encode_rows("summary", rows, d) for d in (INTERNATIONAL, FRENCH_EXCEL)]
 
     starts = {
         cell.lstrip(' "')[:1]
@@ -233,7 +231,7 @@ def test_no_cell_of_any_csv_begins_as_a_formula_however_it_is_read(payload: str)
 
 
 def test_the_workbook_holds_the_texts_themselves_and_no_formula() -> None:
-    body = encode_workbook([results_with(payload) for payload in PAYLOADS])
+    body = encode_workbook(describe_tables(map(results_with, PAYLOADS)))
 
     sheet = openpyxl.load_workbook(io.BytesIO(body))["summary"]
     cells = [row[1] for row in sheet.iter_rows(min_row=2)]

@@ -12,11 +12,11 @@ from typing import Any
 import pytest
 from pypdf import PdfReader
 
-from app.report.export.results import encode_results
-from app.report.render.pdf import render_pdf
-from app.report.single.report import build_report
-from app.report.words.wording import Language
-from fusion.exposure.types import Exposure, Interval
+from acromion.app.report.export.results import encode_results
+from acromion.app.report.render.pdf import render_pdf
+from acromion.app.report.single.report import build_report
+from acromion.app.report.words.wording import Language
+from acromion.fusion.exposure.types import Exposure, Interval
 from tests.app.analysis_factory import make_analysis, make_exposure, make_subject, with_diary
 from tests.app.report.report_reading import plain
 

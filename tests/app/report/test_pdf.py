@@ -10,16 +10,16 @@ from typing import Any, get_args
 import pytest
 from pypdf import PageObject, PdfReader
 
-from app.report.export.results import decode_results, encode_results
-from app.report.findings import Findings, StillFacts
-from app.report.render.html import render_html
-from app.report.render.pdf import render_pdf, replace_uncovered
-from app.report.single.report import build_report
-from app.report.words.wording import LANGUAGES, Language, Part, load_wording
-from app.request import Paper
-from fusion.exposure.types import PeakWindow
-from fusion.quality import Quality
-from fusion.recording import QualityFlag
+from acromion.app.report.export.results import decode_results, encode_results
+from acromion.app.report.findings import Findings, StillFacts
+from acromion.app.report.render.html import render_html
+from acromion.app.report.render.pdf import render_pdf, replace_uncovered
+from acromion.app.report.single.report import build_report
+from acromion.app.report.words.wording import LANGUAGES, Language, Part, load_wording
+from acromion.app.request import Paper
+from acromion.fusion.exposure.types import PeakWindow
+from acromion.fusion.quality import Quality
+from acromion.fusion.recording import QualityFlag
 from tests import ROOT
 from tests.app.analysis_factory import make_analysis, make_exposure, make_subject
 from tests.app.report.test_wording import walk_texts

@@ -6,12 +6,12 @@ from typing import Any
 
 import pytest
 
-from app.batch.folder import Task
-from app.batch.run import Outcome
-from app.cli.output import format_question
-from app.http.pages.pairs import align_request
-from app.report.export.results import encode_results
-from app.report.findings import (
+from acromion.app.batch.folder import Task
+from acromion.app.batch.run import Outcome
+from acromion.app.cli.output import format_question
+from acromion.app.http.pages.pairs import align_request
+from acromion.app.report.export.results import encode_results
+from acromion.app.report.findings import (
     CalibrationFacts,
     Findings,
     QuestionFacts,
@@ -19,14 +19,14 @@ from app.report.findings import (
     StillFacts,
     build_findings,
 )
-from app.report.model import Report, format_brief
-from app.report.render.html import render_html
-from app.request import ReportRequest
-from fusion.conventions import CalibrationState, PoseHeld
-from fusion.pipeline import analyse
-from fusion.pose.wear import Question
-from fusion.recording import QualityFlag, Recording, Segment
-from fusion.simulation.shift import simulate_shift
+from acromion.app.report.model import Report, format_brief
+from acromion.app.report.render.html import render_html
+from acromion.app.request import ReportRequest
+from acromion.fusion.conventions import CalibrationState, PoseHeld
+from acromion.fusion.pipeline import analyse
+from acromion.fusion.pose.wear import Question
+from acromion.fusion.recording import QualityFlag, Recording, Segment
+from acromion.fusion.simulation.shift import simulate_shift
 from tests.app.analysis_factory import make_analysis, make_calibration, make_subject
 from tests.app.report.report_reading import plain, report_of, section_of
 from tests.simulated_shifts import play_shift

@@ -13,18 +13,18 @@ from pathlib import Path
 import pytest
 from pypdf import PdfReader
 
-from app.report.export.results import encode_results
-from app.report.findings import Findings, ReleaseStamp
-from app.report.model import Profile, Report, format_brief
-from app.report.products import set_report_again
-from app.report.render.html import render_html
-from app.report.render.pdf import render_pdf
-from app.report.single.report import build_report
-from app.report.words.wording import LANGUAGES, Language
-from app.request import Conclusion, Paper, ReportRequest
-from fusion.exposure.types import Entries, Exposure, Interval
-from fusion.quality import Quality, TimeAccount
-from fusion.recording import QualityFlag
+from acromion.app.report.export.results import encode_results
+from acromion.app.report.findings import Findings, ReleaseStamp
+from acromion.app.report.model import Profile, Report, format_brief
+from acromion.app.report.products import set_report_again
+from acromion.app.report.render.html import render_html
+from acromion.app.report.render.pdf import render_pdf
+from acromion.app.report.single.report import build_report
+from acromion.app.report.words.wording import LANGUAGES, Language
+from acromion.app.request import Conclusion, Paper, ReportRequest
+from acromion.fusion.exposure.types import Entries, Exposure, Interval
+from acromion.fusion.quality import Quality, TimeAccount
+from acromion.fusion.recording import QualityFlag
 from tests.app.analysis_factory import (
     make_analysis,
     make_calibration,

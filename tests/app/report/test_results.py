@@ -10,9 +10,10 @@ from zoneinfo import ZoneInfo
 import numpy as np
 import pytest
 
-from app.report.export.results import build_results, decode_results, encode_results, identify_report
-from app.report.figures import load_results
-from app.report.findings import (
+from acromion.app.report.export.results import build_results, decode_results, encode_results, identify_report
+from acromion.app.report.export.tables import describe_tables
+from acromion.app.report.figures import load_results
+from acromion.app.report.findings import (
     CalibrationFacts,
     Findings,
     PartFacts,
@@ -22,14 +23,14 @@ from app.report.findings import (
     Software,
     StillFacts,
 )
-from app.report.words.numbers import Clock
-from app.request import Conclusion
-from fusion.diary import read_diary
-from fusion.exposure.periods import place_diary
-from fusion.exposure.types import Interval, PeakWindow
-from fusion.quality import Quality
-from fusion.recording import QualityFlag
-from fusion.settings import DEFAULT_SETTINGS, AnalysisSettings
+from acromion.app.report.words.numbers import Clock
+from acromion.app.request import Conclusion
+from acromion.fusion.diary import read_diary
+from acromion.fusion.exposure.periods import place_diary
+from acromion.fusion.exposure.types import Interval, PeakWindow
+from acromion.fusion.quality import Quality
+from acromion.fusion.recording import QualityFlag
+from acromion.fusion.settings import DEFAULT_SETTINGS, AnalysisSettings
 from tests.app.analysis_factory import (
     make_analysis,
     make_calibration,
@@ -38,6 +39,7 @@ from tests.app.analysis_factory import (
     make_subject,
     with_velocity,
 )
+from tests.app.report.report_reading import plain
 
 
 @pytest.fixture(scope="module")
@@ -94,8 +96,8 @@ def test_the_figures_stand_in_the_order_of_the_contract(results: dict[str, Any])
     assert list(results["exposure"]) == [
         "analysed_s", "metric_filter_hz", "angle_sigma_deg", "bins", "time_above", "percentiles_deg",
         "entries", "cycles", "episodes", "velocity_dps", "peak", "eva", "by_hour", "by_period", "by_task",
-        "by_mark", "intervals", "intervals_pose", "recovery", "frequency", "variation", "conventions",
-        "minutes", "histogram_s",
+        "by_mark", "by_posture", "intervals", "intervals_pose", "recovery", "frequency", "variation",
+        "conventions", "minutes", "histogram_s", "figures",
     ]  # fmt: skip
 
 
@@ -373,6 +375,37 @@ def test_stored_results_follow_the_zone_of_their_start() -> None:
     assert json.loads(content)["recording"]["start"] == "2026-03-28T22:00:00+01:00"
     assert Clock(kept.start).format(8 * 3600.0) == "07:00"
     assert (kept.time_zone, kept.clock_offset_s) == ("Europe/Paris", -3720.0)
+
+
+def test_only_the_times_that_the_clocks_show_twice_have_their_offset() -> None:
+    """Paris: 24 October 22:00 and 4 h are 02:00, and again after 5 h."""
+    clock = Clock(datetime(2026, 10, 24, 22, tzinfo=ZoneInfo("Europe/Paris")), "en", 10 * 3600.0)
+
+    shown = [plain(clock.format_range(h * 3600.0, h * 3600.0 + 3600.0, is_hour=True)) for h in (3, 4, 5, 6)]
+
+    assert shown == [
+        "01:00–02:00 UTC+2 on 25 October",
+        "02:00 UTC+2–02:00 UTC+1 on 25 October",
+        "02:00 UTC+1–03:00 on 25 October",
+        "03:00–04:00 on 25 October",
+    ]
+    whole = "24 October 2026, 22:00 UTC+2 to 25 October 2026, 07:00 UTC+1"
+    assert plain(clock.format_whole()) == whole
+    assert plain(replace(clock, duration_s=3600.0).format_whole()) == "24 October 2026, 22:00 to 23:00"
+
+
+def test_the_hours_of_the_table_have_their_offset() -> None:
+    zone = "Europe/Paris"
+    findings = make_analysis(start=datetime(2026, 10, 25, 1, 58, 12, tzinfo=ZoneInfo(zone)))
+    findings = replace(findings, recording=replace(findings.recording, time_zone=zone))
+
+    rows = describe_tables([load_results(encode_results(findings, make_subject()))])["hours"]
+
+    assert [(row["start"], row["utc_offset"]) for row in rows][:3] == [
+        ("2026-10-25T01:58:12", "UTC+02:00"),
+        ("2026-10-25T02:00:00", "UTC+02:00"),
+        ("2026-10-25T02:00:00", "UTC+01:00"),
+    ]
 
 
 def test_a_stated_clock_changes_the_id_of_a_report() -> None:

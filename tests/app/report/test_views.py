@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from app.report.single.report import Report, build_report
-from app.report.words.wording import LANGUAGES, Language
-from fusion.exposure.types import Cycles, Entries, Episodes, Interval, PartExposure, PeakWindow
-from fusion.quality import Quality, TimeAccount
-from fusion.recording import QualityFlag
+from acromion.app.report.single.report import Report, build_report
+from acromion.app.report.words.wording import LANGUAGES, Language
+from acromion.fusion.exposure.types import Cycles, Entries, Episodes, Interval, PartExposure, PeakWindow
+from acromion.fusion.quality import Quality, TimeAccount
+from acromion.fusion.recording import QualityFlag
 from tests.app.analysis_factory import (
     make_analysis,
     make_exposure,
@@ -333,7 +333,7 @@ def test_the_ranges_of_a_part_stand_beside_its_figures() -> None:
 
     table = section_of(report_of(exposure=replace(make_exposure(), by_hour=(hour,))), "hours").tables[0]
 
-    hour_s = hour.percentiles_deg[50], hour.percent_above[60], hour.entries_above_60_per_h
+    hour_s = hour.percentiles_deg[50], hour.time_above_percent[60], hour.entries_above_60_per_h
     median, share, rate = (f"{value:.{decimals}f}" for value, decimals in zip(hour_s, (0, 1, 0), strict=True))
     row = table.rows[0]
     assert (row[2], row[5], row[7]) == (f"{median} (18–30)", f"{share} (5.0–11.2)", f"{rate} (18–45)")
@@ -348,7 +348,11 @@ def make_task(label: str, percent: float, low: float, high: float, **changes: An
 
 
 def test_a_task_is_told_by_share_minutes_rises_longest_rest_and_difference_with_their_ranges() -> None:
-    figures = {"longest_above_60_s": 48.0, "neutral_slow_percent": 12.5, "less_rest_percent": -2.0}
+    figures = {
+        "episodes_above_60_longest_s": 48.0,
+        "recovery_neutral_slow_percent": 12.5,
+        "time_above_60_less_rest_percent": -2.0,
+    }
     task = make_task("Shelves", 10.0, 5.0, 15.0, periods=2, **figures)
     known = {
         "entries_above_60_per_h": Interval(20.0, 40.0),
@@ -382,6 +386,33 @@ def test_the_time_before_each_mark_stands_beside_the_rest_of_the_shift_and_shows
         ["Rest of the shift", "5 h", "20.0", "21", "30"],
     ]
     assert "It does not show a cause." in plain(table.note)
+
+
+def test_the_shares_while_upright_stand_beside_the_published_ones_of_the_whole_working_time() -> None:
+    part = replace(make_task("", 20.0, 15.0, 25.0), analysed_s=9000.0)
+    part = replace(
+        part, time_above_percent={30: 40.0, 60: 20.0, 90: 4.0}, percentiles_deg={50: 21.0, 90: 70.0}
+    )
+    parts = [replace(part, kind=kind) for kind in ("seated", "upright", "unstated")]
+    exposure = replace(
+        make_exposure(), analysed_s=18000.0, by_posture=(*parts[:2], replace(parts[2], analysed_s=0.0))
+    )
+
+    table = table_of(report_of(exposure=exposure), "hours", "By posture")
+
+    assert [row[0] for row in table.rows] == ["Seated or lying", "Upright"]
+    assert plain(table.rows[1][5]) == "20.0 (15.0–25.0; pose 50.0)"
+    # half of the analysed time is upright, so the shares are half of those in the row
+    assert "20.0 %, 10.0 %, 2.0 % of all analysed time" in plain(table.note)
+    assert "21 %, 4 % and 1 % of working time (Gupta et al. 2022)" in plain(table.note)
+
+
+def test_without_upright_time_no_published_share_is_shown() -> None:
+    part = replace(make_task("", 20.0, 15.0, 25.0), kind="seated")
+
+    table = table_of(report_of(exposure=replace(make_exposure(), by_posture=(part,))), "hours", "By posture")
+
+    assert "Gupta" not in table.note
 
 
 def test_only_a_task_whose_range_overlaps_with_no_other_has_a_rank() -> None:
@@ -445,7 +476,7 @@ def test_a_table_of_many_hours_is_cut_and_says_so() -> None:
     table = table_of(report_of(exposure=exposure), "hours", "By hour")
 
     assert len(table.rows) == 14
-    assert "The first 14 of 20 rows; periods.csv and results.json have all." in plain(table.note)
+    assert "The first 14 of 20 rows; hours.csv and results.json have all." in plain(table.note)
 
 
 def test_a_table_of_a_shift_without_ranges_has_a_row_for_each_hour_and_is_not_cut() -> None:

@@ -9,8 +9,8 @@ from zoneinfo import ZoneInfo
 
 import pytest
 
-from app.report.words.messages import describe_flag, describe_problem
-from app.report.words.numbers import (
+from acromion.app.report.words.messages import describe_flag, describe_problem
+from acromion.app.report.words.numbers import (
     Clock,
     format_angle,
     format_clock,
@@ -25,7 +25,7 @@ from app.report.words.numbers import (
     format_percent,
     format_rate,
 )
-from app.report.words.wording import (
+from acromion.app.report.words.wording import (
     LANGUAGES,
     Language,
     Part,
@@ -34,8 +34,8 @@ from app.report.words.wording import (
     find_nearest,
     load_wording,
 )
-from fusion.exposure.types import Interval
-from fusion.recording import QualityFlag
+from acromion.fusion.exposure.types import Interval
+from acromion.fusion.recording import QualityFlag
 from tests import ROOT
 from tests.app.report.report_reading import plain
 
@@ -90,7 +90,7 @@ def test_every_code_has_title_and_detail_and_a_refusal_its_cure(language: Langua
 
     parts = {code: set(words.get(code, {})) - {"general"} for code in codes}
 
-    of_lists = {"E-DIARY", "E-PARTICIPANTS"}
+    of_lists = {"E-AGAIN", "E-DIARY", "E-PARTICIPANTS", "E-POSTURE"}
     told = {code: {"title", "detail"} | ({"fix"} if code.startswith("E") else set()) for code in codes}
     assert parts == told | {code: {"title", "detail", "fix", "another", "more"} for code in of_lists}
 

@@ -17,14 +17,14 @@ from fastapi.responses import FileResponse
 from fastapi.testclient import TestClient
 from starlette.types import Message
 
-from app.analysis.attempt import MakeReport
-from app.errors import NotHere, ResultDamaged
-from app.http.api.library.files import serve_file
-from app.library.jobs import JobStore
-from app.library.rows import Job, JobState
-from app.services import Services
-from app.settings import Settings
-from app.store.folder import (
+from acromion.app.analysis.attempt import MakeReport
+from acromion.app.errors import NotHere, ResultDamaged
+from acromion.app.http.api.library.files import serve_file
+from acromion.app.library.jobs import JobStore
+from acromion.app.library.rows import Job, JobState
+from acromion.app.services import Services
+from acromion.app.settings import Settings
+from acromion.app.store.folder import (
     VERIFIED_TERM_S,
     ResultFile,
     Storage,
@@ -125,7 +125,7 @@ def test_a_result_is_a_problem_and_never_served_from_when_it_is_damaged_until_it
         ("report.en.html", "report.html?lang=en"),
         ("report.en.pdf", "report.pdf?lang=en"),
         ("summary.csv", "bundle.zip"),
-        ("results.json", "periods.csv"),
+        ("results.json", "tasks.csv"),
         ("elevation.parquet", "elevation.csv.gz"),
     ],
 )
@@ -376,7 +376,7 @@ def test_a_damaged_analysis_beside_another_is_a_problem_answer(
 def test_a_damaged_report_of_two_is_made_again(
     client: TestClient, settings: Settings, finish: Finish, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.library.report_cache.load_and_make_pair", stand_ins.write_pair)
+    monkeypatch.setattr("acromion.app.library.report_cache.load_and_make_pair", stand_ins.write_pair)
     one, other = (finish(stand_ins.write_report, content=content) for content in (b"1", b"2"))
     address = f"/beside/compare/report.pdf?first={one.id}&second={other.id}"
     assert client.get(address).content == b"%PDF-two"
@@ -460,7 +460,7 @@ def rot(folder: Storage) -> None:
 
 def test_a_verdict_spares_another_reading(folder: Storage, monkeypatch: pytest.MonkeyPatch) -> None:
     read(folder)
-    monkeypatch.setattr("app.store.folder.hash_file", lambda _: pytest.fail("read again"))
+    monkeypatch.setattr("acromion.app.store.folder.hash_file", lambda _: pytest.fail("read again"))
 
     assert read(folder) == b"whole"
 
@@ -476,7 +476,7 @@ def test_what_rots_is_found_when_the_verdict_is_an_hour_old(folder: Storage, clo
 
 def test_a_verdict_does_not_outlive_the_start(folder: Storage, monkeypatch: pytest.MonkeyPatch) -> None:
     read(folder)
-    monkeypatch.setattr("app.store.folder.hash_file", lambda _: "0" * 64)
+    monkeypatch.setattr("acromion.app.store.folder.hash_file", lambda _: "0" * 64)
 
     with pytest.raises(ResultDamaged):
         read(open_folder(folder.root))
@@ -540,7 +540,7 @@ def test_an_answer_breaks_off_where_its_file_is_altered_on_the_way(
 
 
 def test_too_many_verdicts_forget_the_oldest(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("app.store.folder.MOST_VERIFIED", 2)
+    monkeypatch.setattr("acromion.app.store.folder.MOST_VERIFIED", 2)
     verdicts = VerifiedFiles()
 
     for name in ("a", "b", "c"):

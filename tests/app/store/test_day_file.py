@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.store.day_file import DayFile, DaySegment, Stretch, open_day, write_day
+from acromion.app.store.day_file import DayFile, DaySegment, Stretch, open_day, write_day
 
 RATE_HZ = 100.0
 

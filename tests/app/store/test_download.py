@@ -11,15 +11,15 @@ import pytest
 from fastapi.testclient import TestClient
 from typer.testing import CliRunner
 
-from app.cli import app
-from app.http.api.library.files import format_disposition
-from app.library.audit_log import AuditFilter, AuditLine, find_lines
-from app.library.jobs import JobStore
-from app.library.recordings import RecordingStore
-from app.library.rows import Job
-from app.request import ReportRequest, clean_file_name
-from app.settings import Settings
-from app.store.folder import Storage
+from acromion.app.cli import app
+from acromion.app.http.api.library.files import format_disposition
+from acromion.app.library.audit_log import AuditFilter, AuditLine, find_lines
+from acromion.app.library.jobs import JobStore
+from acromion.app.library.recordings import RecordingStore
+from acromion.app.library.rows import Job
+from acromion.app.request import ReportRequest, clean_file_name
+from acromion.app.settings import Settings
+from acromion.app.store.folder import Storage
 from tests.app.conftest import AddJob, on_both_set_ups
 from tests.app.http.test_recordings import keep
 

@@ -12,22 +12,22 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from app.analysis.run import make_report
-from app.report.export.all import (
+from acromion.app.analysis.run import make_report
+from acromion.app.report.export.all import (
     build_flags,
     build_nullable_numbers,
     build_nullable_texts,
     build_numbers,
-    encode_elevation_csv,
-    write_elevation,
 )
-from app.request import ReportRequest
-from fusion import read_elevation
-from fusion.angle_files import AngleFile, read_angle_file
-from fusion.elevation import Elevation, ElevationSegment
-from fusion.errors import UnknownColumns, UnreadableFile, UnusableTime
-from fusion.exposure.summary import summarise_exposure
-from fusion.recording import Span
+from acromion.app.report.export.angles import encode_elevation_csv, write_elevation
+from acromion.app.request import ReportRequest
+from acromion.fusion import read_elevation
+from acromion.fusion.angle_files import AngleFile, read_angle_file
+from acromion.fusion.comparison.movement import read_movement
+from acromion.fusion.elevation import Elevation, ElevationSegment
+from acromion.fusion.errors import UnknownColumns, UnreadableFile, UnusableTime
+from acromion.fusion.exposure.summary import summarise_exposure
+from acromion.fusion.recording import Segment, Span
 
 
 def make_segment(start_us: int, rate_hz: float, rows: int) -> ElevationSegment:
@@ -89,8 +89,48 @@ def test_the_columns_and_the_version_are_those_of_the_contract(tmp_path: Path) -
         "elevation_cdeg": pa.int16(),
         "valid": pa.bool_(),
         "analysed": pa.bool_(),
+        "acceleration_cg": pa.int16(),
     }
     assert pq.read_metadata(path).metadata[b"schema"] == b"acromion.elevation/2"
+
+
+# 2.5 blocks of 0.1 s: 1 g, 2 g and, in the last five rows, 3 g.
+SIZES_G = np.repeat([1.0, 2.0, 3.0], [10, 10, 5])
+
+
+@pytest.mark.parametrize("per_row", [1, 2], ids=["100 Hz", "200 Hz"])
+def test_the_first_row_of_each_tenth_of_a_second_has_its_mean_acceleration(
+    tmp_path: Path, per_row: int
+) -> None:
+    acc_g = np.zeros((25 * per_row, 3), np.float32)
+    acc_g[:, 2] = -np.repeat(SIZES_G, per_row)
+    samples = Segment(0, 100.0 * per_row, acc_g, np.zeros_like(acc_g))
+    path = tmp_path / "elevation.parquet"
+    write_elevation(Elevation((make_segment(0, 100.0, 25),), None), path, samples=(samples,))
+
+    told = pq.read_table(path)["acceleration_cg"].to_pylist()
+
+    assert {row: value for row, value in enumerate(told) if value is not None} == {0: 100, 10: 200, 20: 300}
+
+
+def test_angles_without_samples_have_no_acceleration(tmp_path: Path) -> None:
+    path = write(tmp_path, make_segment(0, 100.0, 25))
+
+    assert pq.read_table(path)["acceleration_cg"].null_count == 25
+    assert read_movement(path) == ()
+
+
+def test_the_acceleration_is_read_at_the_middle_of_its_rows_and_a_hole_ends_a_run(tmp_path: Path) -> None:
+    acc_g = np.ones((50, 3), np.float32)
+    holes = [Segment(start_us, 100.0, acc_g, acc_g) for start_us in (0, 60_000_000)]
+    path = tmp_path / "elevation.parquet"
+    angles = tuple(make_segment(hole.start_us, 100.0, 50) for hole in holes)
+    write_elevation(Elevation(angles, None), path, samples=holes)
+
+    runs = read_movement(path)
+
+    assert [(run.start_s, run.rate_hz, len(run)) for run in runs] == [(0.05, 10.0, 5), (60.05, 10.0, 5)]
+    assert runs[0].values.tolist() == pytest.approx([1.73] * 5)
 
 
 def test_a_bridge_and_a_row_without_an_angle_are_missing_and_an_untrusted_row_is_not(tmp_path: Path) -> None:

@@ -4,8 +4,8 @@ from contextlib import ExitStack
 
 import pytest
 
-from app.errors import TooMany
-from app.store.incoming import UploadSlots
+from acromion.app.errors import TooMany
+from acromion.app.store.incoming import UploadSlots
 
 
 def test_one_person_holds_at_most_three_quarters_of_the_slots() -> None:

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from app.library.database.connect import open_database
-from app.library.jobs import JobStore
-from app.settings import Settings
-from app.store.folder import Storage
-from app.store.permissions import make_folder, restrict_permissions
+from acromion.app.library.database.connect import open_database
+from acromion.app.library.jobs import JobStore
+from acromion.app.settings import Settings
+from acromion.app.store.folder import Storage
+from acromion.app.store.permissions import make_folder, restrict_permissions
 
 
 @pytest.fixture(autouse=True)

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from app.errors import DiskFull, FolderTaken
-from app.settings import Settings
-from app.store.folder import LEDGER_FILE, FolderLock, FolderUpload, Storage, describe_files
+from acromion.app.errors import DiskFull, FolderTaken
+from acromion.app.settings import Settings
+from acromion.app.store.folder import LEDGER_FILE, FolderLock, FolderUpload, Storage, describe_files
 
 
 @pytest.fixture

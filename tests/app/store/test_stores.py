@@ -4,9 +4,9 @@ import hashlib
 
 import pytest
 
-from app.errors import DiskFull, FileTooLarge, StoreAway
-from app.store.folder import Storage
-from app.store.incoming import Incoming
+from acromion.app.errors import DiskFull, FileTooLarge, StoreAway
+from acromion.app.store.folder import Storage
+from acromion.app.store.incoming import Incoming
 from tests.swift import SwiftServer
 
 pytestmark = pytest.mark.parametrize("objects", ["folder", "s3"], indirect=True)

@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from fusion.angle_files import (
+from acromion.fusion.angle_files import (
     AngleFile,
     AngleFileOptions,
     calibrate_alone,
@@ -17,7 +17,7 @@ from fusion.angle_files import (
     holds_samples,
     read_angle_file,
 )
-from fusion.errors import (
+from acromion.fusion.errors import (
     FusionError,
     MissingSegment,
     RefusedXml,
@@ -26,7 +26,7 @@ from fusion.errors import (
     UnusableTime,
     WrongAngle,
 )
-from fusion.readers import read_recording
+from acromion.fusion.readers import read_recording
 from tests.factories import hold
 from tests.simulated_mvnx import write_mvnx
 

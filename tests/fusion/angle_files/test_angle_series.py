@@ -6,10 +6,10 @@ import io
 import numpy as np
 import pytest
 
-from fusion.angle_files.angle_series import read_angle_series
-from fusion.elevation import Elevation
-from fusion.errors import FusionError
-from fusion.recording import QualityFlag, Recording
+from acromion.fusion.angle_files.angle_series import read_angle_series
+from acromion.fusion.elevation import Elevation
+from acromion.fusion.errors import FusionError
+from acromion.fusion.recording import QualityFlag, Recording
 
 HEADER = "time_s,elevation_deg\n"
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fusion.checks.physics import are_exchanged, check_physics
-from fusion.checks.summary import find_rests
-from fusion.errors import NoGravity, UnknownUnit
-from fusion.recording import Recording, Segment, Stated
-from fusion.simulation import simulate_shift
-from fusion.simulation.sensor import Device
+from acromion.fusion.checks.physics import are_exchanged, check_physics
+from acromion.fusion.checks.summary import find_rests
+from acromion.fusion.errors import NoGravity, UnknownUnit
+from acromion.fusion.recording import Recording, Segment, Stated
+from acromion.fusion.simulation import simulate_shift
+from acromion.fusion.simulation.sensor import Device
 from tests.conftest import SHARED_DATA
 from tests.fusion.made_motion import rest_and_turn
 from tests.simulated_shifts import play_shift

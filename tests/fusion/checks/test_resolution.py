@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fusion.checks import summary
-from fusion.checks.physics import check_physics, cut_windows
-from fusion.checks.summary import find_flat_range, flag_resolution, summarise_sensor
-from fusion.elevation import Elevation, ElevationSegment
-from fusion.errors import TooShort
-from fusion.pipeline import analyse
-from fusion.quality.time_account import account_time, find_exclusions
-from fusion.quality.verdict import flag_accelerometer_drift
-from fusion.readers import read_recording
-from fusion.recording import QualityFlag, Recording, Segment
-from fusion.sensor.model import build_identity_accelerometer
-from fusion.sensor.stillness import QuietTable
+from acromion.fusion.checks import summary
+from acromion.fusion.checks.physics import check_physics, cut_windows
+from acromion.fusion.checks.summary import find_flat_range, flag_resolution, summarise_sensor
+from acromion.fusion.elevation import Elevation, ElevationSegment
+from acromion.fusion.errors import TooShort
+from acromion.fusion.pipeline import analyse
+from acromion.fusion.quality.time_account import account_time, find_exclusions
+from acromion.fusion.quality.verdict import flag_accelerometer_drift
+from acromion.fusion.readers import read_recording
+from acromion.fusion.recording import QualityFlag, Recording, Segment
+from acromion.fusion.sensor.model import build_identity_accelerometer
+from acromion.fusion.sensor.stillness import QuietTable
 from tests.badfiles.arm import minute
 from tests.factories import record
 from tests.fusion.made_motion import rest_and_turn

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fusion.comparison.agreement import (
+from acromion.fusion.comparison.agreement import (
     Agreement,
     compute_concordance,
     compute_icc,
     compute_repeated_limits,
     measure_agreement,
 )
-from fusion.comparison.alignment import (
+from acromion.fusion.comparison.alignment import (
     Alignment,
     ClockSettings,
     Run,
@@ -24,7 +24,7 @@ from fusion.comparison.alignment import (
     interpolate,
     pair,
 )
-from fusion.errors import NotAligned, NothingInCommon
+from acromion.fusion.errors import NotAligned, NothingInCommon
 
 SECONDS = 900.0
 

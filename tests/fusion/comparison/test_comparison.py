@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fusion.comparison.change import (
+from acromion.fusion.comparison.change import (
     NOT_SHIPPED,
     REFERENCES,
     STATEMENTS,
@@ -17,8 +17,8 @@ from fusion.comparison.change import (
     compare_with_references,
     find_detectable_change,
 )
-from fusion.exposure.summary import summarise_exposure
-from fusion.exposure.types import Exposure, Velocity
+from acromion.fusion.exposure.summary import summarise_exposure
+from acromion.fusion.exposure.types import Exposure, Velocity
 from tests.factories import elevate
 
 

@@ -2,23 +2,25 @@
 
 from datetime import datetime
 from math import sqrt
+from typing import Any
 
 import numpy as np
 import pytest
 
-from fusion.comparison.change import BETWEEN_DAY_SD
-from fusion.comparison.days import (
+from acromion.fusion.comparison.change import BETWEEN_DAY_SD
+from acromion.fusion.comparison.days import (
     compare_people,
     describe_days,
     describe_group,
+    find_designs,
     find_detectable_between,
     find_telling,
     lay_on_clock,
     overlay_days,
     pool_deviation,
 )
-from fusion.exposure.types import Interval
-from fusion.recording import Float64Array
+from acromion.fusion.exposure.types import Interval
+from acromion.fusion.recording import Float64Array
 from tests.factories import elevate
 
 EIGHT = datetime.fromisoformat("2026-03-03T08:00:00")
@@ -188,3 +190,124 @@ def test_a_change_is_that_of_people_measured_on_both_sides() -> None:
 
 def test_without_a_person_on_both_sides_there_is_no_change() -> None:
     assert compare_people({"A": [4.0]}, {"B": [4.0]}) is None
+
+
+LOOMS = {
+    "1": [98.0, 97.0, 99.0, 96.0],
+    "2": [91.0, 90.0, 93.0, 92.0],
+    "3": [96.0, 95.0, 97.0, 95.0],
+    "4": [95.0, 96.0, 99.0, 98.0],
+}
+"""Montgomery, Design and Analysis of Experiments: strength of cloth of four looms; mean squares 29.7, 1.9."""
+
+
+def test_the_components_of_a_published_example_have_its_values() -> None:
+    group = describe_group(LOOMS)
+
+    assert group.within_sd is not None
+    assert group.between_sd is not None
+    assert (group.between_sd**2, group.within_sd**2) == pytest.approx((6.96, 1.90), abs=0.005)
+
+
+def test_the_range_of_the_deviation_within_people_is_that_of_chi_square() -> None:
+    # 12 x 1.89583 = 22.75; chi square of 12: 23.337 and 4.4038
+    found = describe_group(LOOMS).within_range
+
+    assert found is not None
+    assert (found.low**2, found.high**2) == pytest.approx((22.75 / 23.337, 22.75 / 4.4038), rel=1e-4)
+
+
+def test_the_range_of_the_deviation_between_people_is_that_of_williams() -> None:
+    # SSA = 89.1875, MSW = 1.89583; F of 3 and 12: 4.4742 and 1 / 14.337; chi square of 3: 9.3484 and 0.21580
+    low = (89.1875 - 3 * 4.4742 * 1.89583) / (4 * 9.3484)
+    high = (89.1875 - 3 / 14.337 * 1.89583) / (4 * 0.21580)
+
+    found = describe_group(LOOMS).between_range
+
+    assert found is not None
+    assert (found.low**2, found.high**2) == pytest.approx((low, high), rel=1e-4)
+
+
+def test_people_who_differ_no_more_than_their_days_have_a_range_from_zero() -> None:
+    found = describe_group({"A": [4.0, 8.0], "B": [6.0, 9.0], "C": [3.0, 8.0]}).between_range
+
+    assert found is not None
+    assert found.low == 0.0 < found.high
+
+
+def test_people_who_differ_less_than_chance_allows_have_no_range() -> None:
+    assert describe_group({"A": [4.0, 8.0], "B": [5.0, 7.0], "C": [6.0, 6.2]}).between_range is None
+
+
+def test_the_ranges_of_unequal_days_include_the_true_deviations_as_often_as_stated() -> None:
+    chance, hits = np.random.default_rng(1), np.zeros(2)
+    for _ in range(400):
+        levels = chance.normal(0.0, 2.0, 8)
+        people = {
+            str(k): chance.normal(level, 1.5, 2 + k % 4).tolist() for k, level in enumerate(levels.tolist())
+        }
+        group = describe_group(people)
+        assert group.within_range is not None
+        assert group.between_range is not None
+        hits += (
+            group.within_range.low <= 1.5 <= group.within_range.high,
+            group.between_range.low <= 2.0 <= group.between_range.high,
+        )
+    assert (hits / 400).tolist() == pytest.approx([0.95, 0.95], abs=0.03)
+
+
+def test_people_for_a_margin_of_the_mean_are_the_fewest_by_students_t() -> None:
+    # one day: 9 + 16 = 25, t(26) 2.0555 x 5 / sqrt 27 = 1.978, with 26 people 2.020;
+    # four days: 9 + 4 = 13, t(14) 2.1448 x sqrt(13 / 15) = 1.997, with 14 people 2.082
+    designs = find_designs(within_sd=4.0, between_sd=3.0, margin=2.0, days=(1, 4))
+
+    assert [(one.people, one.days) for one in designs] == [(27, 1), (15, 4)]
+    assert [one.margin for one in designs] == pytest.approx([1.978, 1.997], abs=5e-4)
+
+
+def test_a_change_needs_no_knowledge_of_the_differences_between_people() -> None:
+    # two days on each side: 2 x 16 / 2 = 16, t(17) 2.1098 x 4 / sqrt 18 = 1.989, with 17 people 2.057
+    (design,) = find_designs(within_sd=4.0, between_sd=30.0, margin=2.0, days=(2,), of="change")
+
+    assert design.people == 18
+    assert design.margin == pytest.approx(1.989, abs=5e-4)
+
+
+def test_the_margin_of_a_design_is_the_one_that_such_a_study_finds_on_average() -> None:
+    chance = np.random.default_rng(2)
+    (design,) = find_designs(within_sd=4.0, between_sd=3.0, margin=2.0, days=(2,))
+    widths = []
+    for _ in range(300):
+        levels = chance.normal(50.0, 3.0, design.people)
+        people = {str(k): chance.normal(level, 4.0, 2).tolist() for k, level in enumerate(levels.tolist())}
+        mean_range = describe_group(people).mean_range
+        assert mean_range is not None
+        widths.append((mean_range.high - mean_range.low) / 2)
+
+    assert np.sqrt(np.mean(np.square(widths))) == pytest.approx(design.margin, rel=0.03)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_day_without_a_number_is_refused_with_the_person(value: float) -> None:
+    people = {"A": [1.0, 2.0], "B": [3.0, value]}
+    told = rf"B has a day with the value {value}; omit days without a figure"
+
+    with pytest.raises(ValueError, match=f"people: {told}"):
+        describe_group(people)
+    with pytest.raises(ValueError, match=f"after: {told}"):
+        compare_people({"A": [1.0], "B": [2.0]}, people)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize("name", ["within_sd", "between_sd", "margin"])
+def test_a_design_names_the_argument_that_is_not_a_number(name: str, value: float) -> None:
+    given: dict[str, Any] = {"within_sd": 4.0, "between_sd": 3.0, "margin": 2.0} | {name: value}
+
+    with pytest.raises(ValueError, match=f"^{name}: {value}; allowed"):
+        find_designs(**given)
+
+
+@pytest.mark.parametrize("wrong", [{"margin": 0.0}, {"within_sd": -1.0}, {"days": (0,)}, {"days": ()}])
+def test_a_design_that_cannot_be_is_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=f"^{next(iter(wrong))}: .*; allowed: "):
+        find_designs(**({"within_sd": 1.0, "between_sd": 1.0, "margin": 1.0} | wrong))

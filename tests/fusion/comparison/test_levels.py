@@ -6,8 +6,8 @@ from datetime import datetime
 
 import pytest
 
-from fusion.comparison.change import find_planned_change
-from fusion.comparison.levels import (
+from acromion.fusion.comparison.change import find_planned_change
+from acromion.fusion.comparison.levels import (
     Extent,
     Standing,
     combine_days,
@@ -15,12 +15,12 @@ from fusion.comparison.levels import (
     compare_with_levels,
     find_extent,
 )
-from fusion.conventions import CalibrationState
-from fusion.diary import DiaryEntry, Kind
-from fusion.exposure.periods import place_diary
-from fusion.exposure.types import Interval, Velocity
-from fusion.quality import TimeAccount, Verdict
-from fusion.recording import Span
+from acromion.fusion.conventions import CalibrationState
+from acromion.fusion.diary import DiaryEntry, Kind
+from acromion.fusion.exposure.periods import place_diary
+from acromion.fusion.exposure.types import Interval, Velocity
+from acromion.fusion.quality import TimeAccount, Verdict
+from acromion.fusion.recording import Span
 from tests.app.analysis_factory import make_exposure, with_velocity
 
 HOUR_US = 3_600_000_000

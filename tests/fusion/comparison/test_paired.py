@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from fusion.comparison.arms import PairedArms, pair_arms, relate_to_trunk
-from fusion.elevation import Elevation
-from fusion.errors import TooShort
-from fusion.exposure.types import Interval
+from acromion.fusion.comparison.arms import PairedArms, pair_arms, relate_to_trunk
+from acromion.fusion.elevation import Elevation
+from acromion.fusion.errors import TooShort
+from acromion.fusion.exposure.types import Interval
 from tests.factories import elevate
 
 
@@ -19,7 +19,7 @@ def test_simultaneous_time_above_60_is_that_of_both_at_once() -> None:
     paired = pair_arms(hold(70, 70, 10, 10), hold(10, 70, 70, 10))
 
     assert (paired.shared_s, paired.both_above_60_percent) == (40.0, 25.0)
-    assert (paired.left.percent_above[60], paired.right.percent_above[60]) == (50.0, 50.0)
+    assert (paired.left.time_above_percent[60], paired.right.time_above_percent[60]) == (50.0, 50.0)
 
 
 def test_the_ratio_is_right_to_left_if_the_left_is_ever_above() -> None:
@@ -99,8 +99,8 @@ def test_each_range_holds_its_figure() -> None:
     paired = pair(spend(15), spend(30, first=5), (3.0, 3.0))
 
     told = {
-        "left_time_above_60_percent": paired.left.percent_above[60],
-        "right_time_above_60_percent": paired.right.percent_above[60],
+        "left_time_above_60_percent": paired.left.time_above_percent[60],
+        "right_time_above_60_percent": paired.right.time_above_percent[60],
         "left_elevation_p90_deg": paired.left.percentiles_deg[90],
         "both_above_60_percent": paired.both_above_60_percent,
         "right_to_left_time_above_60": paired.ratio_above_60 or 0.0,

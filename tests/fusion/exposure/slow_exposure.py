@@ -6,7 +6,7 @@ Takes elevation that is sampled under 20 Hz, which is not filtered.
 import statistics
 from itertools import groupby, pairwise
 
-from fusion.elevation import Elevation
+from acromion.fusion.elevation import Elevation
 
 Row = tuple[float, float]  # when it begins in seconds, angle
 Run = list[Row]

@@ -9,14 +9,14 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
-from fusion.elevation import Elevation, ElevationSegment
-from fusion.errors import TooShort
-from fusion.exposure.metric_filter import design_filter, filter_angle, filter_elevation
-from fusion.exposure.parts import find_quarter_hours
-from fusion.exposure.speeds import BLOCK_ROWS, SpeedTally, filter_blocks
-from fusion.exposure.summary import summarise_exposure
-from fusion.exposure.types import Exposure, Velocity
-from fusion.recording import MICROSECONDS, Recording, Segment
+from acromion.fusion.elevation import Elevation, ElevationSegment
+from acromion.fusion.errors import TooShort
+from acromion.fusion.exposure.metric_filter import design_filter, filter_angle, filter_elevation
+from acromion.fusion.exposure.parts import find_quarter_hours
+from acromion.fusion.exposure.speeds import BLOCK_ROWS, SpeedTally, filter_blocks
+from acromion.fusion.exposure.summary import summarise_exposure
+from acromion.fusion.exposure.types import Exposure, Velocity
+from acromion.fusion.recording import MICROSECONDS, Recording, Segment
 from tests.factories import elevate
 
 START = datetime(2026, 3, 2, 7, 12, 30)  # noqa: DTZ001 - a device's own clock, which has no zone

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from fusion.elevation import Elevation
-from fusion.exposure.resampling import DRAWS, Resampling, find_intervals
-from fusion.exposure.speeds import SpeedTally
-from fusion.exposure.summary import remove_short_ranges, summarise_exposure
-from fusion.exposure.types import Exposure, Interval, Velocity
+from acromion.fusion.elevation import Elevation
+from acromion.fusion.exposure.resampling import DRAWS, Resampling, find_intervals
+from acromion.fusion.exposure.speeds import SpeedTally
+from acromion.fusion.exposure.summary import remove_short_ranges, summarise_exposure
+from acromion.fusion.exposure.types import Exposure, Interval, Velocity
 from tests.factories import elevate
 
 
@@ -130,7 +130,8 @@ def test_under_half_an_hour_no_range_and_no_rate_per_hour_is_left_in_day_or_part
     rates = {name: value for name, value in told if "per_hour" in name or "per_h" in name}
     assert remove_short_ranges(whole) is whole
     assert set(rates) == {
-        "per_hour", "entries_above_60_per_h", "neutral_slow_per_hour", "slow_per_hour", "crossings_per_hour",
+        "per_hour", "entries_above_60_per_h", "neutral_slow_per_h", "slow_per_h",
+        "inclination_velocity_zero_crossings_per_h",
     }  # fmt: skip
     assert set(rates.values()) == {None}
     assert [value for name, value in told if name in {"interval", "intervals"} and value] == []

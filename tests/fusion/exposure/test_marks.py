@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fusion.diary import DiaryEntry, read_diary
-from fusion.errors import UnusableDiary
-from fusion.exposure.periods import Mark, place_diary
-from fusion.exposure.types import PartExposure
-from fusion.pipeline import Analysis, analyse_angles
-from fusion.settings import AnalysisSettings
+from acromion.fusion.diary import DiaryEntry, read_diary
+from acromion.fusion.errors import UnusableDiary
+from acromion.fusion.exposure.periods import Mark, place_diary
+from acromion.fusion.exposure.types import PartExposure
+from acromion.fusion.pipeline import Analysis, analyse_angles
+from acromion.fusion.settings import AnalysisSettings
 
 MINUTE_S = 60
 HOUR_US = 3_600_000_000
@@ -28,7 +28,7 @@ def analyse_hours(*diary: DiaryEntry) -> Analysis:
 
 
 def describe(part: PartExposure) -> tuple[float, float, float | None]:
-    return part.analysed_s, part.percent_above[60], part.entries_above_60_per_h
+    return part.analysed_s, part.time_above_percent[60], part.entries_above_60_per_h
 
 
 def test_a_mark_shows_the_quarter_of_an_hour_before_it_and_the_rest_of_the_day() -> None:

@@ -7,13 +7,13 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
-from fusion.exposure.bins import cut_day
-from fusion.exposure.metric_filter import MetricAngle
-from fusion.exposure.parts import ShiftedSeconds
-from fusion.exposure.speeds import find_mean_power_frequency
-from fusion.exposure.stays import LONGER_S, STAY_S, STAYS, ShiftedStays, find_stays
-from fusion.exposure.summary import describe_hours, summarise_exposure
-from fusion.exposure.types import Exposure, PartExposure, Recovery
+from acromion.fusion.exposure.bins import cut_day
+from acromion.fusion.exposure.metric_filter import MetricAngle
+from acromion.fusion.exposure.parts import ShiftedSeconds
+from acromion.fusion.exposure.speeds import find_mean_power_frequency
+from acromion.fusion.exposure.stays import LONGER_S, STAY_S, STAYS, ShiftedStays, find_stays
+from acromion.fusion.exposure.summary import describe_hours, summarise_exposure
+from acromion.fusion.exposure.types import Exposure, PartExposure, Recovery
 from tests.factories import elevate
 
 
@@ -36,7 +36,7 @@ def test_hanging_still_for_3_s_is_rest_and_shorter_is_not() -> None:
     recovery = recover(hold((50, 10), (10, 3.1), (50, 10), (10, 3.0), (50, 10)))
 
     # the step into a hold is fast: of 3.1 s three are slow
-    assert recovery.neutral_slow_per_hour == pytest.approx(3600 / 36.1)
+    assert recovery.neutral_slow_per_h == pytest.approx(3600 / 36.1)
     assert recovery.neutral_slow_percent == pytest.approx(100 * 3.0 / 36.1)
 
 
@@ -44,7 +44,7 @@ def test_the_longest_time_without_rest_lies_between_two_rests_which_a_hole_ends(
     between = recover(hold((10, 10), (50, 20), (10, 10), (50, 5), (10, 10)))
 
     assert between.longest_without_s == pytest.approx(20.1)  # and the step back down
-    assert recover(hold((10, 2.5)), hold((10, 2.5))).neutral_slow_per_hour == 0.0
+    assert recover(hold((10, 2.5)), hold((10, 2.5))).neutral_slow_per_h == 0.0
 
 
 @pytest.mark.parametrize(

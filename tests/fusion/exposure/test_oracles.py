@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fusion.comparison.agreement import compute_icc, measure_agreement
-from fusion.elevation import Elevation, ElevationSegment
-from fusion.exposure.metric_filter import MetricAngle
-from fusion.exposure.speeds import RANGE_EDGES_DEG, CycleTally, count_rainflow
-from fusion.exposure.summary import summarise_exposure
+from acromion.fusion.comparison.agreement import compute_icc, measure_agreement
+from acromion.fusion.elevation import Elevation, ElevationSegment
+from acromion.fusion.exposure.metric_filter import MetricAngle
+from acromion.fusion.exposure.speeds import RANGE_EDGES_DEG, CycleTally, count_rainflow
+from acromion.fusion.exposure.summary import summarise_exposure
 from tests.fusion.exposure import slow_exposure
 
 matplotlib = pytest.importorskip("matplotlib")

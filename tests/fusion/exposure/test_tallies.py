@@ -10,16 +10,16 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
-from fusion.exposure.metric_filter import MetricAngle
-from fusion.exposure.resampling import draw_blocks, sum_below
-from fusion.exposure.speeds import (
+from acromion.fusion.exposure.metric_filter import MetricAngle
+from acromion.fusion.exposure.resampling import draw_blocks, sum_below
+from acromion.fusion.exposure.speeds import (
     CycleTally,
     FrequencyTally,
     count_crossings,
     find_mean_power_frequency,
     measure_inclination,
 )
-from fusion.exposure.stays import (
+from acromion.fusion.exposure.stays import (
     ANGLE_EDGES_DEG,
     DURATION_EDGES_S,
     REST_S,
@@ -28,8 +28,8 @@ from fusion.exposure.stays import (
     EvaTally,
     RecoveryTally,
 )
-from fusion.exposure.summary import summarise_exposure
-from fusion.runs import add_time
+from acromion.fusion.exposure.summary import summarise_exposure
+from acromion.fusion.runs import add_time
 from tests.factories import elevate
 
 ANGLES = st.sampled_from([0.0, 12.0, 17.0, 19.5, 20.0, 21.0, 24.0, 30.0, 34.0, 60.0, 64.0, 90.0, 150.0])

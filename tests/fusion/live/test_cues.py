@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fusion.live import LiveRows
-from fusion.live.cues import CueRule, CueWatch
+from acromion.fusion.live import LiveRows
+from acromion.fusion.live.cues import CueRule, CueWatch
 
 
 def lay(*poses: tuple[float, float], rate_hz: float = 10.0) -> LiveRows:

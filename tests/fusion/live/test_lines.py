@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from fusion.errors import NoGyroscope, UnknownColumns, UnknownUnit, UnusableTime
-from fusion.live import Frames
-from fusion.live.lines import LineReader, StreamClock
+from acromion.fusion.errors import NoGyroscope, UnknownColumns, UnknownUnit, UnusableTime
+from acromion.fusion.live import Frames
+from acromion.fusion.live.lines import LineReader, StreamClock
 
 PREAMBLE = "# device: LSM9DS1\n# acc_range_g: 16\n# gyr_range_dps: 2000\n"
 HEADER = "time_us,counter,acc_x_g,acc_y_g,acc_z_g,gyr_x_dps,gyr_y_dps,gyr_z_dps\n"

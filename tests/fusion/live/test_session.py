@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from fusion.elevation import Elevation, ElevationSegment
-from fusion.errors import UnusableArrays
-from fusion.live import (
+from acromion.fusion.elevation import Elevation, ElevationSegment
+from acromion.fusion.errors import UnusableArrays
+from acromion.fusion.live import (
     Frames,
     LiveElevation,
     LiveRows,
@@ -20,8 +20,8 @@ from fusion.live import (
     compare_shown,
     replay_frames,
 )
-from fusion.orientation.live import LiveVertical
-from fusion.recording import Recording
+from acromion.fusion.orientation.live import LiveVertical
+from acromion.fusion.recording import Recording
 from tests.factories import MadeRecording, hold
 from tests.fusion.made_motion import angle_between_deg, tumble
 

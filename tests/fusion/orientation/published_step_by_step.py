@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from fusion.orientation.published import PublishedParameters
+from acromion.fusion.orientation.published import PublishedParameters
 
 Array = NDArray[np.float64]
 

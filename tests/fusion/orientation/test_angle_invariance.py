@@ -8,12 +8,12 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from fusion.checks.physics import check_physics
-from fusion.elevation import estimate_elevation
-from fusion.orientation import estimate_vertical
-from fusion.pose.calibrate import calibrate
-from fusion.recording import Recording, Segment
-from fusion.settings import AnalysisSettings
+from acromion.fusion.checks.physics import check_physics
+from acromion.fusion.elevation import estimate_elevation
+from acromion.fusion.orientation import estimate_vertical
+from acromion.fusion.pose.calibrate import calibrate
+from acromion.fusion.recording import Recording, Segment
+from acromion.fusion.settings import AnalysisSettings
 from tests.factories import record as make_recording
 from tests.fusion.made_motion import angle_between_deg, rest_and_turn, tumble
 from tests.fusion.readers.tables.table_builder import read_text

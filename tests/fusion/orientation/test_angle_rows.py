@@ -8,14 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from fusion.conventions import MethodName
-from fusion.elevation import Elevation, VerticalOnDemand, estimate_elevation, group_rows, read_rows
-from fusion.orientation.smoothed import smooth_nodes
-from fusion.pipeline import Analysis, analyse
-from fusion.pose.calibrate import calibrate
-from fusion.recording import Recording, Segment
-from fusion.runs import find_valid_samples
-from fusion.settings import AnalysisSettings
+from acromion.fusion.conventions import MethodName
+from acromion.fusion.elevation import Elevation, VerticalOnDemand, estimate_elevation, group_rows, read_rows
+from acromion.fusion.orientation.smoothed import smooth_nodes
+from acromion.fusion.pipeline import Analysis, analyse
+from acromion.fusion.pose.calibrate import calibrate
+from acromion.fusion.recording import Recording, Segment
+from acromion.fusion.runs import find_valid_samples
+from acromion.fusion.settings import AnalysisSettings
 from tests.factories import hold, move_arm
 
 LIFT_DPS = 90.0

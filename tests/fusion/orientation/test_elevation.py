@@ -9,21 +9,26 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from fusion.conventions import MethodName
-from fusion.elevation import Elevation, describe_method, estimate_elevation, measure_elevation
-from fusion.orientation.published import (
+from acromion.fusion.conventions import MethodName
+from acromion.fusion.elevation import Elevation, describe_method, estimate_elevation, measure_elevation
+from acromion.fusion.orientation.published import (
     PublishedParameters,
     estimate_published,
     highpass_gain,
     lowpass_gain,
 )
-from fusion.orientation.smoothed import SmoothedNodes, UncertaintySettings, average_around, estimate_sigma
-from fusion.pose.calibrate import calibrate
-from fusion.recording import Recording, Segment
-from fusion.sensor.model import AccelerometerCorrection, SensorRun, build_identity_accelerometer
-from fusion.settings import AnalysisSettings
-from fusion.simulation import simulate_shift
-from fusion.simulation.sensor import Device
+from acromion.fusion.orientation.smoothed import (
+    SmoothedNodes,
+    UncertaintySettings,
+    average_around,
+    estimate_sigma,
+)
+from acromion.fusion.pose.calibrate import calibrate
+from acromion.fusion.recording import Recording, Segment
+from acromion.fusion.sensor.model import AccelerometerCorrection, SensorRun, build_identity_accelerometer
+from acromion.fusion.settings import AnalysisSettings
+from acromion.fusion.simulation import simulate_shift
+from acromion.fusion.simulation.sensor import Device
 from tests.factories import hold, move_arm, record
 from tests.fusion.made_motion import angle_between_deg, tumble
 from tests.fusion.orientation.published_step_by_step import follow_paper

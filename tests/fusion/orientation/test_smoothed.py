@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fusion.conventions import MethodName
-from fusion.errors import UnusableArrays
-from fusion.orientation import estimate_vertical
-from fusion.sensor.model import SensorRun
+from acromion.fusion.conventions import MethodName
+from acromion.fusion.errors import UnusableArrays
+from acromion.fusion.orientation import estimate_vertical
+from acromion.fusion.sensor.model import SensorRun
 from tests.estimates import smooth_vertical
 from tests.fusion.made_motion import Motion, angle_between_deg, tumble
 

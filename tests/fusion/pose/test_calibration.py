@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fusion.conventions import MethodName, Pose
-from fusion.elevation import estimate_elevation
-from fusion.errors import UnusableCalibration
-from fusion.pipeline import Analysis, analyse
-from fusion.pose.calibrate import calibrate, compute_two_point_axis
-from fusion.pose.rules import score_still_period
-from fusion.quality.verdict import flag_pose, flag_published, flag_untrusted_pose
-from fusion.recording import QualityFlag, Recording, Segment
-from fusion.sensor.model import GyroBias
-from fusion.settings import AnalysisSettings
+from acromion.fusion.conventions import MethodName, Pose
+from acromion.fusion.elevation import estimate_elevation
+from acromion.fusion.errors import UnusableCalibration
+from acromion.fusion.pipeline import Analysis, analyse
+from acromion.fusion.pose.calibrate import calibrate, compute_two_point_axis
+from acromion.fusion.pose.rules import score_still_period
+from acromion.fusion.quality.verdict import flag_pose, flag_published, flag_untrusted_pose
+from acromion.fusion.recording import QualityFlag, Recording, Segment
+from acromion.fusion.sensor.model import GyroBias
+from acromion.fusion.settings import AnalysisSettings
 from tests.factories import hold, record
 from tests.fusion.pose.test_poses import Course, tilted
 

@@ -8,21 +8,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fusion.angle_files import read_angle_file
-from fusion.elevation import Elevation, ElevationSegment
-from fusion.exposure.metric_filter import filter_elevation
-from fusion.exposure.resampling import (
+from acromion.fusion.angle_files import read_angle_file
+from acromion.fusion.elevation import Elevation, ElevationSegment
+from acromion.fusion.exposure.metric_filter import filter_elevation
+from acromion.fusion.exposure.resampling import (
     draw_blocks,
     lower_thresholds,
     raise_angles,
     spread_errors,
 )
-from fusion.exposure.stays import HALF_WIDTHS_DEG, LoweredEntries, find_stays
-from fusion.exposure.summary import summarise_exposure
-from fusion.exposure.types import Exposure, Interval
-from fusion.pipeline import analyse, analyse_angle_file, analyse_angles
-from fusion.recording import Float64Array
-from fusion.settings import AnalysisSettings
+from acromion.fusion.exposure.stays import HALF_WIDTHS_DEG, LoweredEntries, find_stays
+from acromion.fusion.exposure.summary import summarise_exposure
+from acromion.fusion.exposure.types import Exposure, Interval
+from acromion.fusion.pipeline import analyse, analyse_angle_file, analyse_angles
+from acromion.fusion.recording import Float64Array
+from acromion.fusion.settings import AnalysisSettings
 from tests.factories import elevate, hold
 
 # 200 shares, every 200th of [0, 1] once: their 97.5th percentile is (0.975 x 199 + 0.5) / 200

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fusion.conventions import PoseHeld, parse_arm_axis
-from fusion.pipeline import apply_file_settings
-from fusion.pose.calibrate import CalibratedSamples, calibrate, propose_poses
-from fusion.pose.rules import estimate_repeated_sigma, select_distinct_axes
-from fusion.quality.verdict import flag_pose
-from fusion.recording import QualityFlag, Recording, Segment
-from fusion.settings import AnalysisSettings
+from acromion.fusion.conventions import PoseHeld, parse_arm_axis
+from acromion.fusion.pipeline import apply_file_settings
+from acromion.fusion.pose.calibrate import CalibratedSamples, calibrate, propose_poses
+from acromion.fusion.pose.rules import estimate_repeated_sigma, select_distinct_axes
+from acromion.fusion.quality.verdict import flag_pose
+from acromion.fusion.recording import QualityFlag, Recording, Segment
+from acromion.fusion.settings import AnalysisSettings
 from tests.factories import record
 
 RATE_HZ = 50.0

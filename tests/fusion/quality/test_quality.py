@@ -8,15 +8,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fusion.caveats import Caveat
-from fusion.conventions import CalibrationState, Pose
-from fusion.elevation import Elevation, ElevationSegment, group_rows
-from fusion.errors import TooShort
-from fusion.exposure.summary import summarise_exposure
-from fusion.pipeline import Analysis, analyse
-from fusion.pose.calibrate import Calibration
-from fusion.quality import Quality, TimeAccount
-from fusion.quality.time_account import (
+from acromion.fusion.caveats import Caveat
+from acromion.fusion.conventions import CalibrationState, Pose
+from acromion.fusion.elevation import Elevation, ElevationSegment, group_rows
+from acromion.fusion.errors import TooShort
+from acromion.fusion.exposure.summary import summarise_exposure
+from acromion.fusion.pipeline import Analysis, analyse
+from acromion.fusion.pose.calibrate import Calibration
+from acromion.fusion.quality import Quality, TimeAccount
+from acromion.fusion.quality.time_account import (
     account_time,
     divide_time,
     find_exclusions,
@@ -24,11 +24,11 @@ from fusion.quality.time_account import (
     make_disjoint,
     propose_nonwear,
 )
-from fusion.quality.verdict import assess_quality, flag_gyro_drift, flag_untrusted, flag_upside_down
-from fusion.readers import read_recording
-from fusion.readers.preview import inspect_recording
-from fusion.recording import Float64Array, QualityFlag, Recording, Segment, Span, flag_spans
-from fusion.sensor.model import GyroBias
+from acromion.fusion.quality.verdict import assess_quality, flag_gyro_drift, flag_untrusted, flag_upside_down
+from acromion.fusion.readers import read_recording
+from acromion.fusion.readers.preview import inspect_recording
+from acromion.fusion.recording import Float64Array, QualityFlag, Recording, Segment, Span, flag_spans
+from acromion.fusion.sensor.model import GyroBias
 from tests.badfiles.gt3x_files import replaced, second
 from tests.badfiles.order_files import ordered, thinned_at_random
 from tests.badfiles.table_files import stalls

@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from fusion.recording import DEG_PER_RAD, STANDARD_GRAVITY
+from acromion.fusion.recording import DEG_PER_RAD, STANDARD_GRAVITY
 from tests.fusion.made_motion import tumble
 
 RATE_HZ = 100.0

@@ -2,8 +2,8 @@
 
 import io
 
-from fusion.readers import read_recording
-from fusion.recording import Recording
+from acromion.fusion.readers import read_recording
+from acromion.fusion.recording import Recording
 
 
 def read_file(content: bytes, name: str = "") -> Recording:

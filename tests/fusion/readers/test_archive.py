@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fusion.errors import (
+from acromion.fusion.errors import (
     CorruptArchive,
     FusionError,
     NoGyroscope,
@@ -21,9 +21,9 @@ from fusion.errors import (
     UnusableProfile,
     UnusableTime,
 )
-from fusion.readers import ColumnProfile, read_recording
-from fusion.readers.tables.profile import propose_file_profile
-from fusion.recording import Recording
+from acromion.fusion.readers import ColumnProfile, read_recording
+from acromion.fusion.readers.tables.profile import propose_file_profile
+from acromion.fusion.recording import Recording
 from tests.fusion.readers.device_layouts import ACC_G, GYR_DPS, GYR_RAD, START_S, TIME_S, axes, metawear, rows
 from tests.fusion.readers.seen import codes
 from tests.fusion.readers.tables.table_builder import CANON

@@ -4,7 +4,7 @@ import io
 
 import pytest
 
-from fusion.readers import holds_device_format
+from acromion.fusion.readers import holds_device_format
 from tests.badfiles.gt3x_files import LOG, pack
 from tests.badfiles.table_files import actilife, canon
 from tests.fusion.readers.cwa.cwa_builder import log_of

@@ -11,11 +11,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from fusion.devices import KNOWN_DEVICES, find_device_name, find_known_device
-from fusion.errors import NoGravity, SeveralSensors, UnknownRate
-from fusion.readers import ColumnProfile, identify_header, read_recording
-from fusion.readers.preview import Preview, preview_head
-from fusion.recording import STANDARD_GRAVITY, Recording
+from acromion.fusion.devices import KNOWN_DEVICES, find_device_name, find_known_device
+from acromion.fusion.errors import NoGravity, SeveralSensors, UnknownRate
+from acromion.fusion.readers import ColumnProfile, identify_header, read_recording
+from acromion.fusion.readers.preview import Preview, preview_head
+from acromion.fusion.recording import STANDARD_GRAVITY, Recording
 from tests.fusion.readers.device_layouts import (
     ACC_G,
     ACC_MS2,

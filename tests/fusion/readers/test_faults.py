@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fusion.checks.faults import cut_rows, exclude_faults, refuse_dead
-from fusion.readers import read_recording
-from fusion.recording import Segment, Span
+from acromion.fusion.checks.faults import cut_rows, exclude_faults, refuse_dead
+from acromion.fusion.readers import read_recording
+from acromion.fusion.recording import Segment, Span
 from tests.badfiles.arm import Matrix, minute
 from tests.factories import record
 

@@ -4,8 +4,8 @@ import io
 
 import pytest
 
-from fusion.errors import UnusableJoin
-from fusion.readers import join_recordings, read_recording, read_recordings
+from acromion.fusion.errors import UnusableJoin
+from acromion.fusion.readers import join_recordings, read_recording, read_recordings
 from tests.fusion.readers.gt3x.gt3x_builder import INFO, T0, count_utc, pack, record, schema, second
 
 

@@ -6,9 +6,9 @@ from contextlib import suppress
 
 import pytest
 
-from fusion import read_recording
-from fusion.errors import FusionError
-from fusion.live.lines import LONGEST_LINE_BYTES, LineReader
+from acromion.fusion import read_recording
+from acromion.fusion.errors import FusionError
+from acromion.fusion.live.lines import LONGEST_LINE_BYTES, LineReader
 from tests.fusion.readers.cwa.cwa_builder import log_of
 
 SIZE_BYTES = 1 << 20

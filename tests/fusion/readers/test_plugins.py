@@ -7,20 +7,20 @@ from pathlib import Path
 
 import pytest
 
-from app.analysis.inspect import read_file
-from app.formats import Format, find_added_formats
-from app.request import ReportRequest
-from fusion import plugins
-from fusion.errors import FailedReader, NoGyroscope
-from fusion.readers import read_recording
-from fusion.recording import Recording
-from fusion.simulation import write_recordings
+from acromion.app.analysis.inspect import read_file
+from acromion.app.formats import Format, find_added_formats
+from acromion.app.request import ReportRequest
+from acromion.fusion import plugins
+from acromion.fusion.errors import FailedReader, NoGyroscope
+from acromion.fusion.readers import read_recording
+from acromion.fusion.recording import Recording
+from acromion.fusion.simulation import write_recordings
 
 AddReader = Callable[[str, str], None]
 
 WHOLE = """
 import numpy as np
-from fusion.recording import Recording, Segment
+from acromion.fusion.recording import Recording, Segment
 
 def recognise(source):
     return source.head.startswith(b"MINE")
@@ -153,14 +153,14 @@ def test_a_log_that_takes_more_gets_the_traceback(
     path = tmp_path / "log.mine"
     path.write_bytes(b"MINE")
 
-    with caplog.at_level("INFO", "app"), pytest.raises(FailedReader):
+    with caplog.at_level("INFO", "acromion"), pytest.raises(FailedReader):
         read_file(path, ReportRequest(path.name))
 
     assert caplog.records[-1].exc_info
 
 
 def test_a_refusal_of_ours_that_a_plug_in_raises_stays_what_it_is(add_reader: AddReader) -> None:
-    raising = "from fusion.errors import NoGyroscope\ndef read(source, rate_hz): raise NoGyroscope"
+    raising = "from acromion.fusion.errors import NoGyroscope\ndef read(source, rate_hz): raise NoGyroscope"
     add_reader("refusing_reader", raising + "\ndef recognise(source): return True")
 
     with pytest.raises(NoGyroscope):

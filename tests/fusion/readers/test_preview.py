@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fusion.errors import FusionError, NoGyroscope
-from fusion.readers import read_recording
-from fusion.readers.preview import inspect_recording, preview_head
+from acromion.fusion.errors import FusionError, NoGyroscope
+from acromion.fusion.readers import read_recording
+from acromion.fusion.readers.preview import inspect_recording, preview_head
 from tests.fusion.readers.cwa.cwa_builder import START as CWA_START
 from tests.fusion.readers.cwa.cwa_builder import blocks as cwa_blocks
 from tests.fusion.readers.cwa.cwa_builder import header as cwa_header

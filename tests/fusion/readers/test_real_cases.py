@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fusion.errors import SeveralSensors, UnknownColumns, UnusableTime
-from fusion.pipeline import analyse
-from fusion.readers import ColumnProfile, parse_profile, read_recording
-from fusion.readers.tables.columns import DateOrder
-from fusion.recording import Recording
+from acromion.fusion.errors import SeveralSensors, UnknownColumns, UnusableTime
+from acromion.fusion.pipeline import analyse
+from acromion.fusion.readers import ColumnProfile, parse_profile, read_recording
+from acromion.fusion.readers.tables.columns import DateOrder
+from acromion.fusion.recording import Recording
 
 pytestmark = pytest.mark.real_recordings
 

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fusion.readers import samples
-from fusion.readers.samples import Room
+from acromion.fusion.readers import samples
+from acromion.fusion.readers.samples import Room
 
 SMALL_BYTES = 4096
 

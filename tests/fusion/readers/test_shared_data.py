@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from fusion.errors import FusionError
-from fusion.readers import read_recording
+from acromion.fusion.errors import FusionError
+from acromion.fusion.readers import read_recording
 
 SharedData = Callable[[str], Path]
 READ = {

@@ -9,10 +9,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from fusion.angle_files import read_angle_file
-from fusion.errors import RefusedXml, TooLong, UnsafeArchive
-from fusion.readers import read_recording, samples
-from fusion.readers.samples import check_rows
+from acromion.fusion.angle_files import read_angle_file
+from acromion.fusion.errors import RefusedXml, TooLong, UnsafeArchive
+from acromion.fusion.readers import read_recording, samples
+from acromion.fusion.readers.samples import check_rows
 from tests.fusion.readers.cwa.cwa_builder import blocks, header
 from tests.fusion.readers.tables.table_builder import HEADER
 
@@ -98,7 +98,7 @@ def test_a_parquet_of_too_many_rows_is_refused_by_its_index() -> None:
 
 
 def test_pages_that_unpack_beyond_any_sensor_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fusion.readers.tables.parquet.FREE_PAGE_BYTES", 100_000)
+    monkeypatch.setattr("acromion.fusion.readers.tables.parquet.FREE_PAGE_BYTES", 100_000)
     file = io.BytesIO()
     columns = {name: np.zeros(20_000) for name in HEADER.split(",")}
     pq.write_table(pa.table(columns), file, compression="zstd", use_dictionary=False)

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fusion.checks.faults import leave_out_zeros
-from fusion.errors import DeadSensor, UnusableTime
-from fusion.pipeline import analyse
-from fusion.readers import read_recording
-from fusion.readers.tables.csv import RECORD
-from fusion.recording import QualityFlag, Recording
+from acromion.fusion.checks.faults import leave_out_zeros
+from acromion.fusion.errors import DeadSensor, UnusableTime
+from acromion.fusion.pipeline import analyse
+from acromion.fusion.readers import read_recording
+from acromion.fusion.readers.tables.csv import RECORD
+from acromion.fusion.recording import QualityFlag, Recording
 from tests import factories
 from tests.badfiles import gt3x_files as g
 from tests.badfiles import signal_files as s

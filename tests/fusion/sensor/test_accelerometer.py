@@ -5,8 +5,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from fusion.sensor.self_calibration import calibrate_accelerometer
-from fusion.sensor.stillness import QuietTable
+from acromion.fusion.sensor.self_calibration import calibrate_accelerometer
+from acromion.fusion.sensor.stillness import QuietTable
 
 OFFSET_G = np.array([0.03, -0.02, 0.04])
 SCALE = np.array([1.01, 0.995, 0.99])

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fusion.recording import Float64Array
-from fusion.sensor.gyroscope import GyroScale, find_jumps
-from fusion.sensor.model import GyroBias, SensorRun, solve_band
-from fusion.sensor.self_calibration import calibrate_sensor
-from fusion.sensor.stillness import find_still_moments, reduce_run
-from fusion.simulation import simulate_shift
+from acromion.fusion.recording import Float64Array
+from acromion.fusion.sensor.gyroscope import GyroScale, find_jumps
+from acromion.fusion.sensor.model import GyroBias, SensorRun, solve_band
+from acromion.fusion.sensor.self_calibration import calibrate_sensor
+from acromion.fusion.sensor.stillness import find_still_moments, reduce_run
+from acromion.fusion.simulation import simulate_shift
 from tests.estimates import estimate_gyro_bias
 from tests.fusion.made_motion import Motion, rest_and_turn, tumble
 from tests.simulated_shifts import make_perfect, play_shift

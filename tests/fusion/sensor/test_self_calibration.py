@@ -7,16 +7,16 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from fusion.orientation import estimate_vertical
-from fusion.sensor.model import Nodes, SensorRun, build_identity_accelerometer
-from fusion.sensor.self_calibration import (
+from acromion.fusion.orientation import estimate_vertical
+from acromion.fusion.sensor.model import Nodes, SensorRun, build_identity_accelerometer
+from acromion.fusion.sensor.self_calibration import (
     MovingReadings,
     bridge_saturation,
     calibrate_accelerometer,
     has_few_directions,
     read_while_moving,
 )
-from fusion.sensor.stillness import QuietTable, reduce_run
+from acromion.fusion.sensor.stillness import QuietTable, reduce_run
 from tests.fusion.made_motion import angle_between_deg, rest_and_turn
 
 PERIOD_S = 0.05

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
 
-from fusion.recording import STANDARD_GRAVITY
-from fusion.simulation.activities import Choreography
-from fusion.simulation.body import Body, Channel, Motion, compute_readings, play
-from fusion.simulation.shift import plan_day
+from acromion.fusion.recording import STANDARD_GRAVITY
+from acromion.fusion.simulation.activities import Choreography
+from acromion.fusion.simulation.body import Body, Channel, Motion, compute_readings, play
+from acromion.fusion.simulation.shift import plan_day
 
 FloatArray = NDArray[np.float64]
 

@@ -16,8 +16,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fusion.simulation import simulate_shift, write_recordings, write_shift
-from fusion.simulation.files import (
+from acromion.fusion.simulation import simulate_shift, write_recordings, write_shift
+from acromion.fusion.simulation.files import (
     NO_STAMPS,
     ROW,
     SecondCutter,

@@ -5,8 +5,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from fusion.numerics import compute_angle_deg
-from fusion.simulation.activities import (
+from acromion.fusion.numerics import compute_angle_deg
+from acromion.fusion.simulation.activities import (
     Activity,
     Choreography,
     Person,
@@ -15,7 +15,7 @@ from fusion.simulation.activities import (
     stand,
     walk,
 )
-from fusion.simulation.body import Body, compute_readings, play
+from acromion.fusion.simulation.body import Body, compute_readings, play
 
 RATE_HZ = 50.0
 UP = np.array([0.0, 0.0, 1.0])

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fusion.simulation import SimulatedShift, simulate_shift
-from fusion.simulation.body import ArmState
-from fusion.simulation.sensor import (
+from acromion.fusion.simulation import SimulatedShift, simulate_shift
+from acromion.fusion.simulation.body import ArmState
+from acromion.fusion.simulation.sensor import (
     GT9X,
     LSM9DS1,
     Device,

@@ -3,7 +3,7 @@
 import asyncio
 import re
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -15,10 +15,11 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import FileResponse, JSONResponse, StreamingResponse
 from pydantic import BaseModel, ConfigDict, Field
 
-from app.batch.settings_file import encode_settings
-from app.errors import Busy
-from app.http.api.library.files import build_download_name, serve_bytes
-from app.http.api.library.models import (
+from acromion.app.batch.settings_file import encode_settings
+from acromion.app.batch.shifts import cut_as_asked
+from acromion.app.errors import BadParameter, Busy
+from acromion.app.http.api.library.files import build_download_name, serve_bytes
+from acromion.app.http.api.library.models import (
     RESULT_NAMES,
     AnalysisList,
     AnalysisQuery,
@@ -33,23 +34,24 @@ from app.http.api.library.models import (
     read_periods,
     view_analysis,
 )
-from app.http.api.library.released import list_reports, read_report, serve_report
-from app.http.api.library.uploads import receive_recording
-from app.http.middleware.problems import PROBLEM_RESPONSES
-from app.library.jobs import JobFilter
-from app.library.recordings import StoredRow
-from app.library.results import check_succeeded, find_or_add, retry
-from app.library.rows import Job, JobState
-from app.report.export.crate import CRATE, Made, encode_crate
-from app.report.export.naming import pack_files
-from app.report.export.tables import PERIOD_COLUMNS, describe_periods, encode_table
-from app.report.figures import load_results
-from app.report.words.wording import Language, find_nearest
-from app.request import Conclusion, ReportRequest, clean_file_name, write_profile
-from app.services import Services, UsedLanguage, UsedServices, UsedWayIn
-from app.settings import Settings
-from app.store.day_file import DAY_NAME
-from app.store.folder import StoredRecording
+from acromion.app.http.api.library.released import list_reports, read_report, serve_report
+from acromion.app.http.api.library.uploads import receive_recording
+from acromion.app.http.middleware.problems import PROBLEM_RESPONSES
+from acromion.app.library.jobs import JobFilter
+from acromion.app.library.recordings import DESCRIBED, StoredRow
+from acromion.app.library.results import check_succeeded, find_or_add, retry
+from acromion.app.library.rows import Job, JobState
+from acromion.app.report.export.crate import CRATE, Made, encode_crate
+from acromion.app.report.export.naming import pack_files
+from acromion.app.report.export.tables import describe_tables, encode_rows
+from acromion.app.report.figures import load_results
+from acromion.app.report.words.wording import Language, find_nearest
+from acromion.app.request import Conclusion, ReportRequest, clean_file_name, write_profile
+from acromion.app.services import Services, UsedLanguage, UsedServices, UsedWayIn
+from acromion.app.settings import Settings
+from acromion.app.store.day_file import DAY_NAME
+from acromion.app.store.folder import StoredRecording, borrow_recording
+from acromion.fusion.clocks import INTERVAL_HINT
 
 # Waiting: for the end of an analysis, and for a thread whose request was cancelled.
 
@@ -103,6 +105,13 @@ class AnalysisWish(BaseModel):
     recording_ids: Annotated[list[str], Field(min_length=1, max_length=1000)]
     settings: AnalysisSettings = AnalysisSettings()
     again: Annotated[bool, Field(description="Analyse again even if the same analysis exists.")] = False
+    not_removed: Annotated[
+        bool,
+        Field(
+            description="The sensor stayed on between the shifts: the first one's confirmed pose applies to "
+            "later ones without one."
+        ),
+    ] = False
     study: StudyName = ""
 
 
@@ -159,14 +168,19 @@ def create_analyses(
     rows = [services.recordings.get(recording_id) for recording_id in body.recording_ids]
     flow = way_in if len(rows) == 1 else "api"
     asked = [(row, build_request(row, body.settings, language, services.settings)) for row in rows]
+    if needs_cut(body.settings.shift):
+        asked = _cut_shifts(services, asked, not_removed=body.not_removed)
+        check_queue(services, len(asked))
     store, storage, pairs = services.store, services.storage, []
     for row, request in asked:
         own = (row.id, row.sha256)
         add = partial(store.add_analysis, own, request, flow, is_fresh=body.again)
         pairs.append(find_or_add(store, storage, own, request, flow, add, again=body.again))
-    for row in rows:  # store subject and side on recordings that do not have them yet
-        about, settings = row.about, body.settings
-        stated = replace(about, subject=about.subject or settings.subject, side=about.side or settings.side)
+    for row in rows:  # store the person, arm and job on recordings that do not have them yet
+        about = row.about
+        stated = replace(
+            about, **{name: getattr(about, name) or getattr(body.settings, name) for name in DESCRIBED}
+        )
         if stated != about:
             services.recordings.describe(row, stated)
     for job, _ in pairs if body.study else ():
@@ -209,12 +223,34 @@ def check_queue(services: Services, more: int = 1) -> None:
         raise Busy
 
 
+def needs_cut(shift: str) -> bool:
+    """Return whether a shift is stated as hours of each day or "diary", so that there may be several."""
+    return bool(shift) and "/" not in shift
+
+
+def _cut_shifts(
+    services: Services, asked: Sequence[tuple[StoredRow, ReportRequest]], *, not_removed: bool
+) -> list[tuple[StoredRow, ReportRequest]]:
+    """Return a request for each shift of the only recording.
+
+    Raises BadParameter for several recordings, RecordedProblem or UnusableDiary.
+    """
+    if len(asked) > 1:
+        allowed = f"1; {INTERVAL_HINT}"
+        raise BadParameter(name="recording_ids", value=str(len(asked)), allowed=allowed)
+    row, request = asked[0]
+    with borrow_recording(services.storage, row.id, row.sha256) as path:
+        extent = services.inspector.measure(path, replace(request, shift=""))
+    requests, _ = cut_as_asked(request, extent, not_removed=not_removed)
+    return [(row, one) for one in requests]
+
+
 def build_request(
     row: StoredRow, settings: AnalysisSettings, language: Language, defaults: Settings
 ) -> ReportRequest:
     """Build the request from the settings; defaults come from the recording, then from the server.
 
-    Raises fusion.errors.UnusableDiary.
+    Raises acromion.fusion.errors.UnusableDiary.
     """
     request = settings.complete(row.about).build_request(row.about.file_name, language, defaults)
     diary = row.diary
@@ -379,14 +415,27 @@ def get_bundle(analysis_id: str, request: Request, services: UsedServices) -> Re
     return serve_bytes(request, body, build_download_name(services, job, "bundle.zip"))
 
 
-@router.get("/analyses/{analysis_id}/periods.csv", response_class=FileResponse)
-def get_periods_table(analysis_id: str, request: Request, services: UsedServices) -> Response:
-    """Return the main figures by clock hour and by period of the diary."""
-    job = services.store.get(analysis_id)
-    rows = describe_periods(load_results(services.results.read(job, "results.json")))
-    return serve_bytes(
-        request, encode_table(PERIOD_COLUMNS, rows), build_download_name(services, job, "periods.csv")
+def _add_table_route(table: str, about: str) -> None:
+    """Add the route of a table of the parts of a recording."""
+
+    def get_table(analysis_id: str, request: Request, services: UsedServices) -> Response:
+        job = services.store.get(analysis_id)
+        rows = describe_tables([load_results(services.results.read(job, "results.json"))])[table]
+        return serve_bytes(
+            request, encode_rows(table, rows), build_download_name(services, job, f"{table}.csv")
+        )
+
+    path = f"/analyses/{{analysis_id}}/{table}.csv"
+    router.add_api_route(
+        path, get_table, name=f"get_{table}_table", description=about, response_class=FileResponse
     )
+
+
+_add_table_route("hours", "The main figures by clock hour.")
+_add_table_route("periods", "The main figures of each period of the diary, breaks included.")
+_add_table_route("tasks", "The main figures of each task of the diary, its periods pooled.")
+_add_table_route("postures", "The main figures of the time in each posture.")
+_add_table_route("marks", "The 15 minutes before each mark, beside the rest of the shift.")
 
 
 @router.get("/analyses/{analysis_id}/settings.yaml", response_class=Response)

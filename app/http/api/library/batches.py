@@ -2,32 +2,32 @@
 
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Response
+from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field
 
-from app.errors import CANCELLED, NotFinished, ResultDamaged
-from app.http.api.library.analyses import build_request, check_queue
-from app.http.api.library.files import MEDIA_TYPES, respond_with_file
-from app.http.api.library.models import AnalysisSettings
-from app.http.middleware.problems import PROBLEM_RESPONSES, validate_model
-from app.library.batches import Batch
-from app.library.results import can_regenerate
-from app.library.rows import Job, JobState
-from app.report.export.tables import (
-    PROBLEM_COLUMNS,
+from acromion.app.batch.stated import format_stated
+from acromion.app.errors import CANCELLED, BadParameter, NotFinished, ResultDamaged
+from acromion.app.http.api.library.analyses import build_request, check_queue, needs_cut
+from acromion.app.http.api.library.files import MEDIA_TYPES, respond_with_file
+from acromion.app.http.api.library.models import AnalysisSettings, cut_page, read_cursor
+from acromion.app.http.middleware.problems import PROBLEM_RESPONSES, validate_model
+from acromion.app.library.batches import Batch
+from acromion.app.library.results import can_regenerate
+from acromion.app.library.rows import Job, JobState
+from acromion.app.report.export.tables import (
     Origin,
     Row,
     add_origin,
     build_problem_row,
-    encode_summary,
-    encode_table,
+    encode_rows,
     summarise_failure,
     summarise_results,
 )
-from app.report.figures import load_results
-from app.services import Services, UsedLanguage, UsedServices
-from app.store.folder import is_result_whole
+from acromion.app.report.figures import load_results
+from acromion.app.services import Services, UsedLanguage, UsedServices
+from acromion.app.store.folder import is_result_whole
+from acromion.fusion.clocks import INTERVAL_HINT
 
 RESULTS = "results.json"
 CSV: dict[int | str, dict[str, Any]] = {200: {"content": {"text/csv": {"schema": {"type": "string"}}}}}
@@ -81,6 +81,34 @@ class BatchView(BaseModel):
     links: dict[str, str]
 
 
+class BatchQuery(BaseModel):
+    """The page of the list."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    limit: Annotated[int, Field(ge=1, le=100)] = 100
+    cursor: str = ""
+
+
+class BatchList(BaseModel):
+    """A page of batches, newest first; ``next_cursor`` requests the next page, null on the last one."""
+
+    items: list[BatchView]
+    next_cursor: str | None
+
+
+@router.get("")
+def list_batches(
+    request: Request, answer: Response, services: UsedServices, asked: Annotated[BatchQuery, Query()]
+) -> BatchList:
+    """Return the newest batches with their progress; studies are batches with a name."""
+    found = services.batches.find_page(asked.limit + 1, read_cursor(asked.cursor))
+    shown, following = cut_page(
+        found, asked.limit, lambda batch: (batch.created_at, batch.id), request, answer
+    )
+    return BatchList(items=[view_batch(batch) for batch in shown], next_cursor=following)
+
+
 @router.post("", status_code=202)
 def create_batch(body: BatchWish, services: UsedServices, language: UsedLanguage) -> BatchView:
     """Analyse many stored recordings; the same bytes with the same settings are not analysed twice."""
@@ -90,6 +118,8 @@ def create_batch(body: BatchWish, services: UsedServices, language: UsedLanguage
         row = services.recordings.get(item.recording_id)
         merged = body.settings.model_dump(exclude_unset=True) | (item.settings or {})
         settings = validate_model(AnalysisSettings, merged)
+        if needs_cut(settings.shift):
+            raise BadParameter(name="shift", value=settings.shift, allowed=INTERVAL_HINT)
         items.append((row, build_request(row, settings, language, services.settings)))
     batch = services.batches.add(body.name, items, again=body.again)
     headers = {"Location": f"/api/v1/batches/{batch.id}", "Retry-After": "5"}
@@ -118,7 +148,7 @@ def get_batch_summary(batch_id: str, services: UsedServices) -> Response:
             rows.append(summarise_results(add_origin(results, origin)))
         except ResultDamaged as damaged:
             rows.append(summarise_failure(origin, damaged.code))
-    return respond_with_file(encode_summary(rows), MEDIA_TYPES["csv"], "summary.csv")
+    return respond_with_file(encode_rows("summary", rows), MEDIA_TYPES["csv"], "summary.csv")
 
 
 @router.get("/{batch_id}/problems.csv", responses=CSV, response_class=Response)
@@ -133,7 +163,7 @@ def get_batch_problems(batch_id: str, services: UsedServices, language: UsedLang
             rows.append(
                 build_problem_row(_build_origin(job), ResultDamaged.code, {"name": RESULTS}, language)
             )
-    return respond_with_file(encode_table(PROBLEM_COLUMNS, rows), MEDIA_TYPES["csv"], "problems.csv")
+    return respond_with_file(encode_rows("problems", rows), MEDIA_TYPES["csv"], "problems.csv")
 
 
 @router.post("/{batch_id}/retry-failed", status_code=202)
@@ -187,4 +217,5 @@ def _build_origin(job: Job) -> Origin:
         job.request.side,
         path=f"/api/v1/recordings/{job.recording_id}",
         folder=f"/api/v1/analyses/{job.id}",
+        settings=format_stated(job.request),
     )

@@ -14,13 +14,13 @@ from fastapi import Request, Response
 from fastapi.responses import FileResponse
 from starlette.types import Message, Receive, Scope, Send
 
-from app.errors import AppError, NoSuchRange, ResultDamaged, StoreDamaged
-from app.http.middleware.guard import REPORT_POLICY
-from app.library.recordings import StoredRow
-from app.library.rows import Job
-from app.report.export.naming import Origin, format_file_name
-from app.services import Services
-from app.store.folder import borrow_recording, read_mark
+from acromion.app.errors import AppError, NoSuchRange, ResultDamaged, StoreDamaged
+from acromion.app.http.middleware.guard import REPORT_POLICY
+from acromion.app.library.recordings import StoredRow
+from acromion.app.library.rows import Job
+from acromion.app.report.export.naming import Origin, format_file_name
+from acromion.app.services import Services
+from acromion.app.store.folder import borrow_recording, read_mark
 
 # Ranges (RFC 9110, 14); a header that cannot be parsed is ignored.
 
@@ -179,7 +179,7 @@ def format_disposition(name: str, kind: Literal["attachment", "inline"] = "attac
 
 
 def build_download_name(services: Services, job: Job, name: str) -> str:
-    """Build a download name with :func:`app.report.export.naming.format_file_name`."""
+    """Build a download name with :func:`acromion.app.report.export.naming.format_file_name`."""
     asked, start = job.request, ""  # stays "" if the clock was never set or the results are damaged
     with suppress(ResultDamaged):
         recording = json.loads(services.results.read(job, "results.json")).get("recording", {})

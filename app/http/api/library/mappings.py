@@ -6,10 +6,10 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Response
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
-from app.http.api.library.files import respond_with_file
-from app.http.middleware.problems import PROBLEM_RESPONSES
-from app.report.words.wording import clean_text
-from app.services import UsedServices
+from acromion.app.http.api.library.files import respond_with_file
+from acromion.app.http.middleware.problems import PROBLEM_RESPONSES
+from acromion.app.report.words.wording import clean_text
+from acromion.app.services import UsedServices
 
 router = APIRouter(prefix="/api/v1/columns", responses=PROBLEM_RESPONSES, tags=["columns"])
 

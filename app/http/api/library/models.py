@@ -25,16 +25,23 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from app.errors import BadParameter
-from app.http.middleware.problems import ProblemView, view_problem
-from app.library.recordings import Description, Place, RecordingFilter, StoredRow
-from app.library.rows import Job
-from app.report.export.tables import encode_table
-from app.report.words.wording import MAX_TEXT, Language, check_conclusion, clean_text, find_other_language
-from app.request import (
+from acromion.app.errors import BadParameter
+from acromion.app.http.middleware.problems import ProblemView, view_problem
+from acromion.app.library.recordings import DESCRIBED, Description, RecordingFilter, StoredRow
+from acromion.app.library.rows import Job, Place
+from acromion.app.report.export.tables import encode_table
+from acromion.app.report.words.wording import (
+    MAX_TEXT,
+    Language,
+    check_conclusion,
+    clean_text,
+    find_other_language,
+)
+from acromion.app.request import (
     ISCO_HINT,
     LONGEST_CONCLUSION,
     LONGEST_SUBJECT,
+    SHIFT_HINT,
     SUBJECT_HINT,
     WINDOW_HINT,
     Paper,
@@ -42,6 +49,7 @@ from app.request import (
     check_interval,
     check_isco,
     check_job_title,
+    check_shift,
     check_subject,
     clean_file_name,
     clean_folder,
@@ -49,9 +57,9 @@ from app.request import (
     parse_window,
     write_profile,
 )
-from app.settings import Settings
-from fusion.caveats import Caveat
-from fusion.clocks import (
+from acromion.app.settings import Settings
+from acromion.fusion.caveats import Caveat
+from acromion.fusion.clocks import (
     INTERVAL_HINT,
     OFFSET_HINT,
     ZONE_HINT,
@@ -59,11 +67,11 @@ from fusion.clocks import (
     parse_clock_offset,
     parse_time_zone,
 )
-from fusion.conventions import AXIS_HINT, ArmAxis, MethodName, Pose, PoseHeld, Side, parse_arm_axis
-from fusion.diary import DiaryEntry, Kind, read_diary, refuse_slips, split_times
-from fusion.errors import UnusableDiary
-from fusion.exposure.periods import check_diary, pair_with_next, place_diary
-from fusion.recording import MICROSECONDS
+from acromion.fusion.conventions import AXIS_HINT, ArmAxis, MethodName, Pose, PoseHeld, Side, parse_arm_axis
+from acromion.fusion.diary import DiaryEntry, Kind, read_diary, refuse_slips, split_times
+from acromion.fusion.errors import UnusableDiary
+from acromion.fusion.exposure.periods import check_diary, pair_with_next, place_diary
+from acromion.fusion.recording import MICROSECONDS
 
 T = TypeVar("T")
 
@@ -109,14 +117,14 @@ def view_periods(diary: tuple[DiaryEntry, ...]) -> list[PeriodView]:
 
 
 def write_periods(diary: tuple[DiaryEntry, ...]) -> bytes:
-    """Format a diary as a CSV file that :func:`fusion.diary.read_diary` can read."""
+    """Format a diary as a CSV file that :func:`acromion.fusion.diary.read_diary` can read."""
     rows = [asdict(e) | split_times(e) | {"left_out": _YES_NO[e.left_out]} for e in diary]
     unused = {name for name in SECONDS if all(row[name] is None for row in rows)}
     return encode_table([name for name in COLUMNS if name not in unused], rows)
 
 
 def read_periods(rows: list[PeriodView]) -> tuple[DiaryEntry, ...]:
-    """Validate rows by the rules of the diary file (:func:`fusion.diary.read_diary`).
+    """Validate rows by the rules of the diary file (:func:`acromion.fusion.diary.read_diary`).
 
     Raises UnusableDiary; its line is the number of the row plus 1, because a file's header is line 1.
     """
@@ -200,6 +208,16 @@ def _parse(read: Callable[[str], T], text: str, hint: str) -> T:
 
 SubjectCode = Annotated[str, AfterValidator(parse_subject)]
 DeviceClock = Annotated[str, AfterValidator(parse_device_clock)]
+JobTitle = Annotated[
+    str,
+    Field(max_length=LONGEST_SUBJECT, description="Title of the person's job."),
+    AfterValidator(lambda text: _parse(check_job_title, text, SUBJECT_HINT) if text else ""),
+]
+IscoCode = Annotated[
+    str,
+    Field(max_length=4, description="Code of the job in ISCO-08, one to four digits."),
+    AfterValidator(lambda text: _parse(check_isco, text, ISCO_HINT) if text else ""),
+]
 SlipTimes = list[Annotated[float, Field(ge=0, le=1e8)]]
 
 
@@ -208,18 +226,10 @@ class AnalysisOptions(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    side: Annotated[Literal["left", "right"] | None, Field(description="Which arm.")] = None
+    side: Annotated[Side | None, Field(description="Which arm.")] = None
     subject: Annotated[SubjectCode, Field(description="Subject code; never a name.")] = ""
-    job_title: Annotated[
-        str,
-        Field(max_length=LONGEST_SUBJECT, description="Title of the person's job."),
-        AfterValidator(lambda text: _parse(check_job_title, text, SUBJECT_HINT) if text else ""),
-    ] = ""
-    isco_code: Annotated[
-        str,
-        Field(max_length=4, description="Code of the job in ISCO-08, one to four digits."),
-        AfterValidator(lambda text: _parse(check_isco, text, ISCO_HINT) if text else ""),
-    ] = ""
+    job_title: JobTitle = ""
+    isco_code: IscoCode = ""
     method: MethodName = "smoothed"
     pose: Pose = "n-pose"
     lang: Annotated[Language | None, Field(description="Language of the response.")] = None
@@ -292,9 +302,9 @@ class AnalysisOptions(BaseModel):
         return {name: value for name, value in stated.items() if value}
 
     def complete(self, about: Description) -> Self:
-        """Fill in subject and side from the recording if the options do not set them."""
-        stated = {"subject": about.subject, "side": about.side} | self.model_dump(exclude_unset=True)
-        return self.model_validate(stated)
+        """Fill in subject, side and job from the recording if the options do not set them."""
+        known = {name: getattr(about, name) for name in DESCRIBED}
+        return self.model_validate(known | self.model_dump(exclude_unset=True))
 
     @model_validator(mode="after")
     def _count_windows(self) -> Self:
@@ -376,6 +386,14 @@ class ConclusionDraftView(ConclusionView):
 class AnalysisSettings(AnalysisOptions):
     """Options of an analysis of a stored recording; defaults come from the recording."""
 
+    shift: Annotated[
+        str,
+        AfterValidator(lambda text: _parse(check_shift, text, f"{INTERVAL_HINT}, {SHIFT_HINT}")),
+        Field(
+            max_length=100,
+            description="START/END: one shift of a longer recording; 07:00-15:30 or diary: each of them.",
+        ),
+    ] = ""
     source: Annotated[
         Literal["samples", "angles"], Field(description="Samples of a sensor, or computed angles.")
     ] = "samples"
@@ -402,7 +420,11 @@ RESULT_NAMES = (
     "answer.txt",
     "elevation.parquet",
     "elevation.csv.gz",
+    "hours.csv",
     "periods.csv",
+    "tasks.csv",
+    "postures.csv",
+    "marks.csv",
     "summary.csv",
     "summary_fr.csv",
     "summary.xlsx",
@@ -575,17 +597,13 @@ class RecordingWords(BaseModel):
     folder: Annotated[
         str, Field(max_length=1000, description="Folders the file was in; they may suggest whose arm it is.")
     ] = ""
+    job_title: JobTitle = ""
+    isco_code: IscoCode = ""
 
     def describe(self) -> Description:
         """Return the description as it is stored."""
-        return Description(
-            clean_file_name(self.file_name),
-            self.subject,
-            self.side,
-            self.external_id,
-            self.note,
-            clean_folder(self.folder),
-        )
+        cleaned = {"file_name": clean_file_name(self.file_name), "folder": clean_folder(self.folder)}
+        return Description(**self.model_dump() | cleaned)
 
 
 class RecordingPatch(BaseModel):
@@ -598,6 +616,8 @@ class RecordingPatch(BaseModel):
     side: Side | None = None
     external_id: Text | None = None
     note: Note | None = None
+    job_title: JobTitle | None = None
+    isco_code: IscoCode | None = None
 
     def merge(self, about: Description) -> Description:
         """Return the description after the change."""
@@ -612,9 +632,11 @@ class RecordingView(BaseModel):
     id: str
     file_name: str
     subject: str
-    side: Literal["left", "right"] | None
+    side: Side | None
     external_id: str
     note: str
+    job_title: str
+    isco_code: str
     sha256: str
     size_bytes: int
     duplicate_of: str | None

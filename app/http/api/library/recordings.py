@@ -9,7 +9,7 @@ from fastapi.responses import FileResponse, JSONResponse
 from pydantic import BaseModel
 from sqlalchemy.exc import SQLAlchemyError
 
-from app.errors import (
+from acromion.app.errors import (
     AppError,
     Crashed,
     NotFinished,
@@ -18,8 +18,8 @@ from app.errors import (
     StaleVersion,
     StoreDamaged,
 )
-from app.http.api.library.files import serve_recording
-from app.http.api.library.models import (
+from acromion.app.http.api.library.files import serve_recording
+from acromion.app.http.api.library.models import (
     PeriodList,
     PeriodView,
     RecordingList,
@@ -35,8 +35,8 @@ from app.http.api.library.models import (
     view_recording,
     write_periods,
 )
-from app.http.api.library.released import forget_released
-from app.http.api.library.uploads import (
+from acromion.app.http.api.library.released import forget_released
+from acromion.app.http.api.library.uploads import (
     RecordingForm,
     finish_upload,
     get_upload_row,
@@ -45,21 +45,21 @@ from app.http.api.library.uploads import (
     receive_recording,
     store_recording,
 )
-from app.http.middleware.access import check_confirmed, check_may, get_subject
-from app.http.middleware.problems import PROBLEM_RESPONSES, parse_json, validate_model
-from app.library.governance import DAY_S, GRACE_DAYS
-from app.library.recordings import Description, Purged, StoredRow
-from app.ops.copies import find_backup_term, renew_copies
-from app.request import ReportRequest
-from app.services import Services, UsedServices
-from app.store.folder import StoredRecording, borrow_recording, seems_intact
-from fusion.diary import DiaryEntry, read_diary
+from acromion.app.http.middleware.access import check_confirmed, check_may, get_subject
+from acromion.app.http.middleware.problems import PROBLEM_RESPONSES, parse_json, validate_model
+from acromion.app.library.governance import DAY_S, GRACE_DAYS
+from acromion.app.library.recordings import Description, Purged, StoredRow
+from acromion.app.ops.copies import find_backup_term, renew_copies
+from acromion.app.request import MAX_DIARY_BYTES, ReportRequest
+from acromion.app.services import Services, UsedServices
+from acromion.app.store.folder import StoredRecording, borrow_recording, seems_intact
+from acromion.fusion.diary import DiaryEntry, read_diary
 
 router = APIRouter(prefix="/api/v1/recordings", responses=PROBLEM_RESPONSES, tags=["recordings"])
 IfMatch = Annotated[
     str, Header(description='The ETag that you read, such as "3"; without it no check is made.')
 ]
-MAX_DIARY_BYTES = 4 << 20
+MAX_JSON_BYTES = 4 << 20
 WORD = {"type": "string"}
 FORM_BODY: dict[str, Any] = {
     "schema": {
@@ -105,7 +105,7 @@ async def create_recording(
     if kind.startswith("multipart/form-data"):
         row, is_new = await _receive_form(request, services, words)
     elif kind.startswith("application/json"):
-        body = await read_small_body(request, MAX_DIARY_BYTES)
+        body = await read_small_body(request, MAX_JSON_BYTES)
         row, is_new = await run_in_threadpool(_describe_upload, services, body), True
     else:
         about = words.describe()
@@ -261,10 +261,17 @@ def get_periods(recording_id: str, request: Request, services: UsedServices) -> 
 async def put_periods(
     recording_id: str, request: Request, services: UsedServices, if_match: IfMatch = ""
 ) -> list[PeriodView]:
-    """Set the periods of the day, as JSON rows or a diary file (CSV, Excel), for the following analyses."""
+    """Set the periods of the day, as JSON rows or a diary file (CSV, Excel), for the following analyses.
+
+    A file with postures only (of ActiPASS or acti-motus) replaces the rows of the kind "posture"; the others
+    remain.
+    """
     body = await read_small_body(request, MAX_DIARY_BYTES)
     if request.headers.get("content-type", "").startswith(DIARY_FILES):
         diary = await run_in_threadpool(read_diary, body)
+        if all(entry.kind == "posture" for entry in diary):
+            kept = (await run_in_threadpool(services.recordings.get, recording_id)).diary
+            diary = (*(entry for entry in kept if entry.kind != "posture"), *diary)
     else:
         diary = read_periods(validate_model(PeriodList, parse_json(body)).root)
     row = await run_in_threadpool(_store_periods, services, recording_id, if_match, diary)

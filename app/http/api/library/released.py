@@ -12,16 +12,16 @@ from datetime import datetime
 from fastapi import Request, Response
 from starlette.requests import HTTPConnection
 
-from app.errors import NoSuchFile
-from app.http.api.library.files import build_download_name, serve_bytes, serve_file
-from app.http.api.trust import get_names
-from app.library.audit_log import touch
-from app.library.governance import Release
-from app.library.results import check_succeeded
-from app.library.rows import Job
-from app.report.findings import ReleaseStamp
-from app.request import Language
-from app.services import Services
+from acromion.app.errors import NoSuchFile
+from acromion.app.http.api.library.files import build_download_name, serve_bytes, serve_file
+from acromion.app.http.api.trust import get_names
+from acromion.app.library.audit_log import touch
+from acromion.app.library.governance import Release
+from acromion.app.library.results import check_succeeded
+from acromion.app.library.rows import Job
+from acromion.app.report.findings import ReleaseStamp
+from acromion.app.request import Language
+from acromion.app.services import Services
 
 MOST_KEPT = 20
 """About 0.3 MB each."""

@@ -27,7 +27,7 @@ from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import MultipartParser, parse_options_header
 from starlette.requests import ClientDisconnect
 
-from app.errors import (
+from acromion.app.errors import (
     BadChecksum,
     BadParameter,
     BrokenUpload,
@@ -39,17 +39,17 @@ from app.errors import (
     WrongMediaType,
     WrongOffset,
 )
-from app.http.api.library.models import DeclaredOptions, RecordingWords
-from app.http.middleware.problems import PROBLEM_RESPONSES, TUS_HEADERS, parse_json, validate_model
-from app.library.audit_log import get_actor
-from app.library.claims import WayIn
-from app.library.recordings import PURGED, UploadRow
-from app.request import ReportRequest
-from app.services import Services, UsedServices, get_request_origin
-from app.store.folder import StoredRecording, Upload, read_recording, too_large
-from app.store.incoming import GrowingFile, name_recording
-from fusion.documents import HEAD_BYTES, refuse_document
-from fusion.errors import EmptyFile, UnknownFormat
+from acromion.app.http.api.library.models import DeclaredOptions, RecordingWords
+from acromion.app.http.middleware.problems import PROBLEM_RESPONSES, TUS_HEADERS, parse_json, validate_model
+from acromion.app.library.audit_log import get_actor
+from acromion.app.library.claims import WayIn
+from acromion.app.library.recordings import PURGED, UploadRow
+from acromion.app.request import ReportRequest
+from acromion.app.services import Services, UsedServices, get_request_origin
+from acromion.app.store.folder import StoredRecording, Upload, read_recording, too_large
+from acromion.app.store.incoming import GrowingFile, name_recording
+from acromion.fusion.documents import HEAD_BYTES, refuse_document
+from acromion.fusion.errors import EmptyFile, UnknownFormat
 
 # Uploads in one request: bytes are written to disk, and acknowledged once they are durable.
 
@@ -352,7 +352,7 @@ def finish_upload(services: Services, row: UploadRow, way_in: WayIn = "api") -> 
 
 
 def _refuse_document(services: Services, row: UploadRow) -> None:
-    """Refuse a photo or a document, and drop its upload. Raises fusion.errors.UnknownFormat."""
+    """Refuse a photo or a document, and delete its upload. Raises acromion.fusion.errors.UnknownFormat."""
     try:
         with services.incoming.path(row.id).open("rb") as file:
             refuse_document(file.read(HEAD_BYTES))

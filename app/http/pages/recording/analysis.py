@@ -12,7 +12,7 @@ from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import HTMLResponse
 from pydantic import BaseModel
 
-from app.errors import (
+from acromion.app.errors import (
     BadParameter,
     NoSuchFile,
     NotHere,
@@ -21,19 +21,26 @@ from app.errors import (
     StoreDamaged,
     find_outcome_of_code,
 )
-from app.http.api.library.released import read_report
-from app.http.api.trust import get_names, get_person_name
-from app.http.middleware.access import UsedSubject, get_subject, may
-from app.http.middleware.guard import get_host_url
-from app.http.middleware.problems import Refusal
-from app.http.pages.pairs import build_offers
-from app.http.pages.recording.columns import find_offer
-from app.http.pages.recording.day import DayClock, build_day, build_hours, list_axes, load_day, read_start
-from app.http.pages.recording.figures import FigureTable, build_figures
-from app.http.pages.recording.page_one import read_page_one
-from app.http.pages.rendering import Form, Page, UsedForm, UsedPage, add_navigation, first
-from app.http.pages.trust import build_release
-from app.http.pages.views import (
+from acromion.app.http.api.library.released import read_report
+from acromion.app.http.api.trust import get_names, get_person_name
+from acromion.app.http.middleware.access import UsedSubject, get_subject, may
+from acromion.app.http.middleware.guard import get_host_url
+from acromion.app.http.middleware.problems import Refusal
+from acromion.app.http.pages.pairs import build_offers
+from acromion.app.http.pages.recording.columns import find_offer
+from acromion.app.http.pages.recording.day import (
+    DayClock,
+    build_day,
+    build_hours,
+    list_axes,
+    load_day,
+    read_start,
+)
+from acromion.app.http.pages.recording.figures import FigureTable, build_figures
+from acromion.app.http.pages.recording.page_one import read_page_one
+from acromion.app.http.pages.rendering import Form, Page, UsedForm, UsedPage, add_navigation, first
+from acromion.app.http.pages.trust import build_release
+from acromion.app.http.pages.views import (
     build_answer,
     build_entry,
     build_library,
@@ -48,15 +55,15 @@ from app.http.pages.views import (
     format_windows,
     read_filter,
 )
-from app.library.jobs import JobFilter
-from app.library.listing import Entry
-from app.library.results import can_regenerate
-from app.library.results import retry as retry_job
-from app.library.rows import Job, JobState
-from app.report.figures import load_results
-from app.report.words.messages import Problem, describe_problem
-from app.report.words.numbers import format_date, format_iso_moment
-from app.report.words.wording import (
+from acromion.app.library.jobs import JobFilter
+from acromion.app.library.listing import Entry
+from acromion.app.library.results import can_regenerate
+from acromion.app.library.results import retry as retry_job
+from acromion.app.library.rows import Job, JobState
+from acromion.app.report.figures import load_results
+from acromion.app.report.words.messages import Problem, describe_problem
+from acromion.app.report.words.numbers import format_date, format_iso_moment
+from acromion.app.report.words.wording import (
     Language,
     clean_paragraphs,
     clean_text,
@@ -65,13 +72,19 @@ from app.report.words.wording import (
     load_device_names,
     load_wording,
 )
-from app.request import LONGEST_CONCLUSION, LONGEST_SUBJECT, Conclusion, ConclusionDraft, ReportRequest
-from app.services import Services, choose_language, find_services
-from app.store.folder import StoredRecording, seems_intact
-from fusion.clocks import format_clock_offset, parse_interval
-from fusion.errors import Fact, SeveralSensors
-from fusion.pose.rules import WINDOW_FAULTS
-from fusion.recording import MICROSECONDS
+from acromion.app.request import (
+    LONGEST_CONCLUSION,
+    LONGEST_SUBJECT,
+    Conclusion,
+    ConclusionDraft,
+    ReportRequest,
+)
+from acromion.app.services import Services, choose_language, find_services
+from acromion.app.store.folder import StoredRecording, seems_intact
+from acromion.fusion.clocks import format_clock_offset, parse_interval
+from acromion.fusion.errors import Fact, SeveralSensors
+from acromion.fusion.pose.rules import WINDOW_FAULTS
+from acromion.fusion.recording import MICROSECONDS
 
 # The versions of a recording's report, their changes, and a later attempt that failed.
 
@@ -446,7 +459,7 @@ def analysis(analysis_id: str, page: UsedPage, seen: Annotated[Seen, Query()]) -
         axes=list_axes(),
         is_of_sensors=job.problem_code == SeveralSensors.code,
         offer=find_offer(page, job, str(job.problem_facts.get("header", ""))),
-        figures=read_figures(page, history, job, seen.before),
+        figures=None if job.request.side == "trunk" else read_figures(page, history, job, seen.before),
         conclusion=build_conclusion(page, job, own_name, is_current=is_current),
         release=build_release(page, subject, job.id),
         versions=build_versions(page, history, job, clock),

@@ -8,17 +8,17 @@ from typing import Any
 
 from fastapi import APIRouter, Response
 
-from app.errors import BadParameter
-from app.http.api.library.analyses import check_queue
-from app.http.pages.rendering import Form, Page, UsedForm, UsedPage, first
-from app.http.pages.views import build_problem, format_stored_time
-from app.library.mappings import UNNAMED
-from app.library.rows import Job, JobState
-from app.report.words.messages import format_columns
-from app.report.words.wording import clean_text, cut_text
-from app.request import write_profile
-from app.services import Services
-from app.store.folder import borrow_recording
+from acromion.app.errors import BadParameter
+from acromion.app.http.api.library.analyses import check_queue
+from acromion.app.http.pages.rendering import Form, Page, UsedForm, UsedPage, first
+from acromion.app.http.pages.views import build_problem, format_stored_time
+from acromion.app.library.mappings import UNNAMED
+from acromion.app.library.rows import Job, JobState
+from acromion.app.report.words.messages import format_columns
+from acromion.app.report.words.wording import clean_text, cut_text
+from acromion.app.request import write_profile
+from acromion.app.services import Services
+from acromion.app.store.folder import borrow_recording
 
 AXES = ("x", "y", "z")
 VECTORS = ("acceleration", "angular_rate")
@@ -149,7 +149,10 @@ def _read_header(form: Form) -> str:
 
 
 def read_profile(form: Form) -> dict[str, Any]:
-    """Build the profile of the form for :func:`fusion.readers.parse_profile`. Raises BadParameter."""
+    """Build the profile of the form for :func:`acromion.fusion.readers.parse_profile`.
+
+    Raises BadParameter.
+    """
     names = form.get("column", [])
     stated: dict[str, Any] = {name: first(form, name) for name in UNITS if first(form, name)}
     if rate := first(form, "rate_hz"):

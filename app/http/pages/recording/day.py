@@ -16,23 +16,24 @@ from fastapi import APIRouter, Depends, Query, Response
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, Field
 
-from app.errors import BadParameter, NoSuchFile
-from app.http.api.library.files import MEDIA_TYPES, respond_with_file
-from app.http.pages.rendering import Form, Page, UsedForm, UsedPage, first, read_body
-from app.library.rows import Job, JobState
-from app.report.words.numbers import (
+from acromion.app.errors import BadParameter, NoSuchFile
+from acromion.app.http.api.library.files import MEDIA_TYPES, respond_with_file
+from acromion.app.http.pages.rendering import Form, Page, UsedForm, UsedPage, first, read_diary_body
+from acromion.app.library.recordings import DESCRIBED
+from acromion.app.library.rows import Job, JobState
+from acromion.app.report.words.numbers import (
     Clock,
+    add_offset,
     format_angle,
     format_clock,
     format_duration,
     format_elapsed,
-    format_iso_moment,
     format_moment,
     format_number,
     format_percent,
 )
-from app.report.words.wording import MAX_TEXT, Language, Words, fill, load_wording
-from app.request import (
+from acromion.app.report.words.wording import MAX_TEXT, Language, Words, fill, load_wording
+from acromion.app.request import (
     ISCO_HINT,
     SUBJECT_HINT,
     ReportRequest,
@@ -41,19 +42,20 @@ from app.request import (
     check_subject,
     find_window_hint,
 )
-from app.services import Services
-from app.store.day_file import DAY_NAME, DayFile, open_day
-from fusion.clocks import (
+from acromion.app.services import Services
+from acromion.app.store.day_file import DAY_NAME, DayFile, open_day
+from acromion.fusion.clocks import (
     OFFSET_HINT,
     find_instants,
     format_clock_offset,
     in_zone,
+    is_repeated,
     list_zone_changes,
     parse_clock_offset,
     parse_time_zone,
     read_clock,
 )
-from fusion.conventions import (
+from acromion.fusion.conventions import (
     ARM_AXES,
     AXIS_HINT,
     MAIN_THRESHOLD_DEG,
@@ -63,11 +65,11 @@ from fusion.conventions import (
     Side,
     parse_arm_axis,
 )
-from fusion.diary import KINDS, DiaryEntry, read_diary, read_moment
-from fusion.errors import UnusableCalibration, UnusableDiary
-from fusion.exposure.periods import place_diary, place_moment
-from fusion.pose.rules import RULES, score_still_period, window_rejection_reason
-from fusion.recording import MICROSECONDS
+from acromion.fusion.diary import KINDS, DiaryEntry, read_diary, read_moment
+from acromion.fusion.errors import UnusableCalibration, UnusableDiary
+from acromion.fusion.exposure.periods import place_diary, place_moment
+from acromion.fusion.pose.rules import RULES, score_still_period, window_rejection_reason
+from acromion.fusion.recording import MICROSECONDS
 
 # Times of a recording as typed and shown: on the device's clock, or in seconds without one.
 
@@ -120,14 +122,9 @@ class DayClock:
             return f"{elapsed_s:.2f}".rstrip("0").rstrip(".")
         moment = read_clock(self.start, round(round(elapsed_s, 2) * MICROSECONDS))
         hundredths = f".{moment.microsecond // 10_000:02d}".rstrip("0").rstrip(".")
-        offset = moment.isoformat()[-6:] if self._is_repeated(moment) else ""
+        offset = moment.isoformat()[-6:] if is_repeated(moment) else ""
         shown = "%Y-%m-%d %H:%M:%S" if self.needs_date or offset else "%H:%M:%S"
         return moment.strftime(shown) + hundredths + offset
-
-    def _is_repeated(self, moment: datetime) -> bool:
-        """Return whether the zone shows this time twice, because its clocks are set back."""
-        zone = moment.tzinfo
-        return zone is not None and len(find_instants(moment.replace(tzinfo=None), zone)) > 1
 
     def show(self, elapsed_s: float, language: Language, *, with_seconds: bool = True) -> str:
         """Format a time for reading: "07:05:09"; in French "7 h 05 min 09 s"."""
@@ -135,7 +132,8 @@ class DayClock:
             return self.format(elapsed_s)
         moment = read_clock(self.start, round(elapsed_s) * MICROSECONDS)
         write = format_moment if self.report(language).format_day(elapsed_s) else format_clock
-        return write(moment, language, with_seconds=with_seconds)
+        shown = write(moment, language, with_seconds=with_seconds)
+        return add_offset(shown, moment) if is_repeated(moment) else shown
 
     def show_span(self, start_s: float, end_s: float, language: Language) -> str:
         """Format both ends of a time range for reading."""
@@ -192,7 +190,16 @@ def place_rows(entries: Sequence[DiaryEntry], clock: DayClock) -> list[PeriodRow
     marks = [
         PeriodRow("mark", mark.label, clock.format(mark.time_us / MICROSECONDS), "") for mark in placed.marks
     ]
-    return periods + marks
+    postures = [
+        PeriodRow(
+            "posture",
+            period.label,
+            clock.format(period.start_us / MICROSECONDS),
+            clock.format(period.end_us / MICROSECONDS),
+        )
+        for period in placed.measured
+    ]
+    return periods + marks + postures
 
 
 def read_start(facts: Mapping[str, Any]) -> datetime | None:
@@ -504,16 +511,16 @@ def _add_again(job: Job, corrected: ReportRequest, page: Page) -> Response:
 
 
 def add_correction(services: Services, job: Job, corrected: ReportRequest) -> Job:
-    """Analyse again with a person's correction, and store its subject and arm on the recording."""
+    """Analyse again with a person's correction, and store its person, arm and job on the recording."""
     again = services.store.correct(job, corrected)
-    changed = [name for name in ("subject", "side") if getattr(corrected, name) != getattr(job.request, name)]
+    changed = [name for name in DESCRIBED if getattr(corrected, name) != getattr(job.request, name)]
     update_description(services, job, corrected, changed)
     return again
 
 
 @router.post("/diary")
 def import_diary(
-    analysis_id: str, page: UsedPage, body: Annotated[bytes, Depends(read_body)]
+    analysis_id: str, page: UsedPage, body: Annotated[bytes, Depends(read_diary_body)]
 ) -> list[PeriodRow]:
     """Parse a diary, CSV or Excel, and return its rows for the form; nothing is stored."""
     job = page.services.store.get(analysis_id)
@@ -758,7 +765,8 @@ def _format_hour(hour: Mapping[str, Any], language: Language) -> str:
     if label.startswith("+"):
         return format_elapsed(hour["start_s"])
     try:
-        return format_iso_moment(label, language)
+        moment = datetime.fromisoformat(label)
+        return add_offset(format_moment(moment, language), moment)
     except ValueError:
         return label
 

@@ -5,11 +5,11 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Depends, Path, Response
 from fastapi.responses import JSONResponse
 
-from app.errors import BadParameter, NotHere
-from app.http.middleware.access import UsedSubject
-from app.http.pages.rendering import read_body
-from app.library.drafts import LONGEST_TEXT
-from app.services import Services, UsedServices
+from acromion.app.errors import BadParameter, NotHere
+from acromion.app.http.middleware.access import UsedSubject
+from acromion.app.http.pages.rendering import read_body
+from acromion.app.library.drafts import LONGEST_TEXT
+from acromion.app.services import Services, UsedServices
 
 router = APIRouter(include_in_schema=False, prefix="/drafts/{kind}/{place}")
 Kind = Literal["conclusion", "correction"]

@@ -4,10 +4,16 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from app.report.figures import find_unit, read_figures, read_ranges
-from app.report.pairs import format_points
-from app.report.words.numbers import NONE, format_angle, format_duration, format_number, format_percent
-from app.report.words.wording import Language, fill, load_wording
+from acromion.app.report.figures import find_unit, read_figures, read_ranges
+from acromion.app.report.pairs import format_points
+from acromion.app.report.words.numbers import (
+    NONE,
+    format_angle,
+    format_duration,
+    format_number,
+    format_percent,
+)
+from acromion.app.report.words.wording import Language, fill, load_wording
 
 Results = Mapping[str, Any]
 FIGURES = {

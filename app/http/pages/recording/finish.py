@@ -15,10 +15,10 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Response
 
-from app.batch.folder import Task
-from app.batch.inputs import assign_participants
-from app.batch.shifts import cut_request, read_start
-from app.errors import (
+from acromion.app.batch.folder import Task
+from acromion.app.batch.inputs import assign_participants
+from acromion.app.batch.shifts import cut_request, read_start
+from acromion.app.errors import (
     BadParameter,
     NoSuchFile,
     NotFinished,
@@ -28,9 +28,9 @@ from app.errors import (
     RecordedProblem,
     ResultDamaged,
 )
-from app.http.api.library.analyses import check_queue
-from app.http.pages.recording.analysis import find_results
-from app.http.pages.recording.day import (
+from acromion.app.http.api.library.analyses import check_queue
+from acromion.app.http.pages.recording.analysis import find_results
+from acromion.app.http.pages.recording.day import (
     DAY_S,
     START,
     Choice,
@@ -45,21 +45,21 @@ from app.http.pages.recording.day import (
     read_windows,
     update_description,
 )
-from app.http.pages.recording.page_one import read_page_one
-from app.http.pages.rendering import Form, Page, UsedForm, UsedPage, first, read_body
-from app.http.pages.views import OPEN_POSES, build_row, find_durations, find_path
-from app.library.jobs import JobFilter
-from app.library.listing import Entry
-from app.library.rows import Job, JobState
-from app.report.charts.svg import NARROW, RAMP, RULE, WIDE, line, number, path, picture, rect, text
-from app.report.words.numbers import format_iso_moment
-from app.report.words.wording import fill
-from app.request import ReportRequest, propose_description
-from app.store.day_file import DayFile
-from app.store.folder import borrow_recording
-from fusion.clocks import ShiftWindow, measure_us, parse_interval, read_clock
-from fusion.recording import MICROSECONDS
-from fusion.shifts import HOURS_HINT, find_by_hours, parse_hours
+from acromion.app.http.pages.recording.page_one import read_page_one
+from acromion.app.http.pages.rendering import Form, Page, UsedForm, UsedPage, first, read_body
+from acromion.app.http.pages.views import OPEN_POSES, build_row, find_durations, find_path
+from acromion.app.library.jobs import JobFilter
+from acromion.app.library.listing import Entry
+from acromion.app.library.rows import Job, JobState
+from acromion.app.report.charts.svg import NARROW, RAMP, RULE, WIDE, line, number, path, picture, rect, text
+from acromion.app.report.words.numbers import format_iso_moment
+from acromion.app.report.words.wording import fill
+from acromion.app.request import ReportRequest, propose_description
+from acromion.app.store.day_file import DayFile
+from acromion.app.store.folder import borrow_recording
+from acromion.fusion.clocks import ShiftWindow, measure_us, parse_interval, read_clock
+from acromion.fusion.recording import MICROSECONDS
+from acromion.fusion.shifts import HOURS_HINT, find_by_hours, parse_hours
 
 router = APIRouter(include_in_schema=False, prefix="/recordings/{recording_id}/finish")
 
@@ -192,7 +192,7 @@ def read_answers(before: ReportRequest, form: Form, day: DayFile | None) -> Repo
 def read_shifts(form: Form, clock: DayClock) -> tuple[ShiftWindow, ...] | None:
     """Return the shifts that a person states, none for one report of the whole recording; None if left open.
 
-    Raises BadParameter, UnusableCalibration.
+    Raises BadParameter, UnusableCalibration, or UnusableShift if the clock has a time of it twice or never.
     """
     cut, allowed = first(form, "cut"), clock.format_bounds()
     if not cut or clock.start is None:
@@ -205,6 +205,8 @@ def read_shifts(form: Form, clock: DayClock) -> tuple[ShiftWindow, ...] | None:
             windows = find_by_hours(clock.start, clock.duration_us, parse_hours(typed))
         except ValueError:
             raise BadParameter(name="shift", value=typed[:60], allowed=HOURS_HINT) from None
+        for window in windows:
+            window.place(clock.start)
     else:
         lines_s = sorted(window_s for window_s in read_windows(form, "shift", clock) if window_s)
         for (_, end_s), (start_s, _) in pairwise(lines_s):

@@ -5,24 +5,24 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import datetime, time
 
-from app.errors import NoSuchFile
-from app.http.pages.recording.day import DayClock, load_day
-from app.http.pages.rendering import Page
-from app.library.rows import Job
-from app.report.charts.day import WORST_WINDOW_S, build_timeline
-from app.report.export.results import decode_results
-from app.report.findings import Findings
-from app.report.model import Report
-from app.report.single.report import build_report
-from app.report.words.numbers import Clock, format_angle, format_duration, format_percent
-from app.report.words.wording import Language, fill, load_wording
-from app.services import Services
-from app.store.day_file import DayFile
-from fusion.conventions import MAIN_THRESHOLD_DEG
+from acromion.app.errors import NoSuchFile
+from acromion.app.http.pages.recording.day import DayClock, load_day
+from acromion.app.http.pages.rendering import Page
+from acromion.app.library.rows import Job
+from acromion.app.report.charts.day import WORST_WINDOW_S, build_timeline
+from acromion.app.report.export.results import decode_results
+from acromion.app.report.findings import Findings
+from acromion.app.report.model import Report
+from acromion.app.report.single.report import build_report
+from acromion.app.report.words.numbers import Clock, format_angle, format_duration, format_percent
+from acromion.app.report.words.wording import Language, fill, load_wording
+from acromion.app.services import Services
+from acromion.app.store.day_file import DayFile
+from acromion.fusion.conventions import MAIN_THRESHOLD_DEG
 
 MAX_EPISODES = 10
 MIN_EPISODE_S = 0.5
-"""As in fusion.exposure.stays: shorter stays do not count, and a shorter gap does not end an episode."""
+"""Shorter stays do not count, and shorter gaps end no episode: :mod:`acromion.fusion.exposure.stays`."""
 AROUND_S = 5.0
 """Time shown before and after an episode."""
 
@@ -67,6 +67,8 @@ def read_page_one(services: Services, job: Job, day: DayFile | None, language: L
     report = build_report(kept.findings, replace(kept.subject, reason=job.request.reason), language)
     if day is None:
         return PageOne(report)
+    if report.profile is None:  # of the trunk: nothing about an arm is worth a look
+        return PageOne(report, minutes=list_minutes(kept.findings, language))
     looks, highest = _list_highlights(kept.findings, day, language)
     return PageOne(report, looks, highest, list_minutes(kept.findings, language))
 

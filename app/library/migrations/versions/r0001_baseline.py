@@ -6,9 +6,9 @@ folders are refused. The first migration after the release must first write out 
 
 from alembic import op
 
-from app.library.database.tables import metadata
+from acromion.app.library.database.tables import metadata
 
-revision = "b4"
+revision = "b5"
 down_revision = None
 
 

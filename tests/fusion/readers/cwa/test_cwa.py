@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fusion.errors import UnknownColumns, UnknownRate, UnusableTime
-from fusion.pipeline import analyse
-from fusion.readers import read_recording
-from fusion.readers.cwa import DeviceHeader, build_recording, decode_log
-from fusion.recording import Recording
+from acromion.fusion.errors import UnknownColumns, UnknownRate, UnusableTime
+from acromion.fusion.pipeline import analyse
+from acromion.fusion.readers import read_recording
+from acromion.fusion.readers.cwa import DeviceHeader, build_recording, decode_log
+from acromion.fusion.recording import Recording
 from tests.badfiles import cwa_files
 from tests.badfiles.gt3x_files import LOG, pack
 from tests.fusion.readers.cwa.cwa_builder import (

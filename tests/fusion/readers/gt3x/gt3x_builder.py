@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fusion.readers import read_recording
-from fusion.recording import Recording
+from acromion.fusion.readers import read_recording
+from acromion.fusion.recording import Recording
 
 T0 = 1_772_438_400
 """2026-03-02 08:00:00, device clock."""

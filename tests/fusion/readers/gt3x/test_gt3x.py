@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fusion.errors import DamagedFile
-from fusion.readers import read_recording
-from fusion.recording import Recording, Span
+from acromion.fusion.errors import DamagedFile
+from acromion.fusion.readers import read_recording
+from acromion.fusion.recording import Recording, Span
 from tests.fusion.readers.gt3x.gt3x_builder import T0, log_of, read_log, record, schema, second
 from tests.fusion.readers.seen import codes, spans_s
 

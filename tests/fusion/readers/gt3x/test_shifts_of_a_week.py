@@ -5,12 +5,12 @@ from datetime import datetime, timedelta
 
 import pytest
 
-from fusion.clocks import ShiftWindow
-from fusion.errors import UnusableShift
-from fusion.pipeline import Analysis, analyse
-from fusion.readers import measure_extent, read_recording
-from fusion.settings import AnalysisSettings
-from fusion.shifts import find_by_hours, parse_hours
+from acromion.fusion.clocks import ShiftWindow
+from acromion.fusion.errors import UnusableShift
+from acromion.fusion.pipeline import Analysis, analyse
+from acromion.fusion.readers import measure_extent, read_recording
+from acromion.fusion.settings import AnalysisSettings
+from acromion.fusion.shifts import find_by_hours, parse_hours
 from tests.simulated_week import DAYS, MINUTES, TABLE_S, WITHOUT_POSE, Week, write_week
 
 SETTINGS = AnalysisSettings(pose_held="start")

@@ -3,8 +3,8 @@
 import io
 from collections.abc import Iterable
 
-from fusion.readers import read_recording
-from fusion.recording import Recording
+from acromion.fusion.readers import read_recording
+from acromion.fusion.recording import Recording
 
 HEADER = "time_us,acc_x_g,acc_y_g,acc_z_g,gyr_x_dps,gyr_y_dps,gyr_z_dps"
 PREAMBLE = "# device: LSM9DS1\n# start: 2026-03-03T07:58:00-05:00\n# acc_range_g: 8\n# gyr_range_dps: 2000\n"

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fusion.errors import (
+from acromion.fusion.errors import (
     FusionError,
     NoGyroscope,
     UnknownColumns,
@@ -15,7 +15,7 @@ from fusion.errors import (
     UnknownRate,
     UnusableTime,
 )
-from fusion.readers import read_recording
+from acromion.fusion.readers import read_recording
 from tests.fusion.readers.seen import codes, counts
 from tests.fusion.readers.tables.table_builder import HEADER, PREAMBLE, line, read_text, table
 

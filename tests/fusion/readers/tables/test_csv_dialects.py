@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fusion.errors import FusionError, NoSamples
-from fusion.readers import read_recording
-from fusion.readers.tables.columns import choose_vector
-from fusion.readers.tables.layout import find_layout
+from acromion.fusion.errors import FusionError, NoSamples
+from acromion.fusion.readers import read_recording
+from acromion.fusion.readers.tables.columns import choose_vector
+from acromion.fusion.readers.tables.layout import find_layout
 from tests.fusion.readers.tables.table_builder import CANON, HEADER, line, read_text
 
 

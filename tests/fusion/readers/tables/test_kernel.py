@@ -11,12 +11,18 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from fusion.readers.samples import SampleColumns, open_rows
-from fusion.readers.source import HashedFile, open_source
-from fusion.readers.tables.csv_lines import NOT_PLAIN, fold_words, gather_words, spread_mark, take_plain
-from fusion.readers.tables.layout import decode_head, find_layout, read_line_pieces
-from fusion.readers.tables.rows import plan_table, read_table
-from fusion.readers.time.grid import fit_line
+from acromion.fusion.readers.samples import SampleColumns, open_rows
+from acromion.fusion.readers.source import HashedFile, open_source
+from acromion.fusion.readers.tables.csv_lines import (
+    NOT_PLAIN,
+    fold_words,
+    gather_words,
+    spread_mark,
+    take_plain,
+)
+from acromion.fusion.readers.tables.layout import decode_head, find_layout, read_line_pieces
+from acromion.fusion.readers.tables.rows import plan_table, read_table
+from acromion.fusion.readers.time.grid import fit_line
 from tests.fusion.readers.tables.table_builder import HEADER
 
 NO_HOLES = np.empty(0, np.int64)

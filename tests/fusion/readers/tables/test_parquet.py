@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from fusion.errors import (
+from acromion.fusion.errors import (
     DamagedFile,
     FusionError,
     NoGyroscope,
@@ -19,8 +19,8 @@ from fusion.errors import (
     UnsafeArchive,
     UnusableTime,
 )
-from fusion.readers import read_recording
-from fusion.recording import Recording
+from acromion.fusion.readers import read_recording
+from acromion.fusion.recording import Recording
 from tests.badfiles.arm import minute
 from tests.fusion.readers.seen import codes, spans_s
 

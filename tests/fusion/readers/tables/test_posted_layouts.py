@@ -5,10 +5,10 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from fusion.errors import SeparateLines, UnknownColumns, UnknownRate, UnusableTime
-from fusion.readers import ColumnProfile, propose_profile
-from fusion.readers.tables.layout import ARRIVED, find_layout
-from fusion.recording import DEG_PER_RAD, STANDARD_GRAVITY, acc_scale_g, gyr_scale_dps
+from acromion.fusion.errors import SeparateLines, UnknownColumns, UnknownRate, UnusableTime
+from acromion.fusion.readers import ColumnProfile, propose_profile
+from acromion.fusion.readers.tables.layout import ARRIVED, find_layout
+from acromion.fusion.recording import DEG_PER_RAD, STANDARD_GRAVITY, acc_scale_g, gyr_scale_dps
 from tests.fusion.readers.tables.table_builder import line, read_text
 from tests.fusion.readers.tables.test_real_layouts import (
     CHANNELS,

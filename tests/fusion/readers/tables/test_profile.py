@@ -5,9 +5,9 @@ import json
 
 import pytest
 
-from fusion.errors import UnknownColumns, UnusableProfile
-from fusion.readers import parse_profile, read_recording
-from fusion.recording import Recording
+from acromion.fusion.errors import UnknownColumns, UnusableProfile
+from acromion.fusion.readers import parse_profile, read_recording
+from acromion.fusion.recording import Recording
 
 UNITS = '"acceleration_unit": "g", "angular_rate_unit": "dps"'
 NAMED = f'{{"acceleration": ["p", "q", "r"], "angular_rate": ["u", "v", "w"], "time": "k", {UNITS}}}'

@@ -2,8 +2,8 @@
 
 import pytest
 
-from fusion.errors import UnknownColumns, UnknownFormat
-from fusion.readers import ColumnProfile, check_profile, propose_profile
+from acromion.fusion.errors import UnknownColumns, UnknownFormat
+from acromion.fusion.readers import ColumnProfile, check_profile, propose_profile
 from tests.fusion.readers.tables.table_builder import CANON, line, table
 
 UNNAMED = table(range(0, 2_000_000, 10_000), "k,p,q,r,u,v,w").encode()

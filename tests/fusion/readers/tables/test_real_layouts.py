@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import pytest
 
-from fusion.errors import (
+from acromion.fusion.errors import (
     AmbiguousDecimal,
     FusionError,
     NoGyroscope,
@@ -17,10 +17,10 @@ from fusion.errors import (
     UnsupportedFormat,
     UnusableTime,
 )
-from fusion.readers import ColumnProfile, parse_profile, propose_profile, read_recording
-from fusion.readers.tables.columns import DateOrder
-from fusion.readers.tables.layout import find_layout
-from fusion.recording import Recording
+from acromion.fusion.readers import ColumnProfile, parse_profile, propose_profile, read_recording
+from acromion.fusion.readers.tables.columns import DateOrder
+from acromion.fusion.readers.tables.layout import find_layout
+from acromion.fusion.recording import Recording
 from tests.fusion.readers.tables.table_builder import line, read_text
 
 ROWS = 1200

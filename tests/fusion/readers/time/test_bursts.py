@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fusion.errors import UnusableTime
-from fusion.readers import read_recording
-from fusion.recording import Recording
+from acromion.fusion.errors import UnusableTime
+from acromion.fusion.readers import read_recording
+from acromion.fusion.recording import Recording
 from tests.fusion.readers.seen import codes
 from tests.fusion.readers.tables.table_builder import line, read_text, table
 

@@ -5,8 +5,8 @@ from datetime import datetime, timedelta
 
 import pytest
 
-from fusion.readers import read_recording
-from fusion.recording import Recording
+from acromion.fusion.readers import read_recording
+from acromion.fusion.recording import Recording
 from tests.badfiles.table_files import calendar_table, resaved
 from tests.fusion.readers.gt3x.gt3x_builder import INFO, TORONTO, count_utc, pack, record, schema, second
 from tests.fusion.readers.seen import codes

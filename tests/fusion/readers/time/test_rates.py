@@ -9,11 +9,11 @@ import pyarrow.parquet as pq
 import pytest
 from numpy.typing import NDArray
 
-from fusion.errors import TooShort, UnknownRate, UnusableTime
-from fusion.readers import read_recording
-from fusion.readers.tables.columns import TimeUnit, find_time_unit, guess_exponent, measure_roughness
-from fusion.readers.time.grid import estimate_period_us
-from fusion.recording import Recording
+from acromion.fusion.errors import TooShort, UnknownRate, UnusableTime
+from acromion.fusion.readers import read_recording
+from acromion.fusion.readers.tables.columns import TimeUnit, find_time_unit, guess_exponent, measure_roughness
+from acromion.fusion.readers.time.grid import estimate_period_us
+from acromion.fusion.recording import Recording
 from tests.badfiles import signal_files as s
 from tests.badfiles.order_files import ordered, thinned, thinned_at_random
 from tests.fusion.readers.seen import codes

@@ -10,11 +10,11 @@ import pyarrow.parquet as pq
 import pytest
 from numpy.typing import NDArray
 
-from fusion.errors import UnusableTime
-from fusion.readers import read_recording
-from fusion.readers.samples import SampleColumns
-from fusion.readers.time.grid import leave_out_stopped
-from fusion.recording import Recording
+from acromion.fusion.errors import UnusableTime
+from acromion.fusion.readers import read_recording
+from acromion.fusion.readers.samples import SampleColumns
+from acromion.fusion.readers.time.grid import leave_out_stopped
+from acromion.fusion.recording import Recording
 from tests.badfiles.arm import minute
 from tests.badfiles.order_files import CALENDAR, stray
 from tests.badfiles.table_files import line_changed

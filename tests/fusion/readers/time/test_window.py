@@ -6,10 +6,10 @@ from datetime import datetime
 import numpy as np
 import pytest
 
-from fusion.clocks import ShiftWindow, parse_interval
-from fusion.errors import UnusableShift
-from fusion.readers.time.window import cut_recording
-from fusion.recording import QualityFlag, Recording, Segment, Span, cut_windows
+from acromion.fusion.clocks import ShiftWindow, parse_interval
+from acromion.fusion.errors import UnusableShift
+from acromion.fusion.readers.time.window import cut_recording
+from acromion.fusion.recording import QualityFlag, Recording, Segment, Span, cut_windows
 
 START = datetime.fromisoformat("2026-03-02T06:59:50-05:00")
 

@@ -12,7 +12,7 @@ export class Bands {
 
   // Return every band with a start and an end: {row, kind, name, startS, endS}.
   list() {
-    return [...this.windows(), ...this.periods()].filter((band) => band.endS > band.startS);
+    return [...this.windows(), ...this.periods()].filter((band) => band.endS > band.startS && band.kind !== "posture");
   }
 
   windows() {

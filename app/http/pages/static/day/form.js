@@ -138,7 +138,8 @@ async function importDiary(day) {
   if (!answer.ok) return refuse($("refused"), await answer.text());
   const rows = await answer.json();
   $("refused").hidden = true;
-  $("periods").replaceChildren();
+  const isPosture = rows.length > 0 && rows.every(({ kind }) => kind === "posture");
+  for (const row of [...$("periods").rows]) if ((row.querySelector("[name=kind]").value === "posture") === isPosture) row.remove();
   for (const { kind, label, start, end } of rows) day.bands.add(kind, label, start, end);
   day.changed(true);
   say(fill(day.words.imported, { n: rows.length }));

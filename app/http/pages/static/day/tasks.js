@@ -1,6 +1,6 @@
 // Time above 60 deg of each task, computed by the server while the task is drawn.
 
-const KINDS = ["task", "seated", "supported"];
+const KINDS = ["task", "seated", "upright", "supported"];
 
 export class Tasks {
   constructor(place, bands) {

@@ -22,7 +22,7 @@ address.protocol = location.protocol === "https:" ? "wss:" : "ws:";
 const link = new Link(address, language, take);
 
 function take(message) {
-  const how = { session: begin, history: addHistory, update, ended: end, problem: refuse, lost: lose, cue: showCue, cues: showQuiet }[message.type];
+  const how = { session: begin, history: addHistory, update, ended: end, problem: refuse, lost: lose, cue: showCue, cues: showQuiet, mark: showMark }[message.type];
   how?.(message);
 }
 
@@ -34,6 +34,14 @@ function begin(message) {
   $("what").textContent = fill(texts.what, { source: message.source === "demo" ? texts.demo : message.source, rate: whole.format(message.rate_hz) });
   $("quiet").hidden = !message.cues.length;
   showQuiet({ paused: message.cues_paused });
+  $("mark").hidden = $("mark-field").hidden = !message.keeps;
+  $("marked").hidden = true;
+}
+
+function showMark(message) {
+  const told = fill(texts.marked, { n: message.count, time: formatElapsed(message.time_s) });
+  $("marked").textContent = message.label ? `${told}: ${message.label}` : told;
+  $("marked").hidden = false;
 }
 
 function addHistory(message) {
@@ -256,6 +264,7 @@ form.addEventListener("submit", (event) => {
 });
 $("redo").addEventListener("click", () => link.send({ type: "pose" }));
 $("stop").addEventListener("click", () => link.send({ type: "stop" }));
+$("mark").addEventListener("click", () => link.send({ type: "mark", label: $("mark-label").value.trim() }));
 $("quiet").addEventListener("click", () => link.send({ type: "cues", paused: !state.isQuiet }));
 $("wide").addEventListener("click", () => $("session").requestFullscreen?.());
 $("again").addEventListener("click", () => {
@@ -265,7 +274,7 @@ $("again").addEventListener("click", () => {
 });
 document.addEventListener("keydown", (event) => {
   if ($("session").hidden || event.target.matches("input, select") || event.ctrlKey || event.metaKey || event.altKey) return;
-  const button = { p: "redo", s: "stop", f: "wide", c: "quiet" }[event.key.toLowerCase()];
+  const button = { p: "redo", s: "stop", f: "wide", c: "quiet", m: "mark" }[event.key.toLowerCase()];
   if (button && !$(button).hidden) $(button).click();
 });
 // Mark the angle as outdated if no new one arrives.

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from fusion.elevation import Elevation
-from fusion.exposure.types import Exposure
-from fusion.pipeline import Analysis
-from fusion.recording import MICROSECONDS
+from acromion.fusion.elevation import Elevation
+from acromion.fusion.exposure.types import Exposure, PartExposure
+from acromion.fusion.pipeline import Analysis
+from acromion.fusion.recording import MICROSECONDS
 
 
 def tabulate_elevation(source: Analysis | Elevation) -> pd.DataFrame:
@@ -19,7 +19,7 @@ def tabulate_elevation(source: Analysis | Elevation) -> pd.DataFrame:
     Parameters
     ----------
     source
-        An analysis of a recording or of precomputed angles, or the result of :func:`fusion.read_elevation`.
+        An analysis of a recording or of precomputed angles, or the result of :func:`acromion.read_elevation`.
 
     Returns
     -------
@@ -54,7 +54,8 @@ def tabulate_exposure(exposure: Exposure) -> dict[str, pd.DataFrame]:
     dict
         Tables by their names in ``results.json``, with the limits of each interval in the columns ``low``
         and ``high``. ``intervals`` contains the intervals of figures without such columns, by the name of
-        the figure.
+        the figure. Parts of the day have the columns of the tables of a run: ``time_above_60_percent``,
+        ``time_above_60_percent_low`` and so on.
     """
     tables = {
         "bins": _tabulate(exposure.bins),
@@ -67,9 +68,11 @@ def tabulate_exposure(exposure: Exposure) -> dict[str, pd.DataFrame]:
         "episodes": _tabulate(exposure.episodes),
         "velocity_dps": _tabulate_named(exposure.velocity_dps, "kind"),
         "windows": _tabulate(exposure.peak_windows),
-        "by_hour": _tabulate(exposure.by_hour),
-        "by_period": _tabulate(exposure.by_period),
-        "by_mark": _tabulate(exposure.by_mark),
+        "by_hour": _tabulate_parts(exposure.by_hour),
+        "by_period": _tabulate_parts(exposure.by_period),
+        "by_task": _tabulate_parts(exposure.by_task),
+        "by_mark": _tabulate_parts(exposure.by_mark),
+        "by_posture": _tabulate_parts(exposure.by_posture),
         "intervals": _tabulate_named(exposure.intervals, "figure"),
     }
     return {name: table for name, table in tables.items() if len(table)}
@@ -81,6 +84,21 @@ def _tabulate(rows: Iterable[Any]) -> pd.DataFrame:
 
 def _tabulate_named(rows: Mapping[str, Any], name: str) -> pd.DataFrame:
     return pd.DataFrame([{name: key} | _flatten(asdict(row)) for key, row in rows.items() if row is not None])
+
+
+def _tabulate_parts(parts: Iterable[PartExposure]) -> pd.DataFrame:
+    rows = []
+    for part in parts:
+        row = asdict(part)
+        angles, shares, intervals = (
+            row.pop(key) for key in ("percentiles_deg", "time_above_percent", "intervals")
+        )
+        figures = {f"elevation_p{percent}_deg": angle for percent, angle in angles.items()}
+        figures |= {f"time_above_{threshold:g}_percent": share for threshold, share in shares.items()}
+        ends = {f"{name}_{end}": value for name, one in intervals.items() for end, value in one.items()}
+        row["excluded_as"] = row.pop("reason")
+        rows.append(row | figures | ends)
+    return pd.DataFrame(rows)
 
 
 def _flatten(row: dict[str, Any]) -> dict[str, Any]:

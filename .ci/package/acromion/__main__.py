@@ -1,0 +1,5 @@
+"""Run the command line as ``python -m acromion``."""
+
+from acromion.app.start import main
+
+main()
