@@ -20,6 +20,7 @@ from fastapi import APIRouter, FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
 from sqlalchemy.exc import DBAPIError
 from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
 from starlette.routing import BaseRoute, Match
 
 from acromion.app.accounts.accounts import AccountStore
@@ -140,7 +141,8 @@ def create_app(settings: Settings, clock: Callable[[], float] = time.time) -> Fa
         secret = read_or_create_secret(settings.data_dir)
     gate = application.state.gate = Gate(secret, accounts)
     application.state.sign_in = SignIn(accounts, settings)
-    for kind in (FusionError, AppError, RecordedProblem, RequestValidationError, HTTPException, Exception):
+    refused = (FusionError, AppError, RecordedProblem, RequestValidationError, HTTPException)
+    for kind in (*refused, ClientDisconnect, Exception):
         application.add_exception_handler(kind, respond_to_error)
     application.add_middleware(Access, gate=gate, respond=respond_to_error)
     application.add_middleware(PlainText, respond=respond_to_error)

@@ -5,7 +5,7 @@ A zone is used only to print a clock time and to place a stated one. Samples and
 
 import re
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta, timezone, tzinfo
+from datetime import MAXYEAR, MINYEAR, UTC, datetime, timedelta, timezone, tzinfo
 from difflib import get_close_matches
 from functools import cache
 from zoneinfo import ZoneInfo, available_timezones
@@ -234,17 +234,19 @@ INTERVAL_HINT = "2026-03-02T07:00/2026-03-02T15:30"
 class ShiftWindow:
     """A window of clock time.
 
-    ``start``, ``end``: without an offset from UTC, they are on the recording's clock.
+    ``start``, ``end``: without an offset from UTC, they are on the recording's clock. Their years are within
+    2 to 9998, so that any zone can be applied.
     """
 
     start: datetime
     end: datetime
 
     def __post_init__(self) -> None:
-        """Raise ValueError if the window is empty."""
-        if (self.start.tzinfo is None) is not (self.end.tzinfo is None) or measure_us(
-            self.start, self.end
-        ) <= 0:
+        """Raise ValueError if the window is empty, or outside of these years."""
+        is_mixed = (self.start.tzinfo is None) is not (self.end.tzinfo is None)
+        if is_mixed or not MINYEAR < self.start.year <= self.end.year < MAXYEAR:
+            raise ValueError(INTERVAL_HINT)
+        if measure_us(self.start, self.end) <= 0:
             raise ValueError(INTERVAL_HINT)
 
     def __str__(self) -> str:

@@ -269,6 +269,8 @@ def read_diary(content: bytes) -> tuple[DiaryEntry, ...]:
             entries += (replace(entry, file=entry.file or name) for entry in _read_table(rows, is_sheet=True))
         except UnusableDiary as error:
             row_errors += (UnusableDiary(**facts, sheet=name) for facts in split_facts(error.facts))
+        if len(entries) > MOST_ROWS:
+            raise _refuse_rows(entries[-1].line)
     refuse_slips(row_errors)
     return tuple(entries)
 
@@ -303,9 +305,7 @@ def _read_table(rows: Sequence[tuple[int, list[str]]], *, is_sheet: bool = False
         raise UnusableDiary(line=line, why=why, cure="header", value=value)
     header, body = rows[place][1], rows[place + 1 :]
     if len(body) >= MOST_ROWS:  # each row is compared with the whole recording
-        raise UnusableDiary(
-            line=body[MOST_ROWS - 1][0], why="too many rows", cure="rows", value=str(MOST_ROWS)
-        )
+        raise _refuse_rows(body[MOST_ROWS - 1][0])
     columns = _name_columns(header)
     is_clock = [is_sheet and (not columns or name in {"start", "end"}) for name in columns or header]
 
@@ -336,6 +336,8 @@ def _read_each(
     entries: list[Row] = []
     row_errors: list[UnusableDiary] = []
     for line, cells in rows:
+        if len(entries) > MOST_ROWS:  # a row of an activity log has many
+            raise _refuse_rows(line)
         try:
             entries.extend(read(line, cells))
         except UnusableDiary as error:
@@ -344,6 +346,10 @@ def _read_each(
             row_errors.append(UnusableDiary(**{**error.facts, "value": value, "text": text}))
     refuse_slips(row_errors)
     return tuple(entries)
+
+
+def _refuse_rows(line: int) -> UnusableDiary:
+    return UnusableDiary(line=line, why="too many rows", cure="rows", value=str(MOST_ROWS))
 
 
 def refuse_slips(row_errors: Sequence[UnusableDiary]) -> None:

@@ -10,7 +10,6 @@ import zipfile
 import zlib
 from collections.abc import Iterator
 from datetime import date, datetime, time, timedelta
-from itertools import islice
 from typing import Any
 
 from defusedxml.ElementTree import iterparse
@@ -23,7 +22,11 @@ MOST_BYTES = 4 << 20
 MOST_UNPACKED_BYTES = 32 << 20
 MOST_MEMBERS = 1000
 MOST_COLUMNS = 256
-LAST_ROW = 1 << 20
+MOST_ROWS = 500_000
+"""Of all visible sheets, each counted up to the last row with a value in any of them."""
+LONGEST_CELL = 32_767
+"""Characters that Excel allows in a cell."""
+XML_STARTS = (b"<", b"\xff\xfe", b"\xfe\xff")
 MOST_NAMED = 5
 FIRST_SERIAL = 30_000
 """A number from here, with a fraction, is a date and time in a cell without a format: 18 February 1982."""
@@ -61,13 +64,12 @@ def read_workbook(content: bytes) -> dict[str, Rows]:
 
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            _check_members(archive)
+            last_row = _check_members(archive)
         book = openpyxl.load_workbook(io.BytesIO(content), read_only=True, data_only=True, keep_links=False)
-        return {
-            sheet.title: list(_read_rows(sheet, book.epoch))
-            for sheet in book.worksheets
-            if sheet.sheet_state == "visible"
-        }
+        sheets = [sheet for sheet in book.worksheets if sheet.sheet_state == "visible"]
+        if len(sheets) * last_row > MOST_ROWS:
+            raise _refuse_size(f"{len(sheets)} x {last_row}")
+        return {sheet.title: list(_read_rows(sheet, last_row, book.epoch)) for sheet in sheets}
     except BROKEN:
         raise UnusableDiary(why="workbook", cure="workbook") from None
 
@@ -76,36 +78,54 @@ def _refuse_size(value: str) -> UnusableDiary:
     return UnusableDiary(why="workbook size", cure="workbook size", value=value)
 
 
-def _check_members(archive: zipfile.ZipFile) -> None:
-    """Refuse too much content, by the sizes that unpacking will not exceed, then look at each sheet."""
+def _check_members(archive: zipfile.ZipFile) -> int:
+    """Return the last row with a value in any sheet.
+
+    Refuse too much content, by the sizes that unpacking will not exceed, then look at each sheet.
+    """
     members = archive.infolist()
     if len(members) > MOST_MEMBERS or sum(member.file_size for member in members) > MOST_UNPACKED_BYTES:
         raise _refuse_size("")
-    for member in members:
-        if member.filename.endswith(".xml"):  # a sheet may have any name
+    last_row = 0
+    for member in members:  # a sheet may have any name; a drawing (.vml) may be malformed
+        if member.filename.endswith(".vml"):
+            continue
+        with archive.open(member) as file:
+            is_xml = file.read(16).removeprefix(b"\xef\xbb\xbf").lstrip().startswith(XML_STARTS)
+        if is_xml:
             with archive.open(member) as file:
-                _check_sheet(file)
+                last_row = max(last_row, _check_sheet(file))
+    return last_row
 
 
-def _check_sheet(file: Any) -> None:
-    """Refuse a sheet with too many rows or columns, or with a formula whose value was never stored."""
+def _check_sheet(file: Any) -> int:
+    """Return the last row with a value.
+
+    Refuse a sheet with too many rows or columns, or with a formula whose value was never stored.
+    """
     unknown: list[str] = []
+    number = last_row = 0
+    has_values = False
     for _, element in iterparse(file):
         name = element.tag.rpartition("}")[2]
         if name == "c":
             parts = {child.tag.rpartition("}")[2]: child for child in element}
             place, has_value = element.get("r", ""), bool(getattr(parts.get("v"), "text", None))
+            has_values |= has_value or "is" in parts
             if (has_value or "is" in parts) and _find_column(place) > MOST_COLUMNS:
                 raise _refuse_size(place)
             if "f" in parts and not has_value and element.get("t") != "str":  # an empty text is a value
                 unknown.append(place)
         elif name == "row":
-            if int(element.get("r", "1")) > LAST_ROW:
-                raise _refuse_size(element.get("r", ""))
+            number = int(element.get("r", number + 1))
+            last_row, has_values = max(last_row, number if has_values else 0), False
+            if last_row > MOST_ROWS:
+                raise _refuse_size(str(number))
             element.clear()
     if unknown:
         named = ", ".join(unknown[:MOST_NAMED]) + (" …" if len(unknown) > MOST_NAMED else "")
         raise UnusableDiary(why="formula", cure="formula", value=named)
+    return last_row
 
 
 def _find_column(place: str) -> int:
@@ -116,11 +136,11 @@ def _find_column(place: str) -> int:
     return column
 
 
-def _read_rows(sheet: Any, epoch: datetime) -> Iterator[tuple[int, list[str]]]:
+def _read_rows(sheet: Any, last_row: int, epoch: datetime) -> Iterator[tuple[int, list[str]]]:
     sheet.reset_dimensions()  # what the file states may be wrong
-    rows = sheet.iter_rows(max_col=MOST_COLUMNS, values_only=True)
-    for number, values in enumerate(islice(rows, LAST_ROW), 1):
-        if values.count(None) == len(values):  # also the rows that the file leaves out, perhaps a million
+    rows = sheet.iter_rows(max_row=last_row, max_col=MOST_COLUMNS, values_only=True) if last_row else ()
+    for number, values in enumerate(rows, 1):
+        if values.count(None) == len(values):  # also the rows that the file leaves out
             continue
         width = max(k for k, value in enumerate(values, 1) if value is not None)
         cells = [_write_cell(value, epoch) for value in values[:width]]
@@ -143,4 +163,7 @@ def _write_cell(value: object, epoch: datetime) -> str:
         return value.time().isoformat() if value.year < ERAS else value.isoformat(sep=" ")
     if isinstance(value, date | time):
         return value.isoformat()
-    return "" if value is None else str(value).strip()
+    text = "" if value is None else str(value)
+    if len(text) > LONGEST_CELL:
+        raise _refuse_size(f"{len(text)} characters")
+    return text.strip()

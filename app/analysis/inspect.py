@@ -16,6 +16,7 @@ from acromion.app.version import identify_engine
 from acromion.fusion.angle_files import AngleFile, read_angle_file, recognise_layout, resample_file
 from acromion.fusion.caveats import Caveat
 from acromion.fusion.clocks import ShiftWindow, correct_start, move_window, parse_interval
+from acromion.fusion.diary import read_diary
 from acromion.fusion.errors import FailedReader, FusionError, UnusableShift
 from acromion.fusion.pose.calibrate import propose_poses
 from acromion.fusion.quality.time_account import find_exclusions, propose_nonwear
@@ -227,6 +228,13 @@ def measure_recording(recording_path: Path, request: ReportRequest) -> tuple[dat
     profile = parse_profile(request.profile) if request.profile else None
     with recording_path.open("rb") as file:
         return measure_extent(file, file_name=request.file_name, rate_hz=request.rate_hz, profile=profile)
+
+
+def write_diary(diary: Path, _request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Write ``diary.json``: the rows of a diary file. Raises acromion.fusion.errors.UnusableDiary."""
+    on_stage("reading", 0.0)
+    rows = [asdict(entry) for entry in read_diary(diary.read_bytes())]
+    (out / "diary.json").write_text(json.dumps(rows), "utf-8")
 
 
 def write_preview(recording_path: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:

@@ -23,9 +23,13 @@ from acromion.app.analysis.fork_server import warm_up
 from acromion.app.report.findings import ReleaseStamp
 from acromion.app.request import Language, OnStage, ReportRequest
 from acromion.app.settings import Settings
+from acromion.fusion.diary import DiaryEntry, read_diary
+from acromion.fusion.workbook import is_workbook
 
 MOST_CONCURRENT = 2
 PREFIX = "look_"
+SHORT_DIARY_BYTES = 64 << 10
+"""A text up to this size is a few thousand rows, and is parsed without a child."""
 
 
 def load_and_compare_live(
@@ -46,6 +50,7 @@ def load_and_write_raw(
 INSPECT = partial(load_and_call, "acromion.app.analysis.inspect", "write_inspection")
 PREVIEW = partial(load_and_call, "acromion.app.analysis.inspect", "write_preview")
 PROPOSE_COLUMNS = partial(load_and_call, "acromion.app.analysis.inspect", "write_column_proposal")
+READ_DIARY = partial(load_and_call, "acromion.app.analysis.inspect", "write_diary")
 WRITE_ANGLES = partial(load_and_call, "acromion.app.analysis.run", "write_elevation_csv")
 
 
@@ -93,6 +98,19 @@ class Inspector:
             file.write(head)
             file.flush()
             return _read(self._run(Path(file.name), request, self.make_preview, "inspection.json"))
+
+    def read_diary(self, body: bytes) -> tuple[DiaryEntry, ...]:
+        """Parse a diary; a workbook or a long text in a child process.
+
+        Raises UnusableDiary, or RecordedProblem with the same code from the child.
+        """
+        if len(body) <= SHORT_DIARY_BYTES and not is_workbook(body):
+            return read_diary(body)
+        with tempfile.NamedTemporaryFile(prefix=PREFIX, dir=self.folder) as file:
+            file.write(body)
+            file.flush()
+            rows = json.loads(self._run(Path(file.name), ReportRequest(""), READ_DIARY, "diary.json"))
+        return tuple(DiaryEntry(**row) for row in rows)
 
     def propose_columns(self, recording_path: Path, request: ReportRequest) -> dict[str, Any]:
         """Return the names of a table's columns and their proposed meanings. Raises RecordedProblem."""

@@ -48,8 +48,13 @@ def save_inputs(
 def list_inputs(out: Path) -> dict[str, Path]:
     """Return the copies of the list of participants and the diaries, by their path in ``inputs/``."""
     folder = out / INPUTS
+    root = folder.resolve()
     files = sorted(path for path in folder.rglob("*") if path.is_file() and path.name != RECORDINGS)
-    return {path.relative_to(folder).as_posix(): path for path in files}
+    return {  # the target of a link is not an input
+        path.relative_to(folder).as_posix(): path
+        for path in files
+        if path.resolve() == root / path.relative_to(folder)
+    }
 
 
 def read_further(folders: Sequence[Path]) -> list[dict[str, str]]:
@@ -102,19 +107,28 @@ def plan_again(
 
     Recordings are looked for in their earlier places, or among ``paths``, and checked by size and SHA-256.
 
-    Raises CannotRepeat with every recording that is not there or has changed, or if ``kept`` has no inputs.
+    Raises CannotRepeat with every recording that is not there or has changed, or if ``kept`` has no inputs or
+    they are damaged.
     """
     try:
         record = json.loads((kept / INPUTS / RECORDINGS).read_bytes())
         request = ReportRequest.from_json(json.dumps(record["request"]))
-        recordings = record["recordings"]
-    except (OSError, ValueError, KeyError, TypeError):
+        return _plan(kept, out, paths, record["recordings"], force=force), request
+    except (OSError, ValueError, KeyError, TypeError, IndexError, AttributeError, RecursionError):
         raise CannotRepeat(why="no inputs", name=kept.name) from None
+
+
+def _plan(
+    kept: Path, out: Path, paths: Sequence[Path], recordings: Sequence[Mapping[str, Any]], *, force: bool
+) -> list[Task]:
+    """Return the tasks of the record of a run; raises any error of Python for a damaged record."""
     found = find_recordings(paths, out).logs if paths else None
     missed: list[tuple[str, Path, str]] = []
     used: set[Path] = set()
     tasks = []
     for one in recordings:
+        if not is_below(one["folder"]):
+            raise ValueError(one["folder"])
         digests = _read_digests(kept / one["folder"])
         logs = []
         for rank, file in enumerate(one["files"]):
@@ -137,7 +151,13 @@ def plan_again(
             for path, log, why in missed
         ]
         raise CannotRepeat(**join_facts(refused))
-    return tasks, request
+    return tasks
+
+
+def is_below(place: str) -> bool:
+    """Return whether a relative path with "/" stays below its folder on every system."""
+    parts = place.replace("\\", "/").split("/")
+    return all(part not in ("", ".", "..") and ":" not in part for part in parts)
 
 
 def _read_digests(folder: Path) -> list[str]:

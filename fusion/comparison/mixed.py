@@ -1,7 +1,7 @@
 """A mixed model of a figure: fixed effects such as tasks, with people and their days as random effects."""
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from math import sqrt
@@ -13,6 +13,8 @@ from scipy.special import stdtr, stdtrit
 
 from acromion.fusion.exposure.types import Interval
 from acromion.fusion.recording import Float64Array
+
+_LEAST_LEVERAGE = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,10 +62,12 @@ def fit_mixed_model(rows: pd.DataFrame, figure: str, fixed: str | Sequence[str] 
     """Fit figure = intercept + fixed effects + person + day of the person + residual, by REML.
 
     The random effects are independent and normal (Laird and Ware 1982, doi:10.2307/2529876; Searle, Casella
-    and McCulloch 1992, doi:10.1002/9780470316856). Ranges are by Student's t with the degrees of freedom
-    between people: the people minus the columns of the model that are constant within each person, the
-    intercept included. This is exact for means and groups of people in balanced data, and cautious for
-    effects within people.
+    and McCulloch 1992, doi:10.1002/9780470316856). Effects often differ between people, which these random
+    effects do not contain. Ranges therefore come from the spread between people: the standard error is the
+    larger of the model's and the one by people as clusters (CR2), with Student's t and the degrees of freedom
+    of Satterthwaite (Bell and McCaffrey 2002, Survey Methodology 28:169; Pustejovsky and Tipton 2018,
+    doi:10.1080/07350015.2016.1247004). In balanced data with two tasks this is the paired t test of the
+    people's means. A level of a category with one person has one degree of freedom.
 
     Parameters
     ----------
@@ -111,7 +115,7 @@ def fit_mixed_model(rows: pd.DataFrame, figure: str, fixed: str | Sequence[str] 
         raise ValueError(f"these columns have infinite values: {', '.join(infinite)}")
     _check_rows(known, fixed)
     design = _build_design(known, fixed)
-    freedom = _check_design(known, design)
+    _check_design(known, design)
     values, scale = known[figure].to_numpy(float), float(known[figure].std())
     if not scale > 0.0:
         raise ValueError(f"{figure} is the same in all rows")
@@ -130,9 +134,10 @@ def fit_mixed_model(rows: pd.DataFrame, figure: str, fixed: str | Sequence[str] 
     person_sd = scale * sqrt(max(float(np.asarray(found.cov_re)[0, 0]), 0.0))
     day_sd = scale * sqrt(max(float(found.vcomp[0]), 0.0)) if days else None
     residual_sd = scale * sqrt(float(found.scale))
-    estimates, covariance = _estimate_effects(known, values, design, (person_sd, day_sd or 0.0, residual_sd))
+    sds = person_sd, day_sd or 0.0, residual_sd
+    estimates, errors, freedoms = _estimate_effects(known, values, design, sds)
     effects = [
-        _describe_effect(str(name), float(estimates[k]), sqrt(float(covariance[k, k])), freedom)
+        _describe_effect(str(name), *(float(one[k]) for one in (estimates, errors, freedoms)))
         for k, name in enumerate(design.columns)
     ]
     people = known["subject"].nunique()
@@ -142,23 +147,49 @@ def fit_mixed_model(rows: pd.DataFrame, figure: str, fixed: str | Sequence[str] 
 
 def _estimate_effects(
     rows: pd.DataFrame, values: Float64Array, design: pd.DataFrame, sds: tuple[float, float, float]
-) -> tuple[Float64Array, Float64Array]:
-    """Return the fixed effects and their covariance by generalised least squares, for known deviations.
+) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """Return fixed effects, their standard errors and degrees of freedom, for known deviations.
 
-    The covariance of the fitted model is unusable if a deviation is 0.
+    The effects are generalised least squares. The covariance of the fitted model is unusable if a deviation
+    is 0.
     """
-    information, score = np.zeros((design.shape[1],) * 2), np.zeros(design.shape[1])
+    people = list(_whiten_people(rows, values, design.to_numpy(float), sds))
+    covariance = np.linalg.inv(sum(columns.T @ columns for columns, _ in people))
+    estimates = covariance @ sum(columns.T @ own for columns, own in people)
+    scores, weights, lengths = [], [], []
+    for columns, own in people:
+        leverage, axes = np.linalg.eigh(np.eye(len(own)) - columns @ covariance @ columns.T)
+        is_free = leverage > _LEAST_LEVERAGE
+        adjusted = (axes[:, is_free] / np.sqrt(leverage[is_free])) @ axes[:, is_free].T @ columns @ covariance
+        scores.append(adjusted.T @ (own - columns @ estimates))
+        weights.append(adjusted.T @ columns)
+        lengths.append((adjusted**2).sum(axis=0))
+    errors = np.sqrt(np.maximum(np.diag(covariance), (np.array(scores) ** 2).sum(axis=0)))
+    freedoms = [
+        _find_freedom(np.diag([length[k] for length in lengths]) - parts @ covariance @ parts.T)
+        for k, parts in enumerate(np.array(weights).transpose(1, 0, 2))
+    ]
+    people_with = np.sum([(columns != 0.0).any(axis=0) for columns, _ in people], axis=0)
+    return np.asarray(estimates, np.float64), errors, np.where(people_with == 1, 1.0, freedoms)
+
+
+def _whiten_people(
+    rows: pd.DataFrame, values: Float64Array, columns: Float64Array, sds: tuple[float, float, float]
+) -> Iterator[tuple[Float64Array, Float64Array]]:
+    """Yield the design and the values of each person, whose rows then have independent errors of 1."""
     subjects, days = rows["subject"].to_numpy(), rows["day"].to_numpy()
     for person in rows["subject"].unique():
         own = np.flatnonzero(subjects == person)
         same_day = days[own][:, None] == days[own][None, :]
-        variance = sds[0] ** 2 + sds[1] ** 2 * same_day + sds[2] ** 2 * np.eye(len(own))
-        columns = design.to_numpy(float)[own]
-        weighted = np.linalg.solve(variance, np.column_stack([columns, values[own]]))
-        information += columns.T @ weighted[:, :-1]
-        score += columns.T @ weighted[:, -1]
-    covariance = np.asarray(np.linalg.inv(information), np.float64)
-    return covariance @ score, covariance
+        root = np.linalg.cholesky(sds[0] ** 2 + sds[1] ** 2 * same_day + sds[2] ** 2 * np.eye(len(own)))
+        whitened = np.linalg.solve(root, np.column_stack([columns[own], values[own]]))
+        yield np.asarray(whitened[:, :-1], np.float64), np.asarray(whitened[:, -1], np.float64)
+
+
+def _find_freedom(spread: Float64Array) -> float:
+    """Return the degrees of freedom of a variance, at least 1; ``spread``: the covariance of its parts."""
+    squares = float((spread**2).sum())
+    return max(float(np.trace(spread)) ** 2 / squares, 1.0) if squares else 1.0
 
 
 def _check_rows(known: pd.DataFrame, fixed: Sequence[str]) -> None:
@@ -184,11 +215,10 @@ def _build_design(rows: pd.DataFrame, fixed: Sequence[str]) -> pd.DataFrame:
     return pd.concat(columns, axis=1)
 
 
-def _check_design(rows: pd.DataFrame, design: pd.DataFrame) -> int:
-    """Return the degrees of freedom between people. Raises ValueError if the model cannot be fitted."""
+def _check_design(rows: pd.DataFrame, design: pd.DataFrame) -> None:
+    """Raise ValueError if the model cannot be fitted."""
     spread = design.groupby(rows["subject"]).agg(np.ptp).max()
-    freedom = rows["subject"].nunique() - int((spread == 0.0).sum())
-    if freedom < 1:
+    if rows["subject"].nunique() <= int((spread == 0.0).sum()):
         raise ValueError("too few people for the fixed effects")
     if not rows["subject"].duplicated().any():
         raise ValueError("nobody has two rows")
@@ -196,7 +226,6 @@ def _check_design(rows: pd.DataFrame, design: pd.DataFrame) -> int:
         raise ValueError(
             f"these fixed effects cannot be distinguished: {', '.join(map(str, design.columns))}"
         )
-    return freedom
 
 
 def _build_days(rows: pd.DataFrame) -> list[Any]:
@@ -208,7 +237,7 @@ def _build_days(rows: pd.DataFrame) -> list[Any]:
     return [pd.get_dummies(days, dtype=float).to_numpy() for _, days in counts]
 
 
-def _describe_effect(name: str, estimate: float, error: float, freedom: int) -> FixedEffect:
+def _describe_effect(name: str, estimate: float, error: float, freedom: float) -> FixedEffect:
     half = float(stdtrit(freedom, 0.975)) * error
     p_value = 2.0 * float(stdtr(freedom, -abs(estimate) / error))
     return FixedEffect(name, estimate, Interval(estimate - half, estimate + half), p_value)

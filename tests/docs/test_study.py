@@ -74,7 +74,10 @@ def test_a_script_of_a_paper_has_fewer_than_sixty_lines(name: str) -> None:
     assert len((CODE / name).read_text("utf-8").splitlines()) < 60
 
 
-@pytest.mark.parametrize(("program", "name"), [(sys.executable, "paper.py"), ("Rscript", "paper.R")])
+@pytest.mark.parametrize(
+    ("program", "name"),
+    [(sys.executable, "paper.py"), pytest.param("Rscript", "paper.R", marks=pytest.mark.slow)],
+)
 def test_a_script_of_a_paper_says_if_no_day_counts(tmp_path: Path, program: str, name: str) -> None:
     if shutil.which(program) is None:
         pytest.skip(f"{program} is absent")

@@ -222,3 +222,14 @@ def test_an_open_quotation_mark_swallows_no_line(rows: str, line: int | None) ->
     with pytest.raises(UnusableDiary) as refusal:
         read_diary(text)
     assert (refusal.value.facts["line"], refusal.value.facts["why"]) == (line, "open quote")
+
+
+def test_an_activity_log_of_many_columns_counts_each_activity_as_a_row() -> None:
+    head = ["id", "date", *(f"activity {k}" for k in range(300))]
+    row = ["S01", "2026-03-02", *(f"{k // 60:02}:{k % 60:02}" for k in range(300))]
+    text = "\n".join(",".join(cells) for cells in (head, *[row] * 60))
+
+    with pytest.raises(UnusableDiary) as refusal:
+        read_diary(text.encode())
+
+    assert refusal.value.facts["why"] == "too many rows"

@@ -1,11 +1,12 @@
 """Find the shifts of a recording of several days."""
 
+import re
 from datetime import datetime, timedelta
 from zoneinfo import ZoneInfo
 
 import pytest
 
-from acromion.fusion.clocks import parse_interval
+from acromion.fusion.clocks import INTERVAL_HINT, parse_interval
 from acromion.fusion.diary import DiaryEntry, read_diary
 from acromion.fusion.errors import UnusableDiary, UnusableShift
 from acromion.fusion.recording import Span
@@ -71,6 +72,12 @@ def test_a_window_without_an_offset_follows_the_zone_of_the_recording() -> None:
     window = parse_interval("2026-03-29T04:00/2026-03-29T05:00")
 
     assert window.place(datetime(2026, 3, 29, tzinfo=PARIS)) == (3 * HOUR_US, 4 * HOUR_US)
+
+
+@pytest.mark.parametrize("text", ["0001-01-01T00:00/2026-03-02T08:00", "2026-03-02T00:00/9999-12-31T23:59"])
+def test_a_window_at_the_end_of_the_calendar_is_refused_because_a_zone_would_leave_it(text: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(INTERVAL_HINT)):
+        parse_interval(text)
 
 
 @pytest.mark.parametrize(("start", "why"), CHANGES)

@@ -234,6 +234,17 @@ WRONG = {
     "unpacks to too much": (pack(a=bytes(MOST_UNPACKED_BYTES + 1)), "workbook size", None),
     "entities": (change(GOOD, SHEET, b"<worksheet", ENTITY), "workbook", None),
     "row beyond the last": (change(GOOD, SHEET, b'r="2"', b'r="99999999999"'), "workbook size", None),
+    "a value far below": (change(GOOD, SHEET, b'r="2"', b'r="600000"'), "workbook size", None),
+    "many long sheets": (
+        write(HEAD, **{f"d{k}": [*[HEAD] * 2, *[()] * 30_000, HEAD] for k in range(20)}),
+        "workbook size",
+        None,
+    ),
+    "a cell of a whole book": (
+        change(GOOD, SHEET, b">work<", b">%b<" % (b"w" * 40_000)),
+        "workbook size",
+        None,
+    ),
     "too many columns": (write(HEAD, ("08:00", "09:00", "work", *[""] * 300, "x")), "workbook size", None),
     "formula without a value": (write(HEAD, ("08:00", "=A2+1/24", "work")), "formula", None),
     "no header": (write(("08:00", "09:00", "work"), ("09:00", "10:00", "work")), "header", 1),
@@ -254,6 +265,12 @@ def test_a_wrong_workbook_is_refused_with_its_reason_and_row(
         read_diary(content)
 
     assert (refusal.value.facts["why"], refusal.value.facts.get("line")) == (why, line)
+
+
+def test_a_row_without_values_at_the_end_of_the_sheet_is_nothing() -> None:
+    formatted = b'<row r="1048576" ht="30"></row></sheetData>'
+
+    assert read_diary(change(GOOD, SHEET, b"</sheetData>", formatted)) == read_diary(GOOD)
 
 
 def test_every_wrong_row_of_every_sheet_is_named_at_once() -> None:

@@ -249,7 +249,7 @@ class Ping(_Message):
     """Ask for the server's clock."""
 
     type: Literal["ping"]
-    sent_ms: float
+    sent_ms: Annotated[float, Field(allow_inf_nan=False)]
 
 
 _FIRST: TypeAdapter[Start | Resume] = TypeAdapter(Annotated[Start | Resume, Field(discriminator="type")])

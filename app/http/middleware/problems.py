@@ -14,11 +14,13 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ValidationError
 from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
 
 from acromion.app.accounts.accounts import TOKEN_PREFIX
 from acromion.app.errors import (
     AppError,
     BadParameter,
+    BrokenUpload,
     InternalError,
     NoSuchRange,
     NotHere,
@@ -186,6 +188,8 @@ def translate_error(request: Request, error: Exception) -> Refusal:
     """Convert an error of the framework, or a bug, into one of the project's errors."""
     if isinstance(error, Refusal):
         return error
+    if isinstance(error, ClientDisconnect):
+        return BrokenUpload()
     if isinstance(error, RequestValidationError):
         return _build_bad_parameter(error.errors()[0], partial(format_route_hint, request))
     if isinstance(error, HTTPException) and error.status_code == 405:
@@ -213,7 +217,7 @@ def parse_json(body: bytes) -> Any:
     check_json(body)
     try:
         return json.loads(body)
-    except ValueError:
+    except (ValueError, RecursionError):
         raise BadParameter(name="body", value="", allowed="JSON") from None
 
 

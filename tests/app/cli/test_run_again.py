@@ -199,3 +199,38 @@ def test_a_recording_that_two_files_may_be_is_refused(sites: Path) -> None:
     assert result.exit_code == 2
     assert "several files have its name and size" in result.stderr
     assert not (sites / "other").exists()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"folder": "../escaped"},
+        {"folder": "/tmp/escaped"},
+        {"folder": None},
+        {"files": []},
+        {"request": {"side": "middle"}},
+    ],
+    ids=["above", "absolute", "no folder", "no file", "no request"],
+)
+def test_a_changed_record_of_a_run_is_refused(study: Path, tmp_path: Path, change: dict[str, object]) -> None:
+    kept = tmp_path / "kept" / "inputs"
+    kept.mkdir(parents=True)
+    record = json.loads((study / "out" / "inputs" / "recordings.json").read_text())
+    record["recordings"][1] |= change
+    (kept / "recordings.json").write_text(json.dumps(record))
+
+    result = run("run", "--again", tmp_path / "kept", study / "data", "-o", tmp_path / "out")
+
+    assert (result.exit_code, "E-AGAIN" in result.stderr) == (2, True)
+    assert not (tmp_path / "escaped").exists()
+
+
+def test_a_link_among_the_inputs_is_not_copied(study: Path, tmp_path: Path) -> None:
+    shutil.copytree(study / "out", tmp_path / "kept")
+    (tmp_path / "secret.csv").write_text("secret")
+    (tmp_path / "kept" / "inputs" / "diaries" / "link.csv").symlink_to(tmp_path / "secret.csv")
+
+    run("run", "--again", tmp_path / "kept", study / "data", "-o", tmp_path / "out", "-j", "1")
+
+    copied = [path.name for path in (tmp_path / "out" / "inputs" / "diaries").iterdir()]
+    assert copied == ["p1_diary.csv"]

@@ -359,7 +359,10 @@ def test_clock_times_and_seconds_are_given_as_csv_that_is_read_again(client: Tes
         ('[{"start_s": 0, "end_s": 3, "kind": "party"}]', "E-PARAMETER"),
         ('{"start_s": 0}', "E-PARAMETER"),
         ("x", "E-PARAMETER"),
+        ("[" * 100_000, "E-PARAMETER"),
+        (f"[{','.join(['{}'] * 10_001)}]", "E-PARAMETER"),
     ],
+    ids=["time", "kind", "no list", "no JSON", "deep", "many"],
 )
 def test_periods_that_cannot_be_are_refused(client: TestClient, body: str, code: str) -> None:
     answer = client.put(f"{URL}/{keep(client)['id']}/periods", content=body)

@@ -86,6 +86,38 @@ def test_a_task_of_two_in_balanced_data_is_the_paired_t_test_of_the_people() -> 
     assert task.p_value == pytest.approx(0.0742, abs=5e-4)  # t = 2 sqrt(3), two-sided
 
 
+def test_tasks_that_differ_between_people_are_compared_by_the_people_whatever_the_number_of_days() -> None:
+    # differences of the means of two days 1, 2, 9: mean 4, deviation sqrt(19), t of 2 degrees of freedom
+    means = {"A": (10.0, 11.0), "B": (14.0, 16.0), "C": (12.0, 21.0)}
+    rows = [
+        (who, day, task, pair[k] + 0.1 * sign)
+        for who, pair in means.items()
+        for day, sign in (("1", -1), ("2", 1))
+        for k, task in enumerate(("Rest", "Work"))
+    ]
+    table = pd.DataFrame(rows, columns=["subject", "day", "label", "time"])
+
+    _, task = fit_mixed_model(table, "time", ["label"]).effects
+
+    half = 4.3027 * sqrt(19 / 3)
+    assert (task.interval.low, task.interval.high) == pytest.approx((4 - half, 4 + half), abs=1e-2)
+
+
+def test_a_task_of_one_person_has_one_degree_of_freedom() -> None:
+    rows = pd.DataFrame(
+        {
+            "subject": list("AABBCC"),
+            "day": list("121212"),
+            "label": ["rest", "rest", "rest", "rest", "rest", "work"],
+            "time": [1.0, 2.0, 4.0, 5.5, 3.0, 9.0],
+        }
+    )
+
+    task = fit_mixed_model(rows, "time", "label").effects[1]
+
+    assert task.interval.low < 0.0 < task.interval.high
+
+
 def test_people_who_do_not_differ_still_have_a_range_of_the_mean() -> None:
     # all means are 5: REML gives 6 / (6 - 1) for the days and 0 for people; t of 2 degrees of freedom 4.3027
     rows = pd.DataFrame({"subject": list("AABBCC"), "day": list("121212"), "time": [4.0, 6, 4, 6, 4, 6]})

@@ -80,6 +80,7 @@ T = TypeVar("T")
 
 COLUMNS = ["start", "end", "start_s", "end_s", "kind", "label", "left_out", "file"]
 SECONDS = {"start_s", "end_s"}
+MAX_PERIODS = 10_000
 _YES_NO: Mapping[bool | None, str] = {None: "", True: "yes", False: "no"}
 
 
@@ -104,7 +105,7 @@ class PeriodView(BaseModel):
     left_out: StrictBool | None = None
 
 
-class PeriodList(RootModel[list[PeriodView]]):
+class PeriodList(RootModel[Annotated[list[PeriodView], Field(max_length=MAX_PERIODS)]]):
     """The periods of a recording."""
 
 
@@ -401,7 +402,8 @@ class AnalysisSettings(AnalysisOptions):
         dict[str, Any] | None, Field(description="Meaning of the columns, for tables that do not state it.")
     ] = None
     periods: Annotated[
-        list[PeriodView] | None, Field(max_length=10_000, description="Replaces the recording's periods.")
+        list[PeriodView] | None,
+        Field(max_length=MAX_PERIODS, description="Replaces the recording's periods."),
     ] = None
     reason: Annotated[
         str,

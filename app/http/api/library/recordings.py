@@ -53,7 +53,6 @@ from acromion.app.ops.copies import find_backup_term, renew_copies
 from acromion.app.request import MAX_DIARY_BYTES, ReportRequest
 from acromion.app.services import Services, UsedServices
 from acromion.app.store.folder import StoredRecording, borrow_recording, seems_intact
-from acromion.fusion.diary import DiaryEntry, read_diary
 
 router = APIRouter(prefix="/api/v1/recordings", responses=PROBLEM_RESPONSES, tags=["recordings"])
 IfMatch = Annotated[
@@ -266,23 +265,23 @@ async def put_periods(
     A file with postures only (of ActiPASS or acti-motus) replaces the rows of the kind "posture"; the others
     remain.
     """
-    body = await read_small_body(request, MAX_DIARY_BYTES)
-    if request.headers.get("content-type", "").startswith(DIARY_FILES):
-        diary = await run_in_threadpool(read_diary, body)
-        if all(entry.kind == "posture" for entry in diary):
-            kept = (await run_in_threadpool(services.recordings.get, recording_id)).diary
-            diary = (*(entry for entry in kept if entry.kind != "posture"), *diary)
-    else:
-        diary = read_periods(validate_model(PeriodList, parse_json(body)).root)
-    row = await run_in_threadpool(_store_periods, services, recording_id, if_match, diary)
+    is_file = request.headers.get("content-type", "").startswith(DIARY_FILES)
+    body = await read_small_body(request, MAX_DIARY_BYTES if is_file else MAX_JSON_BYTES)
+    row = await run_in_threadpool(_store_periods, services, recording_id, if_match, body, is_file=is_file)
     periods = [period.model_dump() for period in view_periods(row.diary)]
     return JSONResponse(periods, headers={"ETag": _tag(row)})  # type: ignore[return-value]
 
 
 def _store_periods(
-    services: Services, recording_id: str, if_match: str, diary: tuple[DiaryEntry, ...]
+    services: Services, recording_id: str, if_match: str, body: bytes, *, is_file: bool
 ) -> StoredRow:
     row = _match(services.recordings.get(recording_id), if_match)
+    if is_file:
+        diary = services.inspector.read_diary(body)
+        if all(entry.kind == "posture" for entry in diary):
+            diary = (*(entry for entry in row.diary if entry.kind != "posture"), *diary)
+    else:
+        diary = read_periods(validate_model(PeriodList, parse_json(body)).root)
     if diary:
         diary = ReportRequest(row.about.file_name, row.about.subject).choose_rows(diary)
         found = None

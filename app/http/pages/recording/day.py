@@ -524,9 +524,8 @@ def import_diary(
 ) -> list[PeriodRow]:
     """Parse a diary, CSV or Excel, and return its rows for the form; nothing is stored."""
     job = page.services.store.get(analysis_id)
-    return place_rows(
-        job.request.choose_rows(read_diary(body)), DayClock.of(load_day(page.services, job).facts)
-    )
+    rows = job.request.choose_rows(page.services.inspector.read_diary(body))
+    return place_rows(rows, DayClock.of(load_day(page.services, job).facts))
 
 
 @router.post("/diary.csv")
