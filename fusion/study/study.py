@@ -158,7 +158,7 @@ class Study:
         table = pd.read_csv(
             path, header=0, names=names, dtype=kinds, keep_default_na=False, na_values=[""], encoding="utf-8"
         )
-        if name != "redcap_import":  # no spreadsheet opens it, so that it has no guard
+        if name != "redcap_import":  # REDCap needs the text as it is
             for column in (column for column in names if kinds.get(column) is str):
                 table[column] = table[column].str.replace(_GUARD, r"\1\2", regex=True)
         return table
