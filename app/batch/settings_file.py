@@ -54,12 +54,19 @@ _PlainLoader.yaml_implicit_resolvers = {
     ]
     for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
 }
-_PlainLoader.add_implicit_resolver("tag:yaml.org,2002:int", re.compile(r"[-+]?\d+$"), list("-+0123456789"))
-_PlainLoader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(r"[-+]?(\d+\.\d*|\.\d+)([eE][-+]?\d+)?$|[-+]?\d+[eE][-+]?\d+$"),
-    list("-+.0123456789"),
-)
+
+
+class _PlainDumper(yaml.SafeDumper):
+    """Quotes also a text that :class:`_PlainLoader` would read as a number."""
+
+
+for _one in (_PlainLoader, _PlainDumper):
+    _one.add_implicit_resolver("tag:yaml.org,2002:int", re.compile(r"[-+]?\d+$"), list("-+0123456789"))
+    _one.add_implicit_resolver(
+        "tag:yaml.org,2002:float",
+        re.compile(r"[-+]?(\d+\.\d*|\.\d+)([eE][-+]?\d+)?$|[-+]?\d+[eE][-+]?\d+$"),
+        list("-+.0123456789"),
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,7 +193,7 @@ def encode_settings(request: ReportRequest) -> bytes:
         ],
         "profile": json.loads(request.profile) if request.profile else None,
     }
-    text: str = yaml.safe_dump(values, sort_keys=False, allow_unicode=True)
+    text: str = yaml.dump(values, Dumper=_PlainDumper, sort_keys=False, allow_unicode=True)
     return text.encode("utf-8")
 
 

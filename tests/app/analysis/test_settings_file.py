@@ -59,6 +59,13 @@ def test_what_is_written_is_read_back(request_: ReportRequest) -> None:
     assert replace(ReportRequest("a.gt3x"), **values) == request_
 
 
+@pytest.mark.parametrize("label", ["0E0", "08", "1e5", "+7", "07:30", "yes", "2026-03-02"])
+def test_a_label_that_looks_like_another_value_stays_text(label: str) -> None:
+    request = ReportRequest("a.gt3x", diary=(DiaryEntry(0.0, None, "task", label),))
+
+    assert read_settings(encode_settings(request))["diary"][0].label == label
+
+
 def test_only_the_names_in_the_file_are_set() -> None:
     assert read_settings(b"pose: side-lean\n") == {"pose": "side-lean"}
 
