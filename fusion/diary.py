@@ -59,7 +59,7 @@ def decode_text(content: bytes) -> str:
 
 
 class OpenQuoteError(csv.Error):
-    """A quotation mark without its second one, so that the next lines would be part of its cell."""
+    """A quotation mark without its second one: the next lines would be part of its cell."""
 
     def __init__(self, line: int, text: str) -> None:
         super().__init__(line, text)

@@ -111,8 +111,9 @@ def _check_sheet(file: Any) -> int:
         if name == "c":
             parts = {child.tag.rpartition("}")[2]: child for child in element}
             place, has_value = element.get("r", ""), bool(getattr(parts.get("v"), "text", None))
-            has_values |= has_value or "is" in parts
-            if (has_value or "is" in parts) and _find_column(place) > MOST_COLUMNS:
+            is_filled = has_value or "is" in parts
+            has_values |= is_filled
+            if is_filled and _find_column(place) > MOST_COLUMNS:
                 raise _refuse_size(place)
             if "f" in parts and not has_value and element.get("t") != "str":  # an empty text is a value
                 unknown.append(place)

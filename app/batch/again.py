@@ -21,6 +21,8 @@ from acromion.app.store.folder import hash_file, write_durably
 from acromion.fusion.errors import Fact, join_facts
 
 RECORDINGS = "recordings.json"
+DAMAGED = (ValueError, KeyError, TypeError, IndexError, AttributeError, RecursionError)
+"""The errors that values of a wrong kind in a stored record cause."""
 _OF_TASK = ("path", "line", "further", "double_of", "code", "facts")
 
 
@@ -111,24 +113,27 @@ def plan_again(
     they are damaged.
     """
     try:
-        record = json.loads((kept / INPUTS / RECORDINGS).read_bytes())
+        content = (kept / INPUTS / RECORDINGS).read_bytes()
+    except OSError:
+        raise CannotRepeat(why="no inputs", name=kept.name) from None
+    try:
+        record = json.loads(content)
         request = ReportRequest.from_json(json.dumps(record["request"]))
         return _plan(kept, out, paths, record["recordings"], force=force), request
-    except (OSError, ValueError, KeyError, TypeError, IndexError, AttributeError, RecursionError):
+    except DAMAGED:
         raise CannotRepeat(why="no inputs", name=kept.name) from None
 
 
 def _plan(
     kept: Path, out: Path, paths: Sequence[Path], recordings: Sequence[Mapping[str, Any]], *, force: bool
 ) -> list[Task]:
-    """Return the tasks of the record of a run; raises any error of Python for a damaged record."""
+    """Return the tasks of the record of a run. Raises CannotRepeat; one of DAMAGED if it is damaged."""
     found = find_recordings(paths, out).logs if paths else None
     missed: list[tuple[str, Path, str]] = []
     used: set[Path] = set()
     tasks = []
     for one in recordings:
-        if not is_below(one["folder"]):
-            raise ValueError(one["folder"])
+        _check_below(one["folder"])
         digests = _read_digests(kept / one["folder"])
         logs = []
         for rank, file in enumerate(one["files"]):
@@ -154,10 +159,11 @@ def _plan(
     return tasks
 
 
-def is_below(place: str) -> bool:
-    """Return whether a relative path with "/" stays below its folder on every system."""
+def _check_below(place: str) -> None:
+    """Raise ValueError if a relative path leaves its folder, on any system."""
     parts = place.replace("\\", "/").split("/")
-    return all(part not in ("", ".", "..") and ":" not in part for part in parts)
+    if any(part in ("", ".", "..") or ":" in part for part in parts):
+        raise ValueError(place)
 
 
 def _read_digests(folder: Path) -> list[str]:

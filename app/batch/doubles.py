@@ -22,7 +22,7 @@ def mark_doubles(tasks: Sequence[Task]) -> list[Task]:
     """Return the tasks; each double names the recording that is analysed instead of it.
 
     That is the one with a row in the list of participants, then the .gt3x, then the first. Only files of one
-    size are compared byte by byte, so that most are not read.
+    size are compared byte by byte. Most files are therefore not read.
 
     Raises UnusableParticipants if the rows of two equal recordings state different people or arms.
     """

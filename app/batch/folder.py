@@ -234,7 +234,7 @@ def find_orphans(out: Path, folders: Collection[Path]) -> list[str]:
 def hold_results(out: Path, *, is_shared: bool) -> Iterator[None]:
     """Keep other runs out of a results folder until the end of the block or of this process.
 
-    The system releases the lock of a process that dies, so that a crash leaves nothing to clear away. Shards
+    The system releases the lock of a process that dies: a crash leaves nothing to clear away. Shards
     (``is_shared``) hold it together. A file system without locks, and Windows, do not keep other runs out.
 
     Raises BlockingIOError that states the process and its computer.

@@ -36,7 +36,7 @@ from acromion.fusion.recording import MICROSECONDS, BoolArray, Float64Array
 GRID_HZ = 10.0
 MEAN_S = 2.0
 MOST_G = 1.0
-"""A stronger acceleration counts as this, so that no single shock dominates."""
+"""A stronger acceleration counts as this; otherwise a single shock would dominate."""
 
 WINDOW_S = 60.0
 MOST_SEARCHED = 60

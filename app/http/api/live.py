@@ -17,7 +17,7 @@ from typing import Annotated, Any, Literal, Self, get_args
 from anyio import CapacityLimiter, to_thread
 from anyio.lowlevel import RunVar
 from fastapi import APIRouter, WebSocket, WebSocketDisconnect
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, TypeAdapter, ValidationError, model_validator
 
 from acromion.app.analysis.attempt import choose_limits
 from acromion.app.errors import AppError, BadParameter, LiveSourceFailed, LiveStopped, RecordedProblem
@@ -249,7 +249,7 @@ class Ping(_Message):
     """Ask for the server's clock."""
 
     type: Literal["ping"]
-    sent_ms: Annotated[float, Field(allow_inf_nan=False)]
+    sent_ms: FiniteFloat
 
 
 _FIRST: TypeAdapter[Start | Resume] = TypeAdapter(Annotated[Start | Resume, Field(discriminator="type")])

@@ -68,7 +68,7 @@ from acromion.fusion.clocks import (
     parse_time_zone,
 )
 from acromion.fusion.conventions import AXIS_HINT, ArmAxis, MethodName, Pose, PoseHeld, Side, parse_arm_axis
-from acromion.fusion.diary import DiaryEntry, Kind, read_diary, refuse_slips, split_times
+from acromion.fusion.diary import MOST_ROWS, DiaryEntry, Kind, read_diary, refuse_slips, split_times
 from acromion.fusion.errors import UnusableDiary
 from acromion.fusion.exposure.periods import check_diary, pair_with_next, place_diary
 from acromion.fusion.recording import MICROSECONDS
@@ -80,7 +80,6 @@ T = TypeVar("T")
 
 COLUMNS = ["start", "end", "start_s", "end_s", "kind", "label", "left_out", "file"]
 SECONDS = {"start_s", "end_s"}
-MAX_PERIODS = 10_000
 _YES_NO: Mapping[bool | None, str] = {None: "", True: "yes", False: "no"}
 
 
@@ -105,7 +104,7 @@ class PeriodView(BaseModel):
     left_out: StrictBool | None = None
 
 
-class PeriodList(RootModel[Annotated[list[PeriodView], Field(max_length=MAX_PERIODS)]]):
+class PeriodList(RootModel[Annotated[list[PeriodView], Field(max_length=MOST_ROWS)]]):
     """The periods of a recording."""
 
 
@@ -403,7 +402,7 @@ class AnalysisSettings(AnalysisOptions):
     ] = None
     periods: Annotated[
         list[PeriodView] | None,
-        Field(max_length=MAX_PERIODS, description="Replaces the recording's periods."),
+        Field(max_length=MOST_ROWS, description="Replaces the recording's periods."),
     ] = None
     reason: Annotated[
         str,
