@@ -42,10 +42,13 @@ def describe_inspection(facts: Mapping[str, Any], language: Language) -> str:
     corrected = (warning["facts"] for warning in facts["warnings"] if warning["code"] == Caveat.UNITS)
     lists = {  # corrections: values that were wrong or not stated, and were corrected
         "corrections": [fill(words["correction"], format_facts(each, language)) for each in corrected],
-        "gaps": [_format_gap(gap, words, language) for gap in facts["gaps"]],
+        "gaps": [_format_stretch(gap["start_s"], gap["length_s"], words, language) for gap in facts["gaps"]],
         "warnings": [_format_warning(warning, language) for warning in facts["warnings"]],
         "proposals": [_format_proposal(each, words, language) for each in facts["calibration_proposals"]],
-        "nonwear": [_format_gap(each, words, language) for each in facts["nonwear_proposals"]],
+        "nonwear": [
+            _format_stretch(each["start_s"], each["duration_s"], words, language)
+            for each in facts["nonwear_proposals"]
+        ],
         "shifts": [
             format_interval(each, language, find_time_zone(facts["time_zone"]))
             for each in facts["shift_proposals"]
@@ -96,8 +99,8 @@ def _join(lines: Sequence[str], words: Words, count: int) -> str:
     return "; ".join([*lines[:_MOST_LINES], *more]) or str(words["none"])
 
 
-def _format_gap(gap: Mapping[str, float], words: Words, language: Language) -> str:
-    facts = {name: format_exact(gap[f"{name}_s"], language) for name in ("length", "start")}
+def _format_stretch(start_s: float, length_s: float, words: Words, language: Language) -> str:
+    facts = {"start": format_exact(start_s, language), "length": format_exact(length_s, language)}
     return fill(words["gap"], facts)
 
 

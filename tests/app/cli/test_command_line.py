@@ -9,6 +9,7 @@ import pytest
 from pypdf import PdfReader
 
 from acromion.app.batch.folder import plan_tasks
+from acromion.app.report.inspection import describe_inspection
 from acromion.app.request import ReportRequest
 from tests.app.cli.typed import read_table, run
 
@@ -182,6 +183,13 @@ def test_inspect_tells_the_device_and_analyses_nothing(shift_gt3x: Path) -> None
 
     assert facts["device"] == "gt9x"
     assert facts["calibration_proposals"]
+
+
+def test_inspect_prints_when_the_sensor_may_not_have_been_worn(shift_gt3x: Path) -> None:
+    facts = json.loads(run("inspect", shift_gt3x, "--json").stdout)
+    facts["nonwear_proposals"] = [{"start_s": 60.0, "duration_s": 900.0}]
+
+    assert "900 s from 60 s" in describe_inspection(facts, "en").replace("\N{NO-BREAK SPACE}", " ")
 
 
 def test_simulate_writes_the_recording_and_the_truth(tmp_path: Path) -> None:
