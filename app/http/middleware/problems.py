@@ -222,7 +222,7 @@ def parse_json(body: bytes) -> Any:
 
 
 def _build_bad_parameter(error: Mapping[str, Any], find_hint: Callable[[Place], str]) -> BadParameter:
-    name = next((str(part) for part in reversed(error["loc"]) if isinstance(part, str)), "")
+    name = next((str(part) for part in reversed(error["loc"]) if isinstance(part, str)), "body")
     known = _format_context_hint(error) or find_hint(error["loc"])
     return BadParameter(name=hide_tokens(name)[:60], value=show_input(error), allowed=known)
 

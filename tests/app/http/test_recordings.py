@@ -370,6 +370,13 @@ def test_periods_that_cannot_be_are_refused(client: TestClient, body: str, code:
     assert (answer.status_code, answer.json()["code"]) == (422, code)
 
 
+def test_a_list_of_too_many_periods_is_refused_with_the_limit(client: TestClient) -> None:
+    answer = client.put(f"{URL}/{keep(client)['id']}/periods", json=[{}] * 10_001)
+
+    assert answer.json()["detail"].startswith("The value of body is not allowed")
+    assert "10000" in answer.json()["detail"]
+
+
 def test_the_head_of_an_upload_tells_the_device_before_the_rest_is_there(
     client: TestClient, shift_gt3x: Path
 ) -> None:
