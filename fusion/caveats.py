@@ -177,6 +177,7 @@ class Caveat(StrEnum):
     POSE_ASSUMED = "W-POSE-ASSUMED", CAUTION
     WHICH_POSE = "W-WHICH-POSE", CAUTION, name_facts(apart_deg="deg between the candidates")
     NOT_HELD = "W-NOT-HELD", CAUTION
+    CARRIED = "W-CARRIED", CAUTION
     POSE_UNSTEADY = "W-POSE-UNSTEADY", CAUTION, name_facts(what=TERM)
     POSE_DOUBT = "W-POSE-DOUBT", POOR
     POSES_DIFFER = (

@@ -69,6 +69,24 @@ class Span:
         return self.start_us + self.duration_us
 
 
+JOINED_US = 60 * MICROSECONDS
+"""A shorter gap is not listed in an extent."""
+
+
+@dataclass(frozen=True, slots=True)
+class Extent:
+    """The clock at the first sample, the duration, the digest, and when there are samples.
+
+    ``covered_us``: the stretches (start, end) with samples, microseconds from the first sample; gaps of up to
+    a minute are ignored.
+    """
+
+    start: datetime | None
+    duration_us: int
+    sha256: str = ""
+    covered_us: tuple[tuple[int, int], ...] = ()
+
+
 @dataclass(frozen=True, slots=True)
 class Stated:
     """Units and timing that a file states, for the checks of units and axes.
@@ -156,6 +174,7 @@ class Recording:
     ``pose_windows_s``, ``arm_axis``, ``pose_held``: as the file states them: when a person held the pose
     (start, end), from the first sample; the sensor axis that was strapped along the arm; "start" if the pose
     was held at the start of wear. The settings of an analysis take precedence.
+    ``worn_before``: the sensor was worn before the first sample, because a shift was cut out of a recording.
     ``clock_offset_s``: the correction of the clock that a person states, which ``start`` includes.
     """
 
@@ -177,6 +196,7 @@ class Recording:
     pose_windows_s: tuple[tuple[float, float], ...] = ()
     arm_axis: ArmAxis | None = None
     pose_held: PoseHeld | None = None
+    worn_before: bool = False
     clock_offset_s: float = 0.0
 
     def __repr__(self) -> str:
@@ -274,6 +294,11 @@ def join_overlapping(spans: Iterable[tuple[Number, Number]]) -> list[tuple[Numbe
         else:
             joined.append((start, end))
     return joined
+
+
+def find_covered(spans: Iterable[tuple[int, int]]) -> tuple[tuple[int, int], ...]:
+    """Return the stretches with samples, joined over gaps of up to a minute."""
+    return tuple((a, b - JOINED_US) for a, b in join_overlapping((a, b + JOINED_US) for a, b in spans))
 
 
 def cut_windows(

@@ -4,13 +4,12 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, time, timedelta
-from functools import partial
 from typing import TypeGuard
 
 from acromion.fusion.clocks import ShiftWindow, find_instants, measure_us, read_clock
-from acromion.fusion.diary import DiaryEntry, parse_clock, refuse_slips
+from acromion.fusion.diary import LONGEST_NIGHT_H, DiaryEntry, Kind, parse_clock, refuse_slips
 from acromion.fusion.errors import UnusableDiary
-from acromion.fusion.exposure.periods import place_moment
+from acromion.fusion.exposure.periods import pair_with_next, place_moment
 from acromion.fusion.recording import MICROSECONDS, Span, join_overlapping
 
 HOURS_HINT = "07:00-15:30"
@@ -18,7 +17,10 @@ DAY = timedelta(days=1)
 LEAST_WORN_S = 3600.0
 """A shorter stretch of wear is not proposed as a shift."""
 LONGEST_BREAK_S = 7200.0
-"""A longer stretch off the arm ends a proposed shift."""
+"""A longer stretch off the arm ends a proposed shift. A pose held earlier before a shift is not its pose."""
+LONGEST_SHIFT = timedelta(hours=LONGEST_NIGHT_H)
+ON_SHIFT: tuple[Kind, ...] = ("shift", "work", "pose", "task", "seated", "upright", "supported", "break")
+"""The kinds of rows that belong to a shift: not time outside of it, time not worn, and marks."""
 _DASH = re.compile(r"\s*[-–]\s*")
 
 
@@ -44,10 +46,13 @@ def parse_hours(text: str) -> Hours:
     return Hours(start, end)
 
 
-def find_by_hours(start: datetime, duration_us: int, hours: Hours) -> tuple[ShiftWindow, ...]:
-    """Return one shift for each calendar day on which the recording has time in these hours.
+def find_by_hours(
+    start: datetime, duration_us: int, hours: Hours, covered_us: Sequence[Sequence[int]] = ()
+) -> tuple[ShiftWindow, ...]:
+    """Return one shift for each calendar day on which the recording has samples in these hours.
 
-    A window whose start or end the zone has twice or never that day has no offset from UTC, so that
+    ``covered_us``: the stretches with samples (start, end); empty for the whole recording. A window whose
+    start or end the zone has twice or never that day has no offset from UTC, so that
     :meth:`acromion.fusion.clocks.ShiftWindow.place` refuses it.
     """
     first_day, last_day = start.date() - DAY, read_clock(start, duration_us).date()
@@ -63,7 +68,7 @@ def find_by_hours(start: datetime, duration_us: int, hours: Hours) -> tuple[Shif
             choose(measure_us(start, one.replace(tzinfo=start.tzinfo, fold=fold)) for fold in (0, 1))
             for choose, one in zip((min, max), shown, strict=True)
         )
-        if _is_inside(first_us, stop_us, duration_us):
+        if any(_is_inside(first_us - a, stop_us - a, b - a) for a, b in covered_us or ((0, duration_us),)):
             windows.append(window)
     return tuple(windows)
 
@@ -73,38 +78,76 @@ def find_by_diary(
 ) -> tuple[ShiftWindow, ...]:
     """Return the shifts of a diary whose rows have dates.
 
-    Each row of the kind "shift" is a shift. Without one, the rows of each date are one shift, from the first
-    start to the last end. A last row without an end lasts until midnight.
+    Each row of the kind "shift" is a shift. Without one, the rows of the kinds :data:`ON_SHIFT` are joined:
+    rows of one date, and rows over midnight, until a shift would be longer than :data:`LONGEST_SHIFT`. A row
+    without an end lasts until the next row.
 
-    Raises UnusableDiary with every row that ends before it starts, or whose time the clock of the recording
-    has twice or never that day.
+    Raises UnusableDiary with every row that ends before it starts or never, or whose time the clock of the
+    recording has twice or never that day.
     """
-    rows = (entry for entry in entries if entry.kind != "posture" and _is_dated(entry.start))
-    dated = sorted(rows, key=lambda entry: str(entry.start))
-    stated = [entry for entry in dated if entry.kind == "shift" and entry.end is not None]
-    days: dict[str, list[tuple[datetime, datetime]]] = {}
+    pairs = [
+        pair for pair in pair_with_next(entries) if pair[0].kind in ON_SHIFT and _is_dated(pair[0].start)
+    ]
+    stated = [pair for pair in pairs if pair[0].kind == "shift"]
+    rows: list[tuple[datetime, datetime]] = []
     row_errors: list[UnusableDiary] = []
-    for rank, entry in enumerate(stated or dated):
+    for entry, following in stated or pairs:
         try:
-            begin = _read_moment(str(entry.start), entry.line, start)
-            end = begin.replace(hour=0, minute=0, second=0, microsecond=0) + DAY
-            if entry.end is not None:
-                end = _read_end(entry.end, begin, entry.line, start)
-            if measure_us(begin, end) <= 0:
-                value = f"{entry.start} - {entry.end}"
-                raise UnusableDiary(line=entry.line, why="end first", cure="order", value=value)
+            rows.append(_read_row(entry, following, start))
         except UnusableDiary as error:
             row_errors.append(error)
-            continue
-        key = f"{begin:%Y-%m-%d} {rank if stated else ''}"
-        days.setdefault(key, []).append((begin, end))
     refuse_slips(row_errors)
-    ranked = (
-        [sorted(ends, key=partial(measure_us, start)) for ends in zip(*spans, strict=True)]
-        for spans in days.values()
-    )
-    windows = [ShiftWindow(begins[0], ends[-1]) for begins, ends in ranked]
+    rows.sort(key=lambda row: measure_us(start, row[0]))
+    shifts = rows if stated else _join_rows(rows)
+    windows = (ShiftWindow(*shift) for shift in shifts)
     return tuple(window for window in windows if _is_inside(*window.place(start), duration_us))
+
+
+def _read_row(entry: DiaryEntry, following: DiaryEntry | None, start: datetime) -> tuple[datetime, datetime]:
+    """Return start and end of a dated row. Raises UnusableDiary."""
+    begin = _read_moment(str(entry.start), entry.line, start)
+    if entry.end is not None:
+        end = _read_end(entry.end, begin, entry.line, start)
+    elif entry.kind == "shift" or following is None or not _is_dated(following.start):
+        raise UnusableDiary(line=entry.line, why="no end", cure="end", value=str(entry.start))
+    else:
+        end = _read_moment(following.start, following.line, start)
+    if measure_us(begin, end) <= 0:
+        value = f"{entry.start} - {entry.end or end.isoformat()}"
+        raise UnusableDiary(line=entry.line, why="end first", cure="order", value=value)
+    if entry.end is None and measure_us(begin, end) > LONGEST_SHIFT / timedelta(microseconds=1):
+        raise UnusableDiary(line=entry.line, why="no end", cure="end", value=str(entry.start))
+    return begin, end
+
+
+def _join_rows(rows: Sequence[tuple[datetime, datetime]]) -> list[tuple[datetime, datetime]]:
+    """Join the rows of each shift, in the order of their starts."""
+    shifts: list[tuple[datetime, datetime]] = []
+    for begin, end in rows:
+        if not shifts:
+            shifts.append((begin, end))
+            continue
+        first, last = shifts[-1]
+        is_near = measure_us(last, begin) <= LONGEST_BREAK_S * MICROSECONDS
+        is_same_day = begin.date() == first.date()
+        is_short = measure_us(first, end) <= LONGEST_SHIFT / timedelta(microseconds=1)
+        if (is_near and is_same_day) or ((is_near or is_same_day) and is_short):
+            shifts[-1] = first, last if measure_us(end, last) > 0 else end
+        else:
+            shifts.append((begin, end))
+    return shifts
+
+
+def widen_to_pose(first_us: int, stop_us: int, earliest_us: int, begins_us: Sequence[int]) -> int:
+    """Return where a shift begins: at the pose that a person stated, if it was held shortly before the shift.
+
+    ``begins_us``: when a pose began. ``earliest_us``: end of the shift before. A pose in the shift leaves its
+    start unchanged.
+    """
+    if any(first_us <= begin_us < stop_us for begin_us in begins_us):
+        return first_us
+    earliest_us = max(earliest_us, first_us - round(LONGEST_BREAK_S * MICROSECONDS))
+    return min((begin_us for begin_us in begins_us if earliest_us <= begin_us < first_us), default=first_us)
 
 
 def propose(nonwear: Iterable[Span], start: datetime, duration_us: int) -> tuple[ShiftWindow, ...]:
@@ -152,26 +195,42 @@ def cut_diary(
 ) -> tuple[DiaryEntry, ...]:
     """Return the rows of a diary that concern a stretch of a recording.
 
-    Seconds then count from the start of the stretch. A clock time without a date remains: within the shift it
-    is unambiguous. A row in seconds or with a date that is outside belongs to another shift.
+    Seconds become clock times, because they then count from the first sample of the stretch. A clock time
+    without a date remains: it must be unambiguous within the shift. A row in seconds or with a date that is
+    outside belongs to another shift. A row without an end lasts until the next row, for
+    :data:`LONGEST_SHIFT` at most.
     """
 
-    def is_outside(entry: DiaryEntry, following: DiaryEntry | None) -> bool:
-        end = entry.end if entry.end is not None or following is None else following.start
-        start_us, end_us = (
-            place_moment(moment, entry.line, start, duration_us)
-            if isinstance(moment, int | float) or _is_dated(moment)
-            else None
-            for moment in (entry.start, end)
-        )
-        return (start_us is not None and start_us >= stop_us) or (end_us is not None and end_us <= first_us)
+    def place(moment: float | str | None, line: int) -> int | None:
+        if moment is None or is_undated(moment):
+            return None
+        return place_moment(moment, line, start, duration_us)
 
-    def move(moment: float | str) -> float | str:
-        return moment if isinstance(moment, str) else moment - first_us / MICROSECONDS
+    def is_inside(entry: DiaryEntry, following: DiaryEntry | None) -> bool:
+        start_us, end_us = place(entry.start, entry.line), place(entry.end, entry.line)
+        if start_us is not None and entry.end is not None and end_us is None:
+            begin = read_clock(start, start_us)
+            end_us = measure_us(start, _read_end(entry.end, begin, entry.line, start))
+        if start_us is not None and entry.end is None:
+            next_us = place(following.start, following.line) if following else None
+            longest_us = start_us + LONGEST_SHIFT // timedelta(microseconds=1)
+            is_open = next_us is None or next_us > longest_us
+            end_us = start_us + 1 if is_open or entry.kind == "mark" else next_us
+        return (start_us is None or start_us < stop_us) and (end_us is None or end_us > first_us)
 
-    rows, postures = ([e for e in entries if (e.kind == "posture") is chosen] for chosen in (False, True))
+    def move(moment: float | str) -> str:
+        if isinstance(moment, str):
+            return moment
+        return read_clock(start, round(moment * MICROSECONDS)).isoformat()
+
+    marks = ((entry, None) for entry in entries if entry.kind == "mark")
     return tuple(
         replace(entry, start=move(entry.start), end=None if entry.end is None else move(entry.end))
-        for entry, following in zip((*rows, *postures), (*rows[1:], None, *postures), strict=False)
-        if not is_outside(entry, following)
+        for entry, following in (*pair_with_next(entries), *marks)
+        if is_inside(entry, following)
     )
+
+
+def is_undated(moment: float | str) -> bool:
+    """Return whether a time is a clock time without a date."""
+    return isinstance(moment, str) and "T" not in moment

@@ -3,7 +3,6 @@
 import json
 import logging
 from dataclasses import asdict, replace
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +30,14 @@ from acromion.fusion.readers.preview import MAX_GAPS, inspect_recording, preview
 from acromion.fusion.readers.tables.profile import propose_file_profile
 from acromion.fusion.readers.time.clock import set_clock
 from acromion.fusion.readers.time.window import cut_recording
-from acromion.fusion.recording import MICROSECONDS, Recording, find_missing, find_uncovered
+from acromion.fusion.recording import (
+    MICROSECONDS,
+    Extent,
+    Recording,
+    find_covered,
+    find_missing,
+    find_uncovered,
+)
 from acromion.fusion.shifts import propose
 
 _FAILED = "the reader plug-in %s %s failed: %s"
@@ -69,7 +75,7 @@ def read_on_stated_clock(recording_path: Path, request: ReportRequest, known: Kn
     window = find_window(request)
     if window is None or not (request.time_zone or request.clock_offset_s):
         return read_joined(recording_path, request, known)
-    device, _, _ = measure_recording(recording_path, replace(request, shift=""))
+    device = measure_recording(recording_path, replace(request, shift="")).start
     stated = correct_start(device, request.time_zone, request.clock_offset_s)
     if device is None or stated is None:
         raise UnusableShift(why="no clock", window=request.shift)
@@ -212,19 +218,20 @@ def write_inspection(recording_path: Path, request: ReportRequest, out: Path, on
 
 
 def write_extent(recording_path: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
-    """Write ``extent.json``: start with its zone, duration and digest of a recording, to find its shifts."""
+    """Write ``extent.json``: the extent of a recording and the zone of its clock, to find its shifts."""
     on_stage("reading", 0.0)
-    start, duration_us, sha256 = measure_recording(recording_path, request)
-    found = {"start": start.isoformat() if start else "", "duration_us": duration_us, "sha256": sha256}
-    found |= {"time_zone": getattr(start and start.tzinfo, "key", "")}
+    extent = measure_recording(recording_path, request)
+    found = asdict(extent) | {"start": extent.start.isoformat() if extent.start else ""}
+    found |= {"time_zone": getattr(extent.start and extent.start.tzinfo, "key", "")}
     (out / "extent.json").write_text(json.dumps(found), "utf-8")
 
 
-def measure_recording(recording_path: Path, request: ReportRequest) -> tuple[datetime | None, int, str]:
-    """Return the device's clock at the first sample, the duration in us, and the digest ("" if joined)."""
+def measure_recording(recording_path: Path, request: ReportRequest) -> Extent:
+    """Return when a recording has samples, by the device's clock; without a digest if files are joined."""
     if request.joined:
         joined = read_joined(recording_path, request, NOTHING_KNOWN)
-        return joined.start, joined.duration_us, ""
+        covered_us = find_covered((segment.start_us, segment.end_us) for segment in joined.segments)
+        return Extent(joined.start, joined.duration_us, covered_us=covered_us)
     profile = parse_profile(request.profile) if request.profile else None
     with recording_path.open("rb") as file:
         return measure_extent(file, file_name=request.file_name, rate_hz=request.rate_hz, profile=profile)

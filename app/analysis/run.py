@@ -26,7 +26,7 @@ from acromion.fusion.angle_files import (
     recognise_layout,
 )
 from acromion.fusion.caveats import Caveat
-from acromion.fusion.clocks import correct_start, read_clock
+from acromion.fusion.clocks import ShiftWindow, correct_start, read_clock
 from acromion.fusion.conventions import CONFIRMED, SAID_S, awaits_pose
 from acromion.fusion.errors import FusionError, UnusableShift
 from acromion.fusion.exposure.periods import drop_poses
@@ -41,6 +41,7 @@ from acromion.fusion.pipeline import (
 from acromion.fusion.pose.calibrate import (
     calibrate,
     find_early_stills,
+    is_worn_until_end,
     propose_poses,
     reduce_recording,
     survey,
@@ -48,7 +49,7 @@ from acromion.fusion.pose.calibrate import (
 from acromion.fusion.pose.rules import find_nearest_axis
 from acromion.fusion.quality.time_account import propose_nonwear
 from acromion.fusion.readers import holds_device_format
-from acromion.fusion.recording import MICROSECONDS, Span
+from acromion.fusion.recording import MICROSECONDS, Recording, Span
 from acromion.fusion.sensor.model import view_segment
 from acromion.fusion.sensor.self_calibration import calibrate_accelerometer
 from acromion.fusion.sensor.stillness import find_still_moments, reduce_run
@@ -197,11 +198,34 @@ def _analyse_file(
     captured = None if request.shift else _read_capture(recording_path, request)
     if captured is not None:
         return analyse_angle_file(captured, begin, settings)
-    recording = read_on_stated_clock(recording_path, request, known)
+    recording = _read_shift(recording_path, request, known)
     _check_slips(request, recording.duration_us)
     if request.pose_from:
         settings = replace(settings, carried=_find_carried(recording_path, request, known))
     return analyse(recording, settings, begin)
+
+
+BEFORE_S = 60.0
+"""How much of the time before a shift shows whether the sensor was already worn."""
+
+
+def _read_shift(recording_path: Path, request: ReportRequest, known: KnownFiles) -> Recording:
+    """Read the recording of a request.
+
+    If the pose is stated as held at the start of wear, also find out whether a shift begins with it.
+    """
+    recording = read_on_stated_clock(recording_path, request, known)
+    if not request.shift or request.pose_held != "start" or recording.start is None:
+        return recording
+    minute = (read_clock(recording.start, -round(ago_s * MICROSECONDS)) for ago_s in (BEFORE_S, 0.0))
+    before = replace(request, shift=str(ShiftWindow(*minute)))
+    try:
+        is_worn = is_worn_until_end(read_on_stated_clock(recording_path, before, known))
+    except UnusableShift:  # the recording begins here, or the device was off
+        is_worn = False
+    except FusionError:  # too little to tell
+        is_worn = True
+    return replace(recording, worn_before=is_worn)
 
 
 def _check_slips(request: ReportRequest, duration_us: int) -> None:
@@ -221,7 +245,8 @@ def write_time_check(recording_path: Path, request: ReportRequest, out: Path, on
     window = find_window(request)
     captured = None if request.shift else _read_capture(recording_path, request)
     if captured is None:
-        device, duration_us, _ = measure_recording(recording_path, replace(request, shift=""))
+        extent = measure_recording(recording_path, replace(request, shift=""))
+        device, duration_us = extent.start, extent.duration_us
     else:
         device, duration_us = captured.start, round((captured.last_s - captured.first_s) * MICROSECONDS)
     start = correct_start(device, request.time_zone, request.clock_offset_s)
@@ -242,20 +267,20 @@ def write_time_check(recording_path: Path, request: ReportRequest, out: Path, on
 def _find_carried(recording_path: Path, request: ReportRequest, known: KnownFiles) -> CarriedPose | None:
     """Return the pose of the earlier shift.
 
-    None if no person confirmed it, if it is not answered whether the sensor slipped there, or if it cannot
-    be used.
+    None if no person confirmed it, if it is not answered whether the sensor slipped or was removed there, or
+    if it cannot be used.
     """
     windows_s = request.pose_from_windows_s
     earlier = replace(request, shift=request.pose_from, calibration_windows_s=windows_s, diary=())
     earlier = replace(earlier, slip_times_s=(), no_slip_times_s=request.pose_from_no_slip_at_s)
     try:
-        recording = read_on_stated_clock(recording_path, earlier, known)
+        recording = _read_shift(recording_path, earlier, known)
         found = calibrate(recording, apply_file_settings(recording, build_settings(earlier))).calibration
     except FusionError:
         return None
-    is_open = any(question.kind == "slip" for question in found.questions)
+    is_sure = found.state in CONFIRMED and not found.questions
     x, y, z = found.arm_axis.tolist()
-    return CarriedPose((x, y, z), found.sigma_deg) if found.state in CONFIRMED and not is_open else None
+    return CarriedPose((x, y, z), found.sigma_deg) if is_sure else None
 
 
 def _read_capture(recording_path: Path, request: ReportRequest) -> AngleFile | None:

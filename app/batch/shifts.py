@@ -22,11 +22,18 @@ from acromion.app.errors import Crashed, Interrupted, RecordedProblem
 from acromion.app.request import BY_DIARY, ReportRequest
 from acromion.app.settings import Settings
 from acromion.fusion.clocks import ShiftWindow, correct_start, in_zone, parse_interval, read_clock
-from acromion.fusion.diary import DiaryEntry
+from acromion.fusion.diary import DiaryEntry, refuse_slips
 from acromion.fusion.errors import FusionError, UnusableClock, UnusableDiary, UnusableShift
-from acromion.fusion.exposure.periods import find_diary_poses
+from acromion.fusion.exposure.periods import find_diary_poses, place_moment
 from acromion.fusion.recording import MICROSECONDS, QualityFlag, cut_windows
-from acromion.fusion.shifts import cut_diary, find_by_diary, find_by_hours, parse_hours
+from acromion.fusion.shifts import (
+    cut_diary,
+    find_by_diary,
+    find_by_hours,
+    is_undated,
+    parse_hours,
+    widen_to_pose,
+)
 
 
 def split_into_shifts(tasks: Sequence[Task], *, not_removed: bool) -> list[Task]:
@@ -110,10 +117,13 @@ def read_start(extent: Mapping[str, Any], request: ReportRequest) -> datetime | 
     return correct_start(device, request.time_zone, request.clock_offset_s)
 
 
-def _find_windows(request: ReportRequest, start: datetime, duration_us: int) -> tuple[ShiftWindow, ...]:
+def _find_windows(
+    request: ReportRequest, start: datetime, extent: Mapping[str, Any]
+) -> tuple[ShiftWindow, ...]:
+    duration_us = int(extent["duration_us"])
     if request.shift == BY_DIARY:
         return find_by_diary(request.select_diary(), start, duration_us)
-    return find_by_hours(start, duration_us, parse_hours(request.shift))
+    return find_by_hours(start, duration_us, parse_hours(request.shift), extent["covered_us"])
 
 
 def cut_as_asked(
@@ -128,7 +138,7 @@ def cut_as_asked(
     start, duration_us = read_start(extent, whole), int(extent["duration_us"])
     if start is None:
         return [request], []
-    windows = _find_windows(request, start, duration_us)
+    windows = _find_windows(request, start, extent)
     if not windows:
         return [replace(whole, shift=_name_missing(request.shift, start))], []
     requests = cut_request(whole, windows, start, duration_us, not_removed=not_removed)
@@ -156,51 +166,97 @@ def cut_request(
 ) -> list[ReportRequest]:
     """Return the request of each shift of a recording; ``not_removed`` as in :func:`split_into_shifts`.
 
-    No pose is carried over a slip that a person stated. The analysis of a shift at a time that the clock
-    skips or repeats states the reason.
+    A shift begins at its stated pose, if that was held shortly before it; the time between is then outside of
+    the shift. No pose is carried over a slip that a person stated. The analysis of a shift at a time that the
+    clock skips or repeats states the reason.
+
+    Raises UnusableDiary: with several shifts, every row whose time has no date; or no shift has a row.
     """
-    asked = [
-        replace(whole, shift=str(window))
-        if _find_refusal(window, start)
-        else _cut_request(whole, window, start, duration_us)
-        for window in windows
-    ]
-    usable = [place for place, window in enumerate(windows) if not _find_refusal(window, start)]
-    begins_us = [windows[place].place(start)[0] for place in usable]
-    for place, begin_us in zip(usable[1:], begins_us[1:], strict=True) if not_removed else ():
-        if not any(begins_us[0] <= at_s * MICROSECONDS < begin_us for at_s in whole.slip_times_s):
-            asked[place] = _carry_pose(asked[usable[0]], asked[place], start)
+    if len(windows) > 1:
+        _refuse_undated(whole.select_diary())
+    begins_us = _find_poses(whole, start, duration_us)
+    asked: list[ReportRequest] = []
+    usable: list[tuple[int, int]] = []
+    earliest_us = 0
+    for place, window in enumerate(windows):
+        if _find_refusal(window, start):
+            asked.append(replace(whole, shift=str(window)))
+            continue
+        first_us, stop_us = window.place(start)
+        begin_us = widen_to_pose(max(first_us, 0), stop_us, earliest_us, begins_us)
+        asked.append(_cut_request(whole, window, begin_us, start, duration_us))
+        usable.append((place, begin_us))
+        earliest_us = stop_us
+    _refuse_unused(whole.select_diary(), asked)
+    for number, (place, begin_us) in enumerate(usable):
+        if number and not_removed:
+            posed = [one for one in usable[:number] if _has_pose(asked[one[0]])]
+            source, from_us = (posed or usable)[-1 if posed else 0]
+            if not any(from_us <= at_s * MICROSECONDS < begin_us for at_s in whole.slip_times_s):
+                asked[place] = _carry_pose(asked[source], asked[place], start)
     return asked
 
 
+def _refuse_undated(diary: Sequence[DiaryEntry]) -> None:
+    """Refuse clock times without a date, which several shifts may contain. Raises UnusableDiary."""
+    refuse_slips(
+        [
+            UnusableDiary(line=entry.line, why="which day", cure="date", value=str(entry.start))
+            for entry in diary
+            if is_undated(entry.start)
+        ]
+    )
+
+
+def _refuse_unused(diary: Sequence[DiaryEntry], asked: Sequence[ReportRequest]) -> None:
+    """Refuse a diary of one recording if none of its rows is in a shift. Raises UnusableDiary."""
+    own = [entry for entry in diary if not entry.file and entry.kind != "posture"]
+    if not any(entry.line in {one.line for one in request.diary} for request in asked for entry in own):
+        why, cure = "outside shifts", "clock"
+        refuse_slips([UnusableDiary(line=e.line, why=why, cure=cure, value=str(e.start)) for e in own])
+
+
+def _find_poses(request: ReportRequest, start: datetime, duration_us: int) -> list[int]:
+    """Return when each pose that a person stated began, in microseconds from the first sample."""
+    begins_us = [round(first_s * MICROSECONDS) for first_s, _ in request.calibration_windows_s]
+    return begins_us + [
+        place_moment(entry.start, entry.line, start, duration_us)
+        for entry in request.select_diary()
+        if entry.kind == "pose" and not is_undated(entry.start)
+    ]
+
+
 def _cut_request(
-    request: ReportRequest, window: ShiftWindow, start: datetime, duration_us: int
+    request: ReportRequest, window: ShiftWindow, begin_us: int, start: datetime, duration_us: int
 ) -> ReportRequest:
     """Return the request of a shift: what a person stated about its time, and nothing about other shifts.
 
-    A calibration window becomes a row of the diary, because seconds count from the first sample of the shift.
+    ``begin_us``: its first microsecond, which is that of its pose if the pose was held before the window. A
+    calibration window becomes a row of the diary, because seconds count from the first sample of the shift.
     """
     first_us, stop_us = window.place(start)
-    first_us, stop_us = max(first_us, 0), min(stop_us, duration_us)
-    held = [
-        window_s for window_s in request.calibration_windows_s if cut_windows([window_s], first_us, stop_us)
-    ]
-    poses = [
+    last_us = min(stop_us, duration_us)
+    rows = [
         DiaryEntry(_format_clock(start, first_s), _format_clock(start, last_s), "pose")
-        for first_s, last_s in held
+        for first_s, last_s in request.calibration_windows_s
+        if cut_windows([(first_s, last_s)], begin_us, last_us)
     ]
+    if begin_us < max(first_us, 0):
+        window = ShiftWindow(read_clock(start, begin_us), read_clock(start, stop_us))
+        first, last = (read_clock(start, edge_us).isoformat() for edge_us in (begin_us, first_us))
+        rows.append(DiaryEntry(first, last, "outside"))
     slips, no_slips = (
-        tuple(at_s - first_us / MICROSECONDS for at_s in times_s if first_us <= at_s * MICROSECONDS < stop_us)
+        tuple(at_s - begin_us / MICROSECONDS for at_s in times_s if begin_us <= at_s * MICROSECONDS < last_us)
         for times_s in (request.slip_times_s, request.no_slip_times_s)
     )
-    diary = cut_diary(request.select_diary(), start, duration_us, first_us, stop_us)
+    diary = cut_diary(request.select_diary(), start, duration_us, begin_us, last_us)
     return replace(
         request,
         shift=str(window),
         calibration_windows_s=(),
         slip_times_s=slips,
         no_slip_times_s=no_slips,
-        diary=(*poses, *diary),
+        diary=(*rows, *diary),
     )
 
 
@@ -208,9 +264,13 @@ def _format_clock(start: datetime, at_s: float) -> str:
     return read_clock(start, round(at_s * MICROSECONDS)).isoformat()
 
 
+def _has_pose(request: ReportRequest) -> bool:
+    return any(entry.kind == "pose" for entry in request.diary)
+
+
 def _carry_pose(first: ReportRequest, later: ReportRequest, start: datetime) -> ReportRequest:
-    """Return a later request with the pose of the first shift, in case that it has no confirmed pose."""
-    if later.arm_axis or any(entry.kind == "pose" for entry in later.diary):
+    """Return a later request with the pose of an earlier shift, in case that it has no confirmed pose."""
+    if later.arm_axis or _has_pose(later):
         return later
     window = parse_interval(first.shift)
     first_us, stop_us = window.place(start)

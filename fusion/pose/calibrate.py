@@ -138,6 +138,18 @@ def find_tables(recording: Recording, stretches_s: Sequence[Window]) -> list[Win
     return [span_s for span_s in long_s if measure_stretch(recording, span_s).sway_dps < TABLE_SWAY_DPS]
 
 
+def is_worn_until_end(recording: Recording) -> bool:
+    """Return whether the sensor was worn for more than the last 10 s of a recording of a minute or less.
+
+    A recording that begins less than 10 s before its end, or a table in its last 10 s, shows that it was not.
+    """
+    blocks = reduce_recording(recording)
+    stretches_s = find_still_stretches(blocks, calibrate_accelerometer(find_still_moments(blocks)))
+    tables_s = [s for s in stretches_s if measure_stretch(recording, s).sway_dps < TABLE_SWAY_DPS]
+    worn_from_s = max((end_s for _, end_s in tables_s), default=0.0)
+    return recording.duration_us / MICROSECONDS - worn_from_s > AT_ONCE_S
+
+
 def measure_window(recording: Recording, window_s: Window) -> StillPeriod:
     """Measure a window that a person chose; raises UnusableCalibration."""
     check_window(window_s, recording.duration_us)
@@ -616,7 +628,8 @@ def calibrate(
     stretches_s, wears = survey(recording, blocks, correction)
     early = find_early_stills(recording, wears, stretches_s)
     found, windows = _find_stated(recording, wears[0], correction, settings)
-    assumed = assume_pose(early[0], correction, settings.pose_held)
+    held = None if recording.worn_before else settings.pose_held
+    assumed = assume_pose(early[0], correction, held)
     if settings.carried is not None and (assumed is None or assumed.state not in CONFIRMED):
         assumed = _take_carried(settings.carried, wears[0])
     poses = found or (assumed or estimate_axis_without_pose(recording, blocks, wears[0], correction),)

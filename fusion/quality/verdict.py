@@ -277,6 +277,8 @@ def _flag_state(calibration: Calibration, settings: AnalysisSettings) -> Iterato
         yield _flag_window(Caveat.LEAN, calibration.windows[0])
     if state in {"assumed", "none"} and settings.pose_held == "start":
         yield QualityFlag(Caveat.NOT_HELD)
+    if state == "carried":
+        yield QualityFlag(Caveat.CARRIED)
     for still in calibration.windows if state != "none" else ():
         if settings.calibration_windows_s and still.duration_s < RULES.length_s - 1e-6:
             yield _flag_window(Caveat.POSE_SHORT, still)

@@ -3,7 +3,6 @@
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime
 from importlib.metadata import EntryPoint
 from os import PathLike
 from pathlib import Path
@@ -79,7 +78,7 @@ from acromion.fusion.readers.tables.profile import (
 from acromion.fusion.readers.time.clock import flag_days
 from acromion.fusion.readers.time.joining import join_recordings
 from acromion.fusion.readers.time.window import cut_recording
-from acromion.fusion.recording import ACC_UNITS_G, QualityFlag, Recording
+from acromion.fusion.recording import ACC_UNITS_G, Extent, QualityFlag, Recording, find_covered
 
 __all__ = [
     "READERS",
@@ -226,16 +225,17 @@ def read_thigh(file: BinaryIO, file_name: str = "") -> Recording:
 
 def measure_extent(
     file: BinaryIO, *, file_name: str = "", rate_hz: float | None = None, profile: ColumnProfile | None = None
-) -> tuple[datetime | None, int, str]:
-    """Return the clock at the first sample, the duration in microseconds, and the digest of the bytes.
+) -> Extent:
+    """Return when a recording has samples. A .gt3x is not decoded for it.
 
-    A .gt3x is not decoded for it. Raises as :func:`read_recording`.
+    Raises as :func:`read_recording`.
     """
     source = open_source(file, file_name)
     if source.extension == ".gt3x" and gt3x.recognise(source):
-        return *gt3x.measure_extent(source), hash_source(source)
+        return replace(gt3x.measure_extent(source), sha256=hash_source(source))
     recording = read_recording(file, file_name=file_name, rate_hz=rate_hz, profile=profile)
-    return recording.start, recording.duration_us, recording.sha256
+    covered_us = find_covered((segment.start_us, segment.end_us) for segment in recording.segments)
+    return Extent(recording.start, recording.duration_us, recording.sha256, covered_us)
 
 
 def _is_read_by_profile(content: Source, profile: ColumnProfile) -> bool:

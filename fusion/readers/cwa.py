@@ -349,6 +349,8 @@ WIDEST_RATE_ERROR = 0.1
 SURE_SCATTERS = 8.0
 NORMAL_PER_MEDIAN = 1.4826
 """The standard deviation of a normal scatter for its median absolute deviation."""
+LONGEST_ALONE_US = 86_400 * MICROSECONDS
+"""A single first or last block, so far from the others, has a wrong stamp."""
 LATE_BLOCKS = 8
 """How far to look for stamps that take a step back: until then the stamps between are not believed."""
 FITTED_BLOCKS = 8
@@ -472,7 +474,7 @@ def mend_starts(starts_us: Floats, lengths_us: Floats, limits_us: Floats) -> int
     if len(starts_us) < 3:
         return mended
     # a first or last stamp that lies over a day from all others
-    is_far = np.abs(find_lags(starts_us, lengths_us)) > LONGEST_GAP_US
+    is_far = np.abs(find_lags(starts_us, lengths_us)) > LONGEST_ALONE_US
     if is_far[0] and not is_far[1]:
         starts_us[0] = starts_us[1] - lengths_us[0]
     if is_far[-1] and not is_far[-2]:

@@ -51,13 +51,16 @@ from acromion.fusion.readers.time.clock import (
     hash_serial,
     trust_clock,
 )
+from acromion.fusion.readers.time.grid import LONGEST_GAP_US
 from acromion.fusion.recording import (
     MICROSECONDS,
+    Extent,
     QualityFlag,
     Recording,
     Segment,
     Span,
     Stated,
+    find_covered,
     find_uncovered,
     flag_counts,
     flag_gaps,
@@ -498,7 +501,7 @@ def pair_sleep(sleep: Iterable[tuple[int, bool]], last_unix_s: int) -> list[tupl
 # Each SENSOR_DATA record carries one second of the device's clock and the rows of that second. The order of
 # the file is the order of time; the stamps give the time missing between two records, and may be wrong.
 
-LONGEST_GAP_S = 86_400
+LONGEST_GAP_S = LONGEST_GAP_US // MICROSECONDS
 """A longer step forward is a clock that was set, not a gap: it adds no time."""
 LONGEST_ALONE_S = 60
 """A single first or last second, so far from the others, has a wrong stamp."""
@@ -609,8 +612,8 @@ def find_doubles(
 def find_runs(seconds: Seconds) -> tuple[tuple[Run, ...], tuple[QualityFlag, ...]]:
     """Cut the seconds at each step of the clock other than one, and at each change of the row layout.
 
-    A step back, or a step forward by more than a day, is a clock that was set: the next run follows at once,
-    because the length of the break is unknown.
+    A step back, or a step forward by more than 31 days, is a clock that was set: the next run follows at
+    once, because the length of the break is unknown.
     """
     unix_s = seconds.unix_s
     breaks = np.flatnonzero((np.diff(unix_s) != 1) | (np.diff(seconds.schema) != 0)) + 1
@@ -684,8 +687,8 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
     return build_recording(text, log, timeline)
 
 
-def measure_extent(source: Source) -> tuple[datetime | None, int]:
-    """Return the clock at the first sample, and the time to the last stamp in microseconds.
+def measure_extent(source: Source) -> Extent:
+    """Return when a recording has samples, by the stamps of the device; its digest is not computed.
 
     Only the first second is decoded. Raises as :func:`read`.
     """
@@ -701,7 +704,11 @@ def measure_extent(source: Source) -> tuple[datetime | None, int]:
     duration_s = log.scan.last_unix_s + 1 - first_unix_s
     zone = find_zone(log.events.zone_name) if log.events.counts_utc else None
     start, _ = trust_clock(_find_clock(text, log.events, first_unix_s, zone))
-    return start, duration_s * MICROSECONDS
+    stamps = np.unique(np.concatenate(log.stamps)) - first_unix_s
+    edges = np.flatnonzero(np.diff(stamps) > 1) + 1
+    runs = zip(stamps[np.append(0, edges)], stamps[np.append(edges - 1, -1)] + 1, strict=True)
+    covered_us = find_covered((int(a) * MICROSECONDS, int(b) * MICROSECONDS) for a, b in runs)
+    return Extent(start, duration_s * MICROSECONDS, covered_us=covered_us)
 
 
 # info.txt: what the device tells about itself.
@@ -835,6 +842,7 @@ class DeviceLog:
     ``primary_seconds``: checked seconds of the primary accelerometer.
     ``window_unix_s``: the stamps to decode (first, stop), which ``find_window`` returns at the first sample;
     None for all.
+    ``stamps``: Unix seconds of all samples, also outside the window.
     """
 
     columns: SampleColumns = field(default_factory=lambda: SampleColumns(has_stamps=False))
@@ -850,6 +858,7 @@ class DeviceLog:
     primary_seconds: list[Primary] = field(default_factory=list)
     find_window: FindWindow | None = None
     window_unix_s: tuple[int, int] | None = None
+    stamps: list[NDArray[np.int64]] = field(default_factory=list)
 
     def is_inside(self, unix_s: int) -> bool:
         """Return whether a stamp is in the window, if there is one."""
@@ -985,6 +994,7 @@ def _take_samples(
     log.n_undecoded += int(np.count_nonzero(~fits))
     if log.find_window and log.window_unix_s is None and fits.any():
         log.window_unix_s = log.find_window(int(records[fits, 1][0]), log.events)
+    log.stamps.append(records[fits, 1])
     if log.window_unix_s is not None:
         fits &= (records[:, 1] >= log.window_unix_s[0]) & (records[:, 1] < log.window_unix_s[1])
     unix_s, firsts, n_rows = records[fits, 1], firsts[fits], n_rows[fits]
@@ -1068,7 +1078,7 @@ def _make_segment(columns: SampleColumns, seconds: Seconds, run: Run) -> Segment
 def find_exclusions(log: DeviceLog, timeline: Timeline) -> tuple[tuple[Span, ...], tuple[QualityFlag, ...]]:
     """Idle sleep without measurements, and seconds in the dock, from the first sample on.
 
-    Also returns caveats without an exclusion: sleep before the first sample, and a stamp more than a day
+    Also returns caveats without an exclusion: sleep before the first sample, and a stamp more than 31 days
     after the last sample, which is ignored.
     """
     covered = [(run.start_s, run.end_s) for run in timeline.runs]

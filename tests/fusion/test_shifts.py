@@ -10,7 +10,14 @@ from acromion.fusion.clocks import INTERVAL_HINT, parse_interval
 from acromion.fusion.diary import DiaryEntry, read_diary
 from acromion.fusion.errors import UnusableDiary, UnusableShift
 from acromion.fusion.recording import Span
-from acromion.fusion.shifts import cut_diary, find_by_diary, find_by_hours, parse_hours, propose
+from acromion.fusion.shifts import (
+    cut_diary,
+    find_by_diary,
+    find_by_hours,
+    parse_hours,
+    propose,
+    widen_to_pose,
+)
 
 DAY_US = 86_400_000_000
 HOUR_US = 3_600_000_000
@@ -134,6 +141,99 @@ def test_without_shift_rows_each_date_is_a_shift_from_its_first_start_to_its_las
     ]
 
 
+def windows_of(rows: str) -> list[str]:
+    return [str(window) for window in find_by_diary(diary_of(rows), MONDAY, 7 * DAY_US)]
+
+
+def test_a_row_without_an_end_lasts_until_the_next_row() -> None:
+    """The layout of ActiPASS: work, lunch, work, stop."""
+    diary = read_diary(
+        b"time,event\n2026-03-02 07:00,work\n2026-03-02 12:00,lunch\n2026-03-02 12:30,work\n"
+        b"2026-03-02 15:30,stop\n2026-03-03 08:00,work\n2026-03-03 16:00,stop\n"
+    )
+
+    assert [str(window) for window in find_by_diary(diary, MONDAY, 7 * DAY_US)] == [
+        "2026-03-02T07:00:00/2026-03-02T15:30:00",
+        "2026-03-03T08:00:00/2026-03-03T16:00:00",
+    ]
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        "2026-03-02 07:00,,work,\n",
+        "2026-03-02 07:00,,work,\n2026-03-03 07:00,2026-03-03 15:00,work,\n",
+        "2026-03-02 07:00,,shift,\n2026-03-02 09:00,2026-03-02 10:00,task,Boxes\n",
+    ],
+    ids=["last row", "next row a day later", "shift"],
+)
+def test_a_row_whose_end_nobody_stated_is_refused_with_its_line(rows: str) -> None:
+    with pytest.raises(UnusableDiary) as refusal:
+        windows_of(rows)
+
+    assert (refusal.value.facts["line"], refusal.value.facts["why"]) == (2, "no end")
+
+
+@pytest.mark.parametrize(
+    "row",
+    ["2026-03-02 21:00,,mark,pain", "2026-03-02 22:00,23:00,outside,", "2026-03-02 16:00,17:00,not_worn,"],
+)
+def test_what_is_not_work_extends_no_shift(row: str) -> None:
+    assert windows_of(f"2026-03-02 07:00,2026-03-02 15:00,task,A\n{row}\n") == [
+        "2026-03-02T07:00:00/2026-03-02T15:00:00"
+    ]
+
+
+def test_a_night_is_one_shift_and_the_next_night_another() -> None:
+    nights = "".join(
+        f"2026-03-0{day} 22:00,2026-03-0{day + 1} 02:00,task,A\n"
+        f"2026-03-0{day + 1} 02:30,2026-03-0{day + 1} 06:00,task,B\n"
+        for day in (2, 3)
+    )
+
+    assert windows_of(nights) == [
+        "2026-03-02T22:00:00/2026-03-03T06:00:00",
+        "2026-03-03T22:00:00/2026-03-04T06:00:00",
+    ]
+
+
+def test_hours_without_samples_have_no_shift() -> None:
+    """The device was off from Monday 20:00 to Wednesday 06:00."""
+    covered_us = ((0, 14 * HOUR_US), (48 * HOUR_US, 72 * HOUR_US))
+
+    windows = find_by_hours(MONDAY, 3 * DAY_US, parse_hours("07:00-15:30"), covered_us)
+
+    assert [window.start.day for window in windows] == [2, 4]
+
+
+@pytest.mark.parametrize(
+    ("begins_us", "begin_us"),
+    [
+        ((7 * HOUR_US,), 7 * HOUR_US),
+        ((7 * HOUR_US, 9 * HOUR_US), 8 * HOUR_US),
+        ((5 * HOUR_US,), 8 * HOUR_US),
+        ((), 8 * HOUR_US),
+    ],
+    ids=["an hour before", "another pose in the shift", "three hours before", "no pose"],
+)
+def test_a_shift_begins_at_a_pose_held_up_to_two_hours_before(
+    begins_us: tuple[int, ...], begin_us: int
+) -> None:
+    assert widen_to_pose(8 * HOUR_US, 16 * HOUR_US, 0, begins_us) == begin_us
+
+
+def test_a_pose_of_the_shift_before_leaves_a_shift_unchanged() -> None:
+    assert widen_to_pose(8 * HOUR_US, 16 * HOUR_US, 7 * HOUR_US + 1, (7 * HOUR_US,)) == 8 * HOUR_US
+
+
+def test_a_mark_is_in_the_shift_of_its_moment_only() -> None:
+    diary = diary_of("2026-03-02 07:30,,mark,pain\n2026-03-02 16:00,2026-03-02 17:00,task,A\n")
+
+    kept = [cut_diary(diary, MONDAY, DAY_US, hour * HOUR_US, (hour + 1) * HOUR_US) for hour in (1, 9, 10)]
+
+    assert [[entry.kind for entry in rows] for rows in kept] == [["mark"], [], ["task"]]
+
+
 def test_a_diary_without_dates_has_no_shifts() -> None:
     assert find_by_diary(diary_of("07:00,15:00,shift,\n"), MONDAY, 7 * DAY_US) == ()
 
@@ -149,12 +249,12 @@ def test_a_shift_has_its_own_rows_of_the_diary_and_those_without_a_date() -> Non
     assert [entry.label or entry.kind for entry in kept] == ["Tuesday", "break"]
 
 
-def test_seconds_of_the_diary_count_from_the_start_of_the_shift() -> None:
+def test_seconds_of_the_diary_become_clock_times_in_a_shift() -> None:
     rows = (DiaryEntry(60.0, 70.0, "pose"), DiaryEntry(3660.0, 3670.0, "pose"))
 
     kept = cut_diary(rows, MONDAY, 2 * HOUR_US, HOUR_US, 2 * HOUR_US)
 
-    assert [(entry.start, entry.end) for entry in kept] == [(60.0, 70.0)]
+    assert [(entry.start, entry.end) for entry in kept] == [("2026-03-02T07:01:00", "2026-03-02T07:01:10")]
 
 
 def test_wear_between_long_stretches_off_the_arm_is_proposed_as_shifts() -> None:

@@ -271,7 +271,8 @@ def find_stretches(
 # stamped late, not lost; and if the clock is too coarse for the rate (whole milliseconds at 952 Hz), a step
 # of the clock is not a hole.
 
-LONGEST_GAP_US = 86_400 * MICROSECONDS
+LONGEST_GAP_US = 31 * 86_400 * MICROSECONDS
+"""A longer step forward is a clock that was set, not a gap: it adds no time."""
 SLOWEST_HZ, FASTEST_HZ = 10.0, 4000.0
 JITTER_PERIODS = 0.25
 """Stamps that scatter by more are flagged."""

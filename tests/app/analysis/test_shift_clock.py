@@ -55,7 +55,7 @@ def test_a_shift_is_cut_and_timed_by_the_stated_clock(
 
 
 def test_the_hours_of_a_run_follow_the_zone_that_the_file_names() -> None:
-    extent = {"start": "2026-03-28T07:00:00+01:00", "duration_us": 2 * 86_400_000_000}
+    extent = {"start": "2026-03-28T07:00:00+01:00", "duration_us": 2 * 86_400_000_000, "covered_us": []}
     asked = ReportRequest("week.gt3x", shift="09:00-10:00")
 
     requests, _ = cut_as_asked(asked, extent | {"time_zone": "Europe/Paris"}, not_removed=False)

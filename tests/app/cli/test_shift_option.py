@@ -87,6 +87,61 @@ def test_the_pose_of_the_first_shift_applies_to_the_later_ones_only_if_the_senso
     assert results_of(out, "2026-03-04")["calibration"]["state"] != "carried"
 
 
+def test_a_carried_pose_is_never_called_good(week: Week, tmp_path: Path) -> None:
+    """Nobody looked at the time between the shifts."""
+    run("run", week.path, "-o", tmp_path, *HOURS, "--not-removed")
+
+    quality = results_of(tmp_path, "2026-03-04")["quality"]
+    assert quality["verdict"] != "good"
+    assert "W-CARRIED" in {flag["code"] for flag in quality["warnings"]}
+
+
+LATE = ("--shift", "07:05-07:20", *HOURS[2:])
+
+
+def test_a_pose_at_the_start_of_wear_is_not_sought_in_a_shift_that_begins_later(
+    week: Week, tmp_path: Path
+) -> None:
+    run("run", week.path, "-o", tmp_path, *LATE)
+
+    results = results_of(tmp_path, "2026-03-02")
+    assert results["calibration"]["state"] in {"assumed", "none"}
+    assert results["quality"]["verdict"] != "good"
+    assert "W-NOT-HELD" in {flag["code"] for flag in results["quality"]["warnings"]}
+
+
+def test_a_pose_that_the_diary_states_shortly_before_a_shift_calibrates_it(
+    week: Week, tmp_path: Path
+) -> None:
+    """The figures are those of a cut at the pose, with the time until the shift as outside of it."""
+    pose, outside = "2026-03-02 07:00:00,07:00:10,pose\n", "2026-03-02 07:00:00,07:05:00,outside\n"
+    every = []
+    for name, hours, rows in (("late", LATE, pose), ("whole", HOURS, pose + outside)):
+        diary = tmp_path / f"{name}.csv"
+        diary.write_text("start,end,kind\n" + rows)
+        run("run", week.path, "-o", tmp_path / name, *hours, "--diary", diary)
+        every.append(results_of(tmp_path / name, "2026-03-02"))
+
+    late, whole = every
+    assert late["calibration"]["state"] == "given"
+    assert late["time"]["analysed_s"] == pytest.approx(15 * 60, abs=1.0)
+    assert late["exposure"] == whole["exposure"]
+
+
+def test_rows_without_a_date_are_refused_with_their_lines_if_there_are_several_shifts(
+    week: Week, tmp_path: Path
+) -> None:
+    diary = tmp_path / "diary.csv"
+    diary.write_text("start,end,kind\n2026-03-02 07:02,07:03,task\n07:00,07:00:10,pose\n07:05,07:06,break\n")
+
+    ended = run("run", week.path, "-o", tmp_path / "out", *HOURS, "--diary", diary)
+
+    assert "E-DIARY" in ended.output
+    assert "Line 3: the recording lasts more than a day and has this time twice" in ended.output
+    assert "Line 4" in ended.output
+    assert not list((tmp_path / "out").glob("*/results.json"))
+
+
 def test_a_stated_slip_ends_the_carrying_of_a_pose(week: Week, tmp_path: Path) -> None:
     ended = run("run", week.path, "-o", tmp_path, *HOURS, "--not-removed", "--slip-at", "900")
 

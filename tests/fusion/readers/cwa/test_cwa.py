@@ -230,13 +230,22 @@ def test_without_any_stamp_the_rate_of_the_setting_is_used_and_said() -> None:
     assert codes(recording) == ["W-CLOCK-UNSET", "W-RATE", "W-GAP"]
 
 
-@pytest.mark.parametrize(("step_us", "code"), [(-3_600_000_000, "W-CLOCK-BACK"), (3 * DAY_US, "W-CLOCK-FWD")])
+@pytest.mark.parametrize(
+    ("step_us", "code"), [(-3_600_000_000, "W-CLOCK-BACK"), (40 * DAY_US, "W-CLOCK-FWD")]
+)
 def test_a_clock_that_was_set_costs_no_time(step_us: int, code: str) -> None:
     recording = read_stamped({k: START_US + step_us + BLOCK_US * k for k in range(25, 50)})
 
     assert [len(segment) for segment in recording.segments] == [1000, 1000]
     assert recording.duration_us == pytest.approx(20_000_000, abs=100)
     assert codes(recording) == [code]
+
+
+def test_a_device_that_was_off_for_days_has_a_gap_of_that_length() -> None:
+    recording = read_stamped({k: START_US + 3 * DAY_US + BLOCK_US * k for k in range(25, 50)})
+
+    assert recording.duration_us == pytest.approx(3 * DAY_US + 20_000_000, abs=100)
+    assert codes(recording) == ["W-GAP", "W-MULTIDAY"]
 
 
 def test_stamps_that_scatter_by_some_milliseconds_make_no_holes() -> None:

@@ -2,6 +2,8 @@
 
 from dataclasses import asdict
 from datetime import datetime, timedelta
+from pathlib import Path
+from zipfile import ZipFile
 
 import pytest
 
@@ -24,9 +26,9 @@ def week(tmp_path_factory: pytest.TempPathFactory) -> Week:
 @pytest.fixture(scope="module")
 def windows(week: Week) -> tuple[ShiftWindow, ...]:
     with week.path.open("rb") as file:
-        start, duration_us, _ = measure_extent(file)
-    assert start is not None
-    return find_by_hours(start, duration_us, parse_hours("07:00-07:20"))
+        extent = measure_extent(file)
+    assert extent.start is not None
+    return find_by_hours(extent.start, extent.duration_us, parse_hours("07:00-07:20"))
 
 
 def describe(analysis: Analysis) -> object:
@@ -44,12 +46,36 @@ def describe(analysis: Analysis) -> object:
 
 def test_the_extent_of_a_week_is_found_without_decoding_it(week: Week) -> None:
     with week.path.open("rb") as file:
-        start, duration_us, sha256 = measure_extent(file)
+        extent = measure_extent(file)
 
-    assert start is not None
-    assert start.replace(tzinfo=None) == DAYS[0] - timedelta(seconds=TABLE_S)
-    assert duration_us == (4 * 86400 + MINUTES * 60 + 2 * TABLE_S) * 1_000_000
-    assert sha256 == read_recording(week.path).sha256
+    assert extent.start is not None
+    assert extent.start.replace(tzinfo=None) == DAYS[0] - timedelta(seconds=TABLE_S)
+    assert extent.duration_us == (4 * 86400 + MINUTES * 60 + 2 * TABLE_S) * 1_000_000
+    assert extent.sha256 == read_recording(week.path).sha256
+
+
+def test_the_extent_of_a_week_lists_the_stretches_with_samples(week: Week) -> None:
+    with week.path.open("rb") as file:
+        extent = measure_extent(file)
+
+    day_s = MINUTES * 60 + 2 * TABLE_S
+    expected = [(86400 * day * 1_000_000, (86400 * day + day_s) * 1_000_000) for day in range(5)]
+    assert list(extent.covered_us) == expected
+
+
+def test_a_device_that_was_off_over_days_keeps_the_dates_after_it(tmp_path: Path) -> None:
+    """It was off on Tuesday and Wednesday."""
+    week = write_week(tmp_path, days=4, minutes=2)
+    log = b"".join(ZipFile(week.days[day]).read("log.bin") for day in (0, 3))
+    path = tmp_path / "off.gt3x"
+    with ZipFile(path, "w") as archive:
+        archive.writestr("info.txt", ZipFile(week.path).read("info.txt"))
+        archive.writestr("log.bin", log)
+
+    recording = read_recording(path)
+
+    assert [segment.start_us for segment in recording.segments] == [0, 3 * 86400 * 1_000_000]
+    assert [flag.code for flag in recording.flags if flag.code.startswith("W-CLOCK")] == []
 
 
 def test_hours_cut_a_week_into_one_shift_for_each_day(windows: tuple[ShiftWindow, ...]) -> None:
