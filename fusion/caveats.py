@@ -204,7 +204,7 @@ class Caveat(StrEnum):
         name_facts(hours="h, less than", minutes="min, less than: no ranges, no rates per hour"),
     )
     PUBLISHED = "W-PUBLISHED", CAUTION, name_facts(dps="deg/s")
-    DIARY = "W-DIARY", CAUTION
+    DIARY = "W-DIARY", CAUTION, name_facts(lines="numbers of the lines")
     OVERLAP = "W-OVERLAP", NOTE
 
 

@@ -27,6 +27,8 @@ _UNITS = re.compile(
 )
 """Days, hours, minutes and seconds; after hours, minutes need no unit: ``1h02``."""
 _UNIT_S = (86_400, 3600, 60, 1)
+_HOURS_EAST = re.compile(r"(?:GMT|UTC)? ?([-+](?:0?[0-9]|1[0-4]))(?::?00)?", re.IGNORECASE)
+"""``GMT+1`` as people write it; the database's ``Etc/GMT+1`` is an hour west."""
 
 
 @cache
@@ -43,7 +45,7 @@ def find_time_zone(name: str | None) -> tzinfo | None:
     """Return the zone of a place (``Europe/Paris``) or of an offset (``UTC-05:00``); None if unknown."""
     text = (name or "").strip()
     offset_s = parse_offset_s(text.removeprefix("UTC")) if text != "UTC" else 0
-    if offset_s is not None:
+    if offset_s is not None and offset_s % 60 == 0:
         return timezone(timedelta(seconds=offset_s)) if offset_s else UTC
     known = _name_zones().get(text.casefold())
     return ZoneInfo(known) if known else None
@@ -58,7 +60,10 @@ def parse_time_zone(text: str) -> str:
     if not text.strip():
         return ""
     if zone is None:
-        word, names = text.strip().casefold().replace(" ", "_"), _name_zones()
+        if found := _HOURS_EAST.fullmatch(text.strip()):
+            raise ValueError(format_offset(int(found[1]) * 3600))
+        word = text.strip().casefold().replace(" ", "_")
+        names = {name: zone for name, zone in _name_zones().items() if not zone.startswith("Etc/")}
         cities = {name.rpartition("/")[2]: name for name in sorted(names, key=len, reverse=True)}
         near = [names[cities[one]] for one in get_close_matches(word, cities, 1, 0.8) if len(word) > 3]
         near = near or [names[one] for one in get_close_matches(word, names, 2, 0.75)]

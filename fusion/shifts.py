@@ -19,8 +19,8 @@ LEAST_WORN_S = 3600.0
 LONGEST_BREAK_S = 7200.0
 """A longer stretch off the arm ends a proposed shift. A pose held earlier before a shift is not its pose."""
 LONGEST_SHIFT = timedelta(hours=LONGEST_NIGHT_H)
-ON_SHIFT: tuple[Kind, ...] = ("shift", "work", "pose", "task", "seated", "upright", "supported", "break")
-"""The kinds of rows that belong to a shift: not time outside of it, time not worn, and marks."""
+ON_SHIFT: tuple[Kind, ...] = ("shift", "work", "task", "seated", "upright", "supported")
+"""The kinds of rows that show when a shift began and ended: a break, a pose or a mark does not."""
 _DASH = re.compile(r"\s*[-–]\s*")
 
 

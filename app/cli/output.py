@@ -30,7 +30,7 @@ from acromion.app.report.words.messages import describe_problem
 from acromion.app.report.words.numbers import Clock, format_duration, format_number
 from acromion.app.report.words.wording import fill, load_wording
 from acromion.app.request import Language, ReportRequest
-from acromion.fusion.clocks import in_zone
+from acromion.fusion.clocks import in_zone, read_clock
 from acromion.fusion.errors import DOUBLE_RECORDING, FusionError
 
 _TABLES = "acromion.app.batch.tables"
@@ -300,7 +300,10 @@ def finish_shard(outcomes: Sequence[Outcome], record: ShardRecord, out: Path, la
 
 
 def format_question(outcomes: Sequence[Outcome]) -> list[str]:
-    """Return the question about an assumed pose; for one recording, with the option for each candidate."""
+    """Return the question about an assumed pose; for one recording, with the answer for each candidate.
+
+    The answer is an option, or the row of a diary for a shift that was cut out.
+    """
     for outcome in outcomes:
         if not outcome.code and (len(outcomes) == 1 or outcome.task.request.pose_held is None):
             results = load_results((outcome.task.folder / "results.json").read_bytes())
@@ -324,7 +327,13 @@ def format_question(outcomes: Sequence[Outcome]) -> list[str]:
             "used": words["which_used"] if start_s == calibration["start_s"] else "",
             "window": f"{start_s:.2f},{end_s:.2f}",
         }
-        lines.append(fill(words["which_choice"], facts))
+        if zoned and request.shift:  # seconds of --calibration count from the start of the file
+            edges = (
+                read_clock(zoned, round(at_s * 1e6)).isoformat(" ", "milliseconds")
+                for at_s in (start_s, end_s)
+            )
+            facts["window"] = ",".join((*edges, "pose"))
+        lines.append(fill(words["which_row" if request.shift else "which_choice"], facts))
     return [fill(words["which"], {"name": outcomes[0].task.name}), *(f"  {line}" for line in lines)]
 
 

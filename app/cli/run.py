@@ -76,6 +76,7 @@ from acromion.app.report.words.messages import describe_flag
 from acromion.app.report.words.wording import fill, load_wording
 from acromion.app.request import SHIFT_HINT, Language, Paper, ReportRequest
 from acromion.fusion.conventions import MethodName, Pose
+from acromion.fusion.diary import DiaryEntry
 
 
 def run(
@@ -262,7 +263,8 @@ def run(
         if any(task.request.shift for task in tasks):
             from acromion.app.batch.shifts import split_into_shifts  # noqa: PLC0415  loads fusion
 
-            tasks = split_into_shifts(tasks, not_removed=not_removed)
+            whole, tasks = tasks, split_into_shifts(tasks, not_removed=not_removed)
+            _note_unused_rows(whole, tasks, language)
         inputs_by_name = {_name_copy(path, participants): path for path in diaries}
         inputs_by_name |= {"participants.csv": participants} if participants else {}
     mine, record, everything = parse_shard_option(shard), None, tasks
@@ -426,6 +428,24 @@ def _note_unmatched_diary(tasks: Sequence[Task], language: Language) -> None:
     used = {entry.file for task in tasks for entry in task.request.select_diary()}
     if unused := [name for name in named if name and name not in used]:
         _note("unmatched_diary", language, names=", ".join(unused))
+
+
+def _note_unused_rows(whole: Sequence[Task], tasks: Sequence[Task], language: Language) -> None:
+    """Print the lines of the diaries that are in no shift, for recordings that could be cut."""
+
+    def identify(task: Task, entry: DiaryEntry) -> tuple[object, int]:
+        return entry.file or task.log, entry.line  # a row with a name may be for another recording of it
+
+    refused = {task.log for task in tasks if task.code}
+    used = {identify(task, entry) for task in tasks for entry in task.request.diary}
+    unused = {
+        entry.line
+        for task in whole
+        for entry in task.request.select_diary()
+        if task.log not in refused and entry.kind != "posture" and identify(task, entry) not in used
+    }
+    if unused:
+        _note("unused_rows", language, lines=", ".join(map(str, sorted(unused))))
 
 
 def _note(name: str, language: Language, **facts: str) -> None:

@@ -7,10 +7,11 @@ correlates by 0.7 to 0.9 between the two upper arms; the speed of the elevation 
 1. Signal: magnitude of the acceleration, less its mean over 2 s, on a grid of 10 Hz; 0 in gaps.
 2. Windows of a minute are searched in the whole of the other recording. Without shared movement, the best
    place of a window is random.
-3. The line through most of these places, with a drift of at most 200 ppm, is the match. The best line
+3. The line through most of these places, searched up to a drift of 200 ppm, is the match. The best line
    elsewhere is its rival: chance puts one or two windows on a line.
 4. Every window is placed again near the line, to a fraction of a sample; the final line is fitted to these
-   places (Theil and Sen), and their scatter gives the margin.
+   places (Theil and Sen), and their scatter gives the margin. Its drift is not limited: the oscillator of a
+   microcontroller may be worse than 200 ppm, and places on one line are the evidence.
 
 Two people who move in step share movement too. A match is searched only between recordings that a person
 states to be of one subject.

@@ -25,7 +25,7 @@ from acromion.fusion.diary import (
     plain_word,
     refuse_slips,
 )
-from acromion.fusion.errors import UnusableDiary, UnusablePostures, split_facts
+from acromion.fusion.errors import MOST_ROWS_NAMED, UnusableDiary, UnusablePostures, split_facts
 from acromion.fusion.recording import MICROSECONDS, QualityFlag, Span, flag_stretches
 
 REASONS: dict[str, str] = {"break": "break", "outside": "outside", "not_worn": "not-worn"}
@@ -148,8 +148,10 @@ def place_diary(entries: Sequence[DiaryEntry], start: datetime | None, duration_
     )
     measured = tuple(period for period in every if period.is_posture_only)
     cut = tuple(period for period in every if not period.is_posture_only)
-    count = len(unused if inside or shown else outside)
-    left_aside = (QualityFlag(Caveat.DIARY, count),) if count else ()
+    ignored = unused if inside or shown else outside
+    lines = ", ".join(str(entry.line) for entry in ignored[:MOST_ROWS_NAMED] if entry.line)
+    facts = {"lines": lines} if lines else {}
+    left_aside = (QualityFlag(Caveat.DIARY, len(ignored), facts=facts),) if ignored else ()
     return Placed(cut, (*left_aside, *_flag_overlaps(cut)), sum(shifts_us) or None, shown, measured)
 
 

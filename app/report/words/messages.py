@@ -41,8 +41,11 @@ def describe_problem(code: str, facts: Mapping[str, Fact], language: Language) -
     """
     words = load_wording(language)
     entry = words["problem"].get(code) or words["problem"][UNKNOWN_PROBLEM]
-    first, *others = split_facts(facts)
+    first, *others = (
+        {name: value for name, value in row.items() if name != "line" or value} for row in split_facts(facts)
+    )  # line 0: the row is from no file
     shown = format_facts(first, language)
+    others = [row | ({"cure": ""} if row.get("cure") == first.get("cure") else {}) for row in others]
     rows = (fill(entry["another"], format_facts(row, language)) for row in others)
     more = fill(entry.get("more", ""), shown)
     places = [fill(text, shown) for name, text in words["where"].items() if shown.get(name)]

@@ -305,7 +305,11 @@ def test_a_recording_of_more_than_a_day_has_a_proposed_shift_for_each_stretch_of
         ((), "2026-03-01T07:01:00,2026-03-01T07:02:00,posture,seated", "E-POSTURE"),
         (("--calibration", "5000,5010"), "", "E-CALIBRATION"),
         (("--slip-at", "5000"), "", "E-PARAMETER"),
-        (("--shift", "diary"), "", "no row of the diary has a date in the recording"),
+        (
+            ("--shift", "diary"),
+            "",
+            "no row of the diary for a shift, work or a task has a date in the recording",
+        ),
         (("--shift", "22:00-23:00"), "", "it has no samples in these hours"),
         (("--time-zone", "Europe/Paris"), "2026-03-29 02:30,2026-03-29 03:30,task", "never show this time"),
     ],

@@ -301,6 +301,17 @@ def test_the_command_line_asks_with_the_option_that_answers(tmp_path: Path) -> N
     ]
 
 
+def test_for_a_shift_that_was_cut_out_the_answer_is_a_row_of_the_diary(tmp_path: Path) -> None:
+    """Seconds of --calibration count from the start of the file."""
+    outcome = outcome_of(asked(), tmp_path, "start")
+    request = replace(outcome.task.request, shift="2026-03-02T08:00:00/2026-03-02T09:00:00")
+
+    choices = format_question([replace(outcome, task=replace(outcome.task, request=request))])[1:]
+
+    row = "2026-03-03 08:02:00.000-05:00,2026-03-03 08:02:10.000-05:00,pose"
+    assert choices[1] == f"  --diary with the row {row}   the arm held still at 08:02:00"
+
+
 def test_if_no_pose_was_held_at_the_start_the_candidates_are_left(tmp_path: Path) -> None:
     choices = format_question([outcome_of(asked(), tmp_path, "start")])[1:]
 
