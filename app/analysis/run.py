@@ -260,7 +260,7 @@ def write_time_check(recording_path: Path, request: ReportRequest, out: Path, on
         start, duration_us = read_clock(start, first_us), stop_us - first_us
     _check_slips(request, duration_us)
     flags = check_stated_times(build_settings(request), start, duration_us)
-    found = [{"code": flag.code, "count": flag.count} for flag in flags]
+    found = [{"code": flag.code, "count": flag.count, "facts": dict(flag.facts)} for flag in flags]
     (out / "check.json").write_text(json.dumps(found), "utf-8")
 
 

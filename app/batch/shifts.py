@@ -209,7 +209,7 @@ def _refuse_undated(diary: Sequence[DiaryEntry]) -> None:
 
 
 def _refuse_unused(diary: Sequence[DiaryEntry], asked: Sequence[ReportRequest]) -> None:
-    """Refuse a diary of one recording if none of its rows is in a shift. Raises UnusableDiary."""
+    """Refuse a diary of one recording if no shift contains a row of it. Raises UnusableDiary."""
     own = [entry for entry in diary if not entry.file and entry.kind != "posture"]
     if not any(entry.line in {one.line for one in request.diary} for request in asked for entry in own):
         why, cure = "outside shifts", "clock"
