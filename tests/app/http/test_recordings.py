@@ -623,3 +623,13 @@ def test_a_job_that_was_stated_once_is_used_by_the_next_analysis_of_the_recordin
     found = shared.get(f"{URL}/{first['recording_id']}").json()
     assert (found["job_title"], found["isco_code"]) == ("Painter", "7131")
     assert second["settings"]["job_title"] == "Painter"
+
+
+def test_a_batch_stores_person_arm_and_job_on_recordings_without_them(shared: TestClient) -> None:
+    recording = shared.post(URL, content=b"a shift of a plasterer").json()["id"]
+    settings = {"subject": "P7", "side": "left", "job_title": "Plasterer", "isco_code": "7123"}
+
+    shared.post("/api/v1/batches", json={"items": [{"recording_id": recording}], "settings": settings})
+
+    found = shared.get(f"{URL}/{recording}").json()
+    assert {name: found[name] for name in settings} == settings

@@ -183,6 +183,18 @@ def test_the_same_hours_by_rest_are_the_same_analyses(cut: Cut) -> None:
     assert tuple(item["id"] for item in answer.json()["items"]) == cut.shifts
 
 
+@pytest.mark.parametrize("shift", ["diary", "22:00-23:00"])
+def test_a_cut_without_a_shift_is_refused_by_rest_and_queues_nothing(cut: Cut, shift: str) -> None:
+    before = cut.client.get("/api/v1/analyses").json()["items"]
+
+    answer = cut.client.post(
+        "/api/v1/analyses", json={"recording_ids": [cut.recording], "settings": {"shift": shift}}
+    )
+
+    assert (answer.status_code, answer.json()["code"]) == (422, "E-SHIFT")
+    assert cut.client.get("/api/v1/analyses").json()["items"] == before
+
+
 @pytest.mark.parametrize(
     ("lines", "named"),
     [

@@ -46,12 +46,13 @@ from acromion.app.report.export.naming import pack_files
 from acromion.app.report.export.tables import describe_tables, encode_rows
 from acromion.app.report.figures import load_results
 from acromion.app.report.words.wording import Language, find_nearest
-from acromion.app.request import Conclusion, ReportRequest, clean_file_name, write_profile
+from acromion.app.request import BY_DIARY, Conclusion, ReportRequest, clean_file_name, write_profile
 from acromion.app.services import Services, UsedLanguage, UsedServices, UsedWayIn
 from acromion.app.settings import Settings
 from acromion.app.store.day_file import DAY_NAME
 from acromion.app.store.folder import StoredRecording, borrow_recording
 from acromion.fusion.clocks import INTERVAL_HINT
+from acromion.fusion.errors import UnusableShift
 
 # Waiting: for the end of an analysis, and for a thread whose request was cancelled.
 
@@ -176,13 +177,8 @@ def create_analyses(
         own = (row.id, row.sha256)
         add = partial(store.add_analysis, own, request, flow, is_fresh=body.again)
         pairs.append(find_or_add(store, storage, own, request, flow, add, again=body.again))
-    for row in rows:  # store the person, arm and job on recordings that do not have them yet
-        about = row.about
-        stated = replace(
-            about, **{name: getattr(about, name) or getattr(body.settings, name) for name in DESCRIBED}
-        )
-        if stated != about:
-            services.recordings.describe(row, stated)
+    for row in rows:
+        complete_description(services, row, body.settings)
     for job, _ in pairs if body.study else ():
         store.join_study(body.study, job.id)
     views = [_view(job, language, existed=existed) for job, existed in pairs]
@@ -223,6 +219,14 @@ def check_queue(services: Services, more: int = 1) -> None:
         raise Busy
 
 
+def complete_description(services: Services, row: StoredRow, settings: AnalysisSettings) -> None:
+    """Store the person, arm and job of an analysis on a recording that does not have them yet."""
+    about = row.about
+    stated = replace(about, **{name: getattr(about, name) or getattr(settings, name) for name in DESCRIBED})
+    if stated != about:
+        services.recordings.describe(row, stated)
+
+
 def needs_cut(shift: str) -> bool:
     """Return whether a shift is stated as hours of each day or "diary", so that there may be several."""
     return bool(shift) and "/" not in shift
@@ -233,7 +237,8 @@ def _cut_shifts(
 ) -> list[tuple[StoredRow, ReportRequest]]:
     """Return a request for each shift of the only recording.
 
-    Raises BadParameter for several recordings, RecordedProblem or UnusableDiary.
+    Raises BadParameter for several recordings, UnusableShift if there is no shift, RecordedProblem or
+    UnusableDiary.
     """
     if len(asked) > 1:
         allowed = f"1; {INTERVAL_HINT}"
@@ -241,7 +246,10 @@ def _cut_shifts(
     row, request = asked[0]
     with borrow_recording(services.storage, row.id, row.sha256) as path:
         extent = services.inspector.measure(path, replace(request, shift=""))
-    requests, _ = cut_as_asked(request, extent, not_removed=not_removed)
+    requests, refusals = cut_as_asked(request, extent, not_removed=not_removed)
+    if not refusals:
+        why = "no days" if request.shift == BY_DIARY else "no samples"
+        raise UnusableShift(why=why if extent["start"] else "no clock", window=request.shift)
     return [(row, one) for one in requests]
 
 

@@ -8,11 +8,17 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from acromion.app.batch.stated import format_stated
 from acromion.app.errors import CANCELLED, BadParameter, NotFinished, ResultDamaged
-from acromion.app.http.api.library.analyses import build_request, check_queue, needs_cut
+from acromion.app.http.api.library.analyses import (
+    build_request,
+    check_queue,
+    complete_description,
+    needs_cut,
+)
 from acromion.app.http.api.library.files import MEDIA_TYPES, respond_with_file
 from acromion.app.http.api.library.models import AnalysisSettings, cut_page, read_cursor
 from acromion.app.http.middleware.problems import PROBLEM_RESPONSES, validate_model
 from acromion.app.library.batches import Batch
+from acromion.app.library.recordings import StoredRow
 from acromion.app.library.results import can_regenerate
 from acromion.app.library.rows import Job, JobState
 from acromion.app.report.export.tables import (
@@ -113,7 +119,7 @@ def list_batches(
 def create_batch(body: BatchWish, services: UsedServices, language: UsedLanguage) -> BatchView:
     """Analyse many stored recordings; the same bytes with the same settings are not analysed twice."""
     check_queue(services, len(body.items))
-    items = []
+    items, stated = [], dict[str, tuple[StoredRow, AnalysisSettings]]()
     for item in body.items:
         row = services.recordings.get(item.recording_id)
         merged = body.settings.model_dump(exclude_unset=True) | (item.settings or {})
@@ -121,7 +127,10 @@ def create_batch(body: BatchWish, services: UsedServices, language: UsedLanguage
         if needs_cut(settings.shift):
             raise BadParameter(name="shift", value=settings.shift, allowed=INTERVAL_HINT)
         items.append((row, build_request(row, settings, language, services.settings)))
+        stated.setdefault(row.id, (row, settings))
     batch = services.batches.add(body.name, items, again=body.again)
+    for row, settings in stated.values():
+        complete_description(services, row, settings)
     headers = {"Location": f"/api/v1/batches/{batch.id}", "Retry-After": "5"}
     return JSONResponse(view_batch(batch).model_dump(), 202, headers)  # type: ignore[return-value]
 
