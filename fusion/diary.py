@@ -204,6 +204,7 @@ SPELLINGS = tuple(
 """``10:20``, ``10h20``, ``10.20``, ``1020``; ``app/http/pages/static/day/clock.js`` reads the same forms."""
 DAY_FRACTION = re.compile(r"(?:0?|[0-9]{5})[.,][0-9]+")
 """A spreadsheet's number for a time: 0.4306 is 10:20, 46083.4306 includes a date. ``0.43`` may be either."""
+OVER_A_DAY = re.compile(r"[1-9][0-9]?\.[0-9]+")
 DAY = re.compile(r"(\d{4}-\d{2}-\d{2})[ T](.+)")
 
 
@@ -310,6 +311,11 @@ def _read_table(rows: Sequence[tuple[int, list[str]]], *, is_sheet: bool = False
     is_clock = [is_sheet and (not columns or name in {"start", "end"}) for name in columns or header]
 
     def read(line: int, cells: list[str]) -> Iterable[Row]:
+        times = [cell for cell, is_time in zip(cells, is_clock, strict=False) if is_time]
+        has_fraction = any(map(_is_day_fraction, times))
+        for cell in times if has_fraction else ():  # then 1.25 is 06:00 on the next day, and not 01:25
+            if OVER_A_DAY.fullmatch(cell):
+                raise UnusableDiary(line=line, why="fraction", cure="fraction", value=cell)
         written = [
             _write_time(cell) if is_time else cell for cell, is_time in zip(cells, is_clock, strict=False)
         ]
@@ -322,11 +328,16 @@ def _read_table(rows: Sequence[tuple[int, list[str]]], *, is_sheet: bool = False
 
 def _write_time(cell: str) -> str:
     """Return a spreadsheet's fraction of a day as a clock time, anything else unchanged."""
-    if not DAY_FRACTION.fullmatch(cell) or float(cell) >= 1:
+    if not _is_day_fraction(cell):
         return cell
     milliseconds = round(float(cell) * 86_400_000)
     midnight = datetime.combine(date.min, time())
     return (midnight + timedelta(milliseconds=milliseconds)).time().isoformat()
+
+
+def _is_day_fraction(cell: str) -> bool:
+    """Return whether a cell has a number under 1; with a comma it is text."""
+    return DAY_FRACTION.fullmatch(cell) is not None and "," not in cell and float(cell) < 1
 
 
 def _read_each(
@@ -611,6 +622,10 @@ def _read_activities(rows: Iterable[tuple[int, list[str]]]) -> tuple[DiaryEntry,
                     line=line, why="activity", cure="activity", value=activity[:LONGEST_LABEL]
                 )
             moment = _read_second(line, text)
+            if before is not None and (moment.tzinfo is None) is not (before.tzinfo is None):
+                raise UnusablePostures(
+                    line=line, why="mixed offsets", cure="second", value=text[:LONGEST_LABEL]
+                )
             if before is not None and moment <= before:
                 raise UnusablePostures(
                     line=line, why="not later", cure="not later", value=text[:LONGEST_LABEL]

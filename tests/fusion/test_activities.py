@@ -88,6 +88,7 @@ def test_a_table_of_activities_may_be_a_workbook() -> None:
         (ACTIPASS + "740043.3,13,0,1,,0,0\n", 2, "activity"),
         ("datetime,activity\n2026-03-02 08:00:01,sit\n2026-03-02 08:00:00,sit\n", 3, "not later"),
         ("datetime,activity\nsoon,sit\n", 2, "second"),
+        ("datetime,activity\n2026-03-02 08:00:00,sit\n2026-03-02 08:00:01+01:00,sit\n", 3, "second"),
         ("datetime,activity\n2026-03-02 08:00:00,non-wear\n", 1, "activity"),
     ],
 )

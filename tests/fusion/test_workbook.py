@@ -89,6 +89,17 @@ def test_a_fraction_in_a_column_of_seconds_is_seconds() -> None:
     assert list_times(write(("start_s", "end_s", "kind"), (0.5, 90, "work"))) == [(0.5, 90.0)]
 
 
+@pytest.mark.parametrize(
+    "row", [("0,4306", "", "work"), (0.916667, 1.25, "work")], ids=["text", "over a day"]
+)
+def test_a_fraction_of_a_day_that_may_be_a_clock_time_is_refused(row: tuple[object, ...]) -> None:
+    """1.25 is 06:00 on the next day, or 01:25."""
+    with pytest.raises(UnusableDiary) as refusal:
+        read_diary(write(HEAD, row))
+
+    assert (refusal.value.facts["line"], refusal.value.facts["why"]) == (2, "fraction")
+
+
 @pytest.mark.parametrize(("stored", "end"), [(0.375, "09:00:00"), ("", None)])
 def test_a_formula_has_the_value_that_excel_stored(stored: float | str, end: str | None) -> None:
     body = io.BytesIO()
