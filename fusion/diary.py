@@ -43,7 +43,6 @@ from acromion.fusion.errors import (
     UnusablePostures,
     UnusableTasks,
     join_facts,
-    split_facts,
 )
 from acromion.fusion.workbook import is_workbook, read_workbook
 
@@ -241,24 +240,38 @@ Row = DiaryEntry | tuple[int, float | str, str]
 """An entry, or the line, time and recording of a row that only ends the previous one."""
 
 
-def read_diary(content: bytes) -> tuple[DiaryEntry, ...]:
+def read_diary(
+    content: bytes, find_contradictions: Callable[[Sequence[DiaryEntry]], list[UnusableDiary]] | None = None
+) -> tuple[DiaryEntry, ...]:
     """Parse a diary, from CSV or from an Excel workbook.
 
     If several sheets of a workbook contain a diary, the name of each is the file or subject of its rows.
+    ``find_contradictions`` compares the readable rows with one another.
 
     Raises UnusableDiary: with every line that cannot be used, the reasons and the remedies.
     """
+    entries, row_errors = _read_sheets(content)
+    refuse_slips([*row_errors, *(find_contradictions(entries) if find_contradictions else ())])
+    return entries
+
+
+Table = tuple[tuple[DiaryEntry, ...], list[UnusableDiary]]
+"""The rows that can be read, and the errors of the others."""
+
+
+def _read_sheets(content: bytes) -> Table:
     if not is_workbook(content):
         try:
             every = read_rows(decode_text(content))
             first = list(islice(every, HEADER_ROWS + MOST_ROWS))
-            return _read_activities(chain(first, every)) if _is_activities(first) else _read_table(first)
+            is_table = not _is_activities(first)
+            return _read_table(first) if is_table else (_read_activities(chain(first, every)), [])
         except OpenQuoteError as error:
             raise UnusableDiary(**error.facts, cure="open quote") from None
     sheets = read_workbook(content)
     activities = next(filter(_is_activities, sheets.values()), None)
     if activities:
-        return _read_activities(activities)
+        return _read_activities(activities), []
     diaries = {name: rows for name, rows in sheets.items() if _find_header(rows) is not None}
     if len(diaries) < 2:
         found = *diaries.values(), *filter(None, sheets.values()), []
@@ -266,14 +279,12 @@ def read_diary(content: bytes) -> tuple[DiaryEntry, ...]:
     entries: list[DiaryEntry] = []
     row_errors: list[UnusableDiary] = []
     for name, rows in diaries.items():
-        try:
-            entries += (replace(entry, file=entry.file or name) for entry in _read_table(rows, is_sheet=True))
-        except UnusableDiary as error:
-            row_errors += (UnusableDiary(**facts, sheet=name) for facts in split_facts(error.facts))
+        read, errors = _read_table(rows, is_sheet=True)
+        entries += (replace(entry, file=entry.file or name) for entry in read)
+        row_errors += (UnusableDiary(**error.facts, sheet=name) for error in errors)
         if len(entries) > MOST_ROWS:
             raise _refuse_rows(entries[-1].line)
-    refuse_slips(row_errors)
-    return tuple(entries)
+    return tuple(entries), row_errors
 
 
 def is_diary(file: BinaryIO) -> bool:
@@ -296,7 +307,7 @@ def _find_header(rows: Sequence[tuple[int, list[str]]]) -> int | None:
     return None
 
 
-def _read_table(rows: Sequence[tuple[int, list[str]]], *, is_sheet: bool = False) -> tuple[DiaryEntry, ...]:
+def _read_table(rows: Sequence[tuple[int, list[str]]], *, is_sheet: bool = False) -> Table:
     """Parse the rows of one table; rows above its header are ignored."""
     place = _find_header(rows)
     if len(rows) < 2 or place is None or place == len(rows) - 1:
@@ -323,7 +334,9 @@ def _read_table(rows: Sequence[tuple[int, list[str]]], *, is_sheet: bool = False
             return _read_log_row(header, line, written, is_alone=len(body) == 1)
         return _read_row(line, dict(zip(columns, written, strict=False)))
 
-    return _set_ends(_read_each(body, read))
+    entries, row_errors = _read_each(body, read)
+    ended, end_errors = _set_ends(entries)
+    return ended, row_errors + end_errors
 
 
 def _write_time(cell: str) -> str:
@@ -342,8 +355,8 @@ def _is_day_fraction(cell: str) -> bool:
 
 def _read_each(
     rows: Sequence[tuple[int, list[str]]], read: Callable[[int, list[str]], Iterable[Row]]
-) -> tuple[Row, ...]:
-    """Read every row; raise one error with all rows that cannot be read, each with its text."""
+) -> tuple[list[Row], list[UnusableDiary]]:
+    """Return the rows that can be read, and the errors of the others, each with its text."""
     entries: list[Row] = []
     row_errors: list[UnusableDiary] = []
     for line, cells in rows:
@@ -355,8 +368,7 @@ def _read_each(
             text = ", ".join(cell for cell in cells if cell)[:LONGEST_LABEL]
             value = str(error.facts.get("value", ""))[:LONGEST_LABEL]
             row_errors.append(UnusableDiary(**{**error.facts, "value": value, "text": text}))
-    refuse_slips(row_errors)
-    return tuple(entries)
+    return entries, row_errors
 
 
 def _refuse_rows(line: int) -> UnusableDiary:
@@ -547,7 +559,7 @@ def split_times(entry: DiaryEntry) -> dict[str, float | str | None]:
     }
 
 
-def _set_ends(rows: Sequence[Row]) -> tuple[DiaryEntry, ...]:
+def _set_ends(rows: Sequence[Row]) -> Table:
     """Set the end of each row from the separate row of the same recording that states it."""
     entries: list[DiaryEntry] = []
     row_errors: list[UnusableDiary] = []
@@ -564,8 +576,7 @@ def _set_ends(rows: Sequence[Row]) -> tuple[DiaryEntry, ...]:
             row_errors.append(UnusableDiary(line=line, why="end alone", cure="order", value=str(end)))
         else:
             entries[place] = replace(entries[place], end=end)
-    refuse_slips(row_errors)
-    return tuple(entries)
+    return tuple(entries), row_errors
 
 
 # The activity per second that ActiPASS and acti-motus derive from a sensor on the thigh.

@@ -17,6 +17,7 @@ from acromion.fusion.caveats import Caveat
 from acromion.fusion.clocks import ShiftWindow, correct_start, move_window, parse_interval
 from acromion.fusion.diary import read_diary
 from acromion.fusion.errors import FailedReader, FusionError, UnusableShift
+from acromion.fusion.exposure.periods import find_contradictions
 from acromion.fusion.pose.calibrate import propose_poses
 from acromion.fusion.quality.time_account import find_exclusions, propose_nonwear
 from acromion.fusion.readers import (
@@ -240,7 +241,7 @@ def measure_recording(recording_path: Path, request: ReportRequest) -> Extent:
 def write_diary(diary: Path, _request: ReportRequest, out: Path, on_stage: OnStage) -> None:
     """Write ``diary.json``: the rows of a diary file. Raises acromion.fusion.errors.UnusableDiary."""
     on_stage("reading", 0.0)
-    rows = [asdict(entry) for entry in read_diary(diary.read_bytes())]
+    rows = [asdict(entry) for entry in read_diary(diary.read_bytes(), find_contradictions)]
     (out / "diary.json").write_text(json.dumps(rows), "utf-8")
 
 

@@ -105,7 +105,9 @@ class Inspector:
         Raises UnusableDiary, or RecordedProblem with the same code from the child.
         """
         if len(body) <= SHORT_DIARY_BYTES and not is_workbook(body):
-            return read_diary(body)
+            from acromion.fusion.exposure.periods import find_contradictions  # noqa: PLC0415  slow import
+
+            return read_diary(body, find_contradictions)
         with tempfile.NamedTemporaryFile(prefix=PREFIX, dir=self.folder) as file:
             file.write(body)
             file.flush()

@@ -357,11 +357,9 @@ def read_checked_diary(content: bytes) -> tuple[DiaryEntry, ...]:
 
     Raises UnusableDiary with every line that cannot be used.
     """
-    from acromion.fusion.exposure.periods import check_diary  # noqa: PLC0415  slow import
+    from acromion.fusion.exposure.periods import find_contradictions  # noqa: PLC0415  slow import
 
-    entries = read_diary(content)
-    check_diary(entries)
-    return entries
+    return read_diary(content, find_contradictions)
 
 
 def _read_windows(text: str) -> tuple[tuple[float, float], ...]:

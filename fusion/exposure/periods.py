@@ -101,7 +101,7 @@ def place_diary(entries: Sequence[DiaryEntry], start: datetime | None, duration_
     the zone has twice or never that day is refused, unless the row states its offset. Rows are cut at the
     ends of the recording. Rows wholly outside are ignored with a flag, unless all rows are.
 
-    Raises UnusableDiary: with the line and the reason, if a row cannot be placed.
+    Raises UnusableDiary: with the line and the reason of every row that cannot be placed or overlaps another.
     """
     whole: list[tuple[DiaryEntry, Period]] = []
     shifts_us: list[int] = []
@@ -127,7 +127,6 @@ def place_diary(entries: Sequence[DiaryEntry], start: datetime | None, duration_
             row_errors.append(error)
         else:
             marks.append((entry, Mark(place_us, entry.label)))
-    refuse_slips(row_errors)
     inside = [period for _, period in whole if period.start_us < duration_us and period.end_us > 0]
     outside = [entry for entry, period in whole if period.start_us >= duration_us or period.end_us <= 0]
     outside += (entry for entry, mark in marks if not 0 <= mark.time_us <= duration_us)
@@ -138,10 +137,14 @@ def place_diary(entries: Sequence[DiaryEntry], start: datetime | None, duration_
     unused = [entry for entry in outside if not _is_of_other_day(entry, start, duration_us)]
     is_elsewhere = not has_posture and any(entry.kind == "posture" for entry in unused)
     if unused and ((not inside and not shown) or is_elsewhere):
-        first = next(entry for entry in unused if entry.kind == "posture" or not is_elsewhere)
-        kind = UnusablePostures if first.kind == "posture" else UnusableDiary
-        raise kind(line=first.line, why="outside recording", cure="clock", value=_format_times(first))
-    _refuse_overlap(inside)
+        named = [entry for entry in unused if entry.kind == "posture" or not is_elsewhere]
+        row_errors += (
+            (UnusablePostures if entry.kind == "posture" else UnusableDiary)(
+                line=entry.line, why="outside recording", cure="clock", value=_format_times(entry)
+            )
+            for entry in (named[:1] if is_elsewhere else named)  # one posture stands for its file
+        )
+    refuse_slips([*row_errors, *_find_overlaps(inside)])
     every = tuple(
         replace(period, start_us=max(period.start_us, 0), end_us=min(period.end_us, duration_us))
         for period in inside
@@ -169,11 +172,11 @@ CLOCK_TIME = re.compile(r"\d{2}:\d{2}:\d{2}(?:\.\d+)?")
 LONGEST_US = 366 * 86_400 * MICROSECONDS
 
 
-def check_diary(entries: Sequence[DiaryEntry]) -> None:
+def find_contradictions(entries: Sequence[DiaryEntry]) -> list[UnusableDiary]:
     """Compare the rows with one another before a recording is read.
 
-    Raises UnusableDiary with every row that overlaps another of its kind. A row in seconds or with dates is
-    also refused if it ends before it starts; a clock time without a date may be on the next day.
+    Return an error for each row that overlaps another of its kind. A row in seconds or with dates is also
+    refused if it ends before it starts; a clock time without a date may be on the next day.
     """
     row_errors: list[UnusableDiary] = []
     for file in dict.fromkeys(entry.file for entry in entries):
@@ -186,11 +189,8 @@ def check_diary(entries: Sequence[DiaryEntry]) -> None:
                 place_diary(rows, start, LONGEST_US)
             except UnusableDiary as error:
                 row_errors += (UnusableDiary(**facts) for facts in split_facts(error.facts))
-        try:
-            _refuse_overlap(_place_on_one_day(own))
-        except UnusableDiary as error:
-            row_errors += (UnusableDiary(**facts) for facts in split_facts(error.facts))
-    refuse_slips(row_errors)
+        row_errors += _find_overlaps(_place_on_one_day(own))
+    return row_errors
 
 
 def _place_on_one_day(entries: Sequence[DiaryEntry]) -> list[Period]:
@@ -341,9 +341,9 @@ def _list_places(start: datetime, moment: datetime) -> list[int]:
     return [measure_us(start, one) for one in instants]
 
 
-def _refuse_overlap(periods: Sequence[Period]) -> None:
-    """Raise UnusableDiary if two rows of one kind overlap, or two rows with a posture as their kind."""
-    row_errors = []
+def _find_overlaps(periods: Sequence[Period]) -> list[UnusableDiary]:
+    """Return an error for each two rows of one kind that overlap, or two with a posture as their kind."""
+    row_errors: list[UnusableDiary] = []
     for kinds in (*((kind,) for kind in KINDS if kind not in POSTURES), POSTURES):
         same = sorted((period for period in periods if period.kind in kinds), key=lambda p: p.start_us)
         row_errors += [
@@ -353,7 +353,7 @@ def _refuse_overlap(periods: Sequence[Period]) -> None:
             for before, after in pairwise(same)
             if before.end_us - after.start_us > OVERLAP_US
         ]
-    refuse_slips(row_errors)
+    return row_errors
 
 
 def divide_day(periods: Sequence[Period], duration_us: int) -> tuple[Piece, ...]:

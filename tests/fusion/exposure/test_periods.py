@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, reject, settings
 from hypothesis import strategies as st
 
-from acromion.fusion.diary import KINDS, POSTURES, DiaryEntry, Kind
+from acromion.fusion.diary import KINDS, POSTURES, DiaryEntry, Kind, read_diary
 from acromion.fusion.errors import TooShort, UnusableDiary, split_facts
 from acromion.fusion.exposure.parts import DayDivision
-from acromion.fusion.exposure.periods import Period, Placed, check_diary, divide_day, place_diary
+from acromion.fusion.exposure.periods import Period, Placed, divide_day, find_contradictions, place_diary
 from acromion.fusion.exposure.resampling import find_intervals
 from acromion.fusion.exposure.summary import describe_hours, draw_variation, summarise_exposure
 from acromion.fusion.exposure.types import PartExposure
@@ -140,13 +140,32 @@ def test_rows_with_dates_or_seconds_are_compared_before_a_recording_is_read() ->
         DiaryEntry("08:00:00", "07:00:00", "break", line=6),
     )
 
-    with pytest.raises(UnusableDiary) as refusal:
-        check_diary(rows)
+    errors = find_contradictions(rows)
 
-    assert [(row["line"], row["why"]) for row in split_facts(refusal.value.facts)] == [
+    assert [(error.facts["line"], error.facts["why"]) for error in errors] == [
         (4, "overlap"),
         (5, "end first"),
     ]
+
+
+def test_lines_that_cannot_be_read_and_lines_that_contradict_each_other_are_named_at_once() -> None:
+    rows = ("08:00,09:00,task", "08:30,09:30,task", "25:00,26:00,task", "10:00,10:30,nap")
+
+    with pytest.raises(UnusableDiary) as refusal:
+        read_diary("\n".join(("start,end,kind", *rows)).encode(), find_contradictions)
+
+    errors = ((row["line"], row["why"]) for row in split_facts(refusal.value.facts))
+    assert sorted(errors) == [(3, "overlap"), (4, "time"), (5, "kind")]
+
+
+def test_every_line_is_named_if_all_are_outside_the_recording() -> None:
+    with pytest.raises(UnusableDiary) as refusal:
+        place(
+            DiaryEntry("2026-03-09T08:00:00", "2026-03-09T09:00:00", "task", line=2),
+            DiaryEntry("2026-03-09T09:00:00", "2026-03-09T09:30:00", "break", line=3),
+        )
+
+    assert [row["line"] for row in split_facts(refusal.value.facts)] == [2, 3]
 
 
 def test_tasks_may_overlap_by_a_rounded_second() -> None:

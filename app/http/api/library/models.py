@@ -70,7 +70,7 @@ from acromion.fusion.clocks import (
 from acromion.fusion.conventions import AXIS_HINT, ArmAxis, MethodName, Pose, PoseHeld, Side, parse_arm_axis
 from acromion.fusion.diary import MOST_ROWS, DiaryEntry, Kind, read_diary, refuse_slips, split_times
 from acromion.fusion.errors import UnusableDiary
-from acromion.fusion.exposure.periods import check_diary, pair_with_next, place_diary
+from acromion.fusion.exposure.periods import find_contradictions, pair_with_next, place_diary
 from acromion.fusion.recording import MICROSECONDS
 
 T = TypeVar("T")
@@ -159,7 +159,7 @@ def check_periods(
     clock cannot be right.
     """
     if found is None:
-        check_diary(diary)
+        refuse_slips(find_contradictions(diary))
         return
     start = datetime.fromisoformat(found["start"]) if found["start"] else None
     start = correct_start(start, time_zone, clock_offset_s)
