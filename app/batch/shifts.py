@@ -170,10 +170,12 @@ def cut_request(
     the shift. No pose is carried over a slip that a person stated. The analysis of a shift at a time that the
     clock skips or repeats states the reason.
 
-    Raises UnusableDiary: with several shifts, every row whose time has no date; or no shift has a row.
+    Raises UnusableDiary: with several shifts, every row without a date; every row, if all are outside the
+    recording.
     """
     if len(windows) > 1:
         _refuse_undated(whole.select_diary())
+    _refuse_outside(whole.select_diary(), start, duration_us)
     begins_us = _find_poses(whole, start, duration_us)
     asked: list[ReportRequest] = []
     usable: list[tuple[int, int]] = []
@@ -187,7 +189,6 @@ def cut_request(
         asked.append(_cut_request(whole, window, begin_us, start, duration_us))
         usable.append((place, begin_us))
         earliest_us = stop_us
-    _refuse_unused(whole.select_diary(), asked)
     for number, (place, begin_us) in enumerate(usable):
         if number and not_removed:
             posed = [one for one in usable[:number] if _has_pose(asked[one[0]])]
@@ -208,11 +209,11 @@ def _refuse_undated(diary: Sequence[DiaryEntry]) -> None:
     )
 
 
-def _refuse_unused(diary: Sequence[DiaryEntry], asked: Sequence[ReportRequest]) -> None:
-    """Refuse a diary of one recording if no shift contains a row of it. Raises UnusableDiary."""
+def _refuse_outside(diary: Sequence[DiaryEntry], start: datetime, duration_us: int) -> None:
+    """Refuse a diary of one recording if every row of it is outside the recording. Raises UnusableDiary."""
     own = [entry for entry in diary if not entry.file and entry.kind != "posture"]
-    if not any(entry.line in {one.line for one in request.diary} for request in asked for entry in own):
-        why, cure = "outside shifts", "clock"
+    if not cut_diary(own, start, duration_us, 0, duration_us):
+        why, cure = "outside recording", "clock"
         refuse_slips([UnusableDiary(line=e.line, why=why, cure=cure, value=str(e.start)) for e in own])
 
 
