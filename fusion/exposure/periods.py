@@ -142,7 +142,7 @@ def place_diary(entries: Sequence[DiaryEntry], start: datetime | None, duration_
             (UnusablePostures if entry.kind == "posture" else UnusableDiary)(
                 line=entry.line, why="outside recording", cure="clock", value=_format_times(entry)
             )
-            for entry in (named[:1] if is_elsewhere else named)  # one posture stands for its file
+            for entry in (named[:1] if is_elsewhere else named)  # the file is wrong as a whole
         )
     refuse_slips([*row_errors, *_find_overlaps(inside)])
     every = tuple(
