@@ -218,6 +218,16 @@ def test_lines_that_are_no_shifts_are_refused_with_the_time(
     assert tuple(one["id"] for one in find_shifts(cut.client, cut.recording)) == cut.shifts
 
 
+def test_hours_of_a_day_on_which_the_device_was_off_make_no_shift() -> None:
+    clock = DayClock(datetime(2026, 3, 2, 6), 3 * 86_400_000_000)  # noqa: DTZ001  the device's clock
+    form = {"cut": ["hours"], "hours_start": ["07:00"], "hours_end": ["15:00"]}
+    covered_us = ((0, 50_000_000_000), (172_800_000_000, 259_200_000_000))
+
+    shifts = read_shifts(form, clock, covered_us)
+
+    assert [window.start.day for window in shifts or ()] == [2, 4]
+
+
 def test_hours_that_the_clocks_repeat_on_a_day_are_refused(cut: Cut) -> None:
     clock = DayClock(datetime(2026, 10, 24, 12, tzinfo=ZoneInfo("Europe/Paris")), 172_800_000_000)
     form = {"cut": ["hours"], "hours_start": ["02:30"], "hours_end": ["08:00"]}

@@ -100,7 +100,7 @@ def finish(recording_id: str, page: UsedPage, form: UsedForm) -> Response:
         day = _load_day(page, job)
     answered = read_answers(job.request, form, day)
     clock = DayClock.of(day.facts) if day and _asks_shifts(job, day) else None
-    shifts = read_shifts(form, clock) if clock else None
+    shifts = read_shifts(form, clock, _list_covered(day)) if clock and day else None
     if clock and shifts is not None and (shifts or job.replaced_by is not None):
         not_removed = bool(first(form, "not_removed"))
         job = _cut(page, job, answered, shifts, clock, not_removed=not_removed)
@@ -149,7 +149,7 @@ def _load_day(page: Page, job: Job) -> DayFile:
         "device": "other",
     }
     facts |= dict.fromkeys(("still", "not_worn", "left_out", "calibration"), ())
-    return DayFile(facts | {"duration_us": extent["duration_us"]}, ())
+    return DayFile(facts | {name: extent[name] for name in ("duration_us", "covered_us")}, ())
 
 
 @router.post("/proposal")
@@ -189,8 +189,19 @@ def read_answers(before: ReportRequest, form: Form, day: DayFile | None) -> Repo
     return answered if _is_changed(before, answered) else before
 
 
-def read_shifts(form: Form, clock: DayClock) -> tuple[ShiftWindow, ...] | None:
+def _list_covered(day: DayFile) -> Sequence[Sequence[int]]:
+    """Return the stretches of a recording with samples (start, end), in microseconds."""
+    spans_s = ((segment.start_s, segment.end_s) for segment in day.segments)
+    drawn = [(round(start_s * MICROSECONDS), round(end_s * MICROSECONDS)) for start_s, end_s in spans_s]
+    return drawn or day.facts.get("covered_us", ())  # a recording that is too long has no curve
+
+
+def read_shifts(
+    form: Form, clock: DayClock, covered_us: Sequence[Sequence[int]] = ()
+) -> tuple[ShiftWindow, ...] | None:
     """Return the shifts that a person states, none for one report of the whole recording; None if left open.
+
+    ``covered_us``: the stretches with samples, as for :func:`acromion.fusion.shifts.find_by_hours`.
 
     Raises BadParameter, UnusableCalibration, or UnusableShift if the clock has a time of it twice or never.
     """
@@ -202,7 +213,7 @@ def read_shifts(form: Form, clock: DayClock) -> tuple[ShiftWindow, ...] | None:
     if cut == "hours":
         typed = "-".join(first(form, name).strip() for name in ("hours_start", "hours_end"))
         try:
-            windows = find_by_hours(clock.start, clock.duration_us, parse_hours(typed))
+            windows = find_by_hours(clock.start, clock.duration_us, parse_hours(typed), covered_us)
         except ValueError:
             raise BadParameter(name="shift", value=typed[:60], allowed=HOURS_HINT) from None
         for window in windows:
