@@ -23,7 +23,13 @@ from acromion.app.request import BY_DIARY, ReportRequest
 from acromion.app.settings import Settings
 from acromion.fusion.clocks import ShiftWindow, correct_start, in_zone, parse_interval, read_clock
 from acromion.fusion.diary import DiaryEntry, refuse_slips
-from acromion.fusion.errors import FusionError, UnusableClock, UnusableDiary, UnusableShift
+from acromion.fusion.errors import (
+    FusionError,
+    UnusableCalibration,
+    UnusableClock,
+    UnusableDiary,
+    UnusableShift,
+)
 from acromion.fusion.exposure.periods import find_diary_poses, place_moment
 from acromion.fusion.recording import MICROSECONDS, QualityFlag, cut_windows
 from acromion.fusion.shifts import (
@@ -53,7 +59,7 @@ def _split(task: Task, *, not_removed: bool) -> list[Task]:
         requests, refusals = cut_as_asked(task.request, extent, not_removed=not_removed)
     except (RecordedProblem, Crashed, Interrupted, UnusableClock):
         return [replace(task, request=whole)]  # its analysis fails for the same reason
-    except UnusableDiary as error:
+    except (UnusableDiary, UnusableCalibration) as error:
         return [replace(task, request=whole, code=error.code, facts=error.facts)]
     if not refusals:
         return [replace(task, request=requests[0])]
@@ -132,7 +138,9 @@ def cut_as_asked(
     """Return the request of each shift for hours of the day or "diary" in ``request.shift``.
 
     Also return why each shift cannot be cut, None if it can. If the recording has no such time, there is one
-    request, whose analysis states the reason, and no refusal. Raises UnusableClock or UnusableDiary.
+    request, whose analysis states the reason, and no refusal.
+
+    Raises UnusableClock, and as :func:`cut_request`.
     """
     whole = replace(request, shift="")
     start, duration_us = read_start(extent, whole), int(extent["duration_us"])
@@ -171,7 +179,7 @@ def cut_request(
     clock skips or repeats states the reason.
 
     Raises UnusableDiary: with several shifts, every row without a date; every row, if all are outside the
-    recording.
+    recording. Raises UnusableCalibration: a calibration window is in no shift.
     """
     if len(windows) > 1:
         _refuse_undated(whole.select_diary())
@@ -179,7 +187,7 @@ def cut_request(
     begins_us = _find_poses(whole, start, duration_us)
     asked: list[ReportRequest] = []
     usable: list[tuple[int, int]] = []
-    earliest_us = 0
+    earliest_us, unused_s = 0, set(whole.calibration_windows_s)
     for place, window in enumerate(windows):
         if _find_refusal(window, start):
             asked.append(replace(whole, shift=str(window)))
@@ -189,6 +197,10 @@ def cut_request(
         asked.append(_cut_request(whole, window, begin_us, start, duration_us))
         usable.append((place, begin_us))
         earliest_us = stop_us
+        unused_s -= {window_s for window_s in unused_s if cut_windows([window_s], begin_us, stop_us)}
+    if usable and unused_s:
+        start_s, end_s = min(unused_s)
+        raise UnusableCalibration(why="no shift", start_s=start_s, end_s=end_s)
     for number, (place, begin_us) in enumerate(usable):
         if number and not_removed:
             posed = [one for one in usable[:number] if _has_pose(asked[one[0]])]

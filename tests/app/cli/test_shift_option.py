@@ -128,6 +128,14 @@ def test_a_pose_that_the_diary_states_shortly_before_a_shift_calibrates_it(
     assert late["exposure"] == whole["exposure"]
 
 
+def test_a_calibration_window_in_no_shift_is_refused_and_not_ignored(week: Week, tmp_path: Path) -> None:
+    """Seconds count from the start of the file; the first shift ends after 1320 s."""
+    ended = run("run", week.path, "-o", tmp_path, *HOURS[:2], "--calibration", "1400,1410")
+
+    assert "E-CALIBRATION" in ended.output
+    assert "it is in no shift" in ended.output
+
+
 def test_rows_without_a_date_are_refused_with_their_lines_if_there_are_several_shifts(
     week: Week, tmp_path: Path
 ) -> None:
