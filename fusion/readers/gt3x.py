@@ -503,6 +503,8 @@ def pair_sleep(sleep: Iterable[tuple[int, bool]], last_unix_s: int) -> list[tupl
 
 LONGEST_GAP_S = LONGEST_GAP_US // MICROSECONDS
 """A longer step forward is a clock that was set, not a gap: it adds no time."""
+LONGEST_ASIDE_S = 86_400
+"""An event so far before the first sample or after the last one is ignored."""
 LONGEST_ALONE_S = 60
 """A single first or last second, so far from the others, has a wrong stamp."""
 MAX_CLOCK_ZEROS = 16
@@ -1078,13 +1080,13 @@ def _make_segment(columns: SampleColumns, seconds: Seconds, run: Run) -> Segment
 def find_exclusions(log: DeviceLog, timeline: Timeline) -> tuple[tuple[Span, ...], tuple[QualityFlag, ...]]:
     """Idle sleep without measurements, and seconds in the dock, from the first sample on.
 
-    Also returns caveats without an exclusion: sleep before the first sample, and a stamp more than 31 days
+    Also returns caveats without an exclusion: sleep before the first sample, and a stamp more than a day
     after the last sample, which is ignored.
     """
     covered = [(run.start_s, run.end_s) for run in timeline.runs]
     end_s = max(covered[-1][1], timeline.place_s(log.last_unix_s))
     asides: tuple[QualityFlag, ...] = ()
-    if end_s - covered[-1][1] > LONGEST_GAP_S:
+    if end_s - covered[-1][1] > LONGEST_ASIDE_S:
         end_s = covered[-1][1]
         asides += (QualityFlag(Caveat.CLOCK_FWD, 1, 0.0, float(end_s), float(end_s)),)
     seconds = {place for place in map(timeline.place_s, log.events.docked_s) if 0 <= place < end_s}
@@ -1092,7 +1094,7 @@ def find_exclusions(log: DeviceLog, timeline: Timeline) -> tuple[tuple[Span, ...
     asleep: list[tuple[int, int]] = []
     for start_unix_s, end_unix_s in pair_sleep(log.events.sleep, log.last_unix_s):
         early_s = -timeline.place_s(start_unix_s)
-        if 0 < early_s <= LONGEST_GAP_S:
+        if 0 < early_s <= LONGEST_ASIDE_S:
             asides += (QualityFlag(Caveat.SLEEP, 1, float(early_s)),)
         start_s, stop_s = max(0, -early_s), min(end_s, timeline.place_s(end_unix_s))
         inside = [(first_s, last_s) for first_s, last_s in (*covered, *docked) if first_s < stop_s]
