@@ -157,13 +157,16 @@ WORDS: dict[str, Kind] = {
     "pose": "pose", "calibration": "pose", "etalonnage": "pose",
     "task": "task", "tache": "task",
     "seated": "seated", "sitting": "seated", "assis": "seated", "assise": "seated",
+    "lying": "seated", "couche": "seated", "couchee": "seated",
     "upright": "upright", "standing": "upright", "walking": "upright",
     "debout": "upright", "marche": "upright",
     "supported": "supported", "appuye": "supported", "soutenu": "supported",
     "break": "break", "lunch": "break", "pause": "break", "repas": "break", "diner": "break",
     "outside": "outside", "off": "outside", "hors poste": "outside", "hors": "outside",
     "leisure": "outside", "loisirs": "outside", "sleep": "outside", "sommeil": "outside",
+    "bed": "outside", "bedtime": "outside", "night": "outside", "nuit": "outside",
     "not worn": "not_worn", "nonwear": "not_worn", "non porte": "not_worn", "retire": "not_worn",
+    "nw": "not_worn", "mnw": "not_worn", "fnw": "not_worn", "forcednw": "not_worn",
     "posture": "posture",
     "mark": "mark", "marque": "mark", "repere": "mark", "symptom": "mark", "symptome": "mark",
     "pain": "mark", "douleur": "mark",
@@ -180,7 +183,9 @@ HEADER_ROWS = 20
 """The header is in one of so many rows: above it may be a title, or Acti4's list of sensors."""
 LONGEST_NIGHT_H = 16
 """The longest period over midnight without an end date; a longer one is taken for a slip in its times."""
-LOG_DATE = re.compile(r"(\d{1,2})[-/.](\d{1,2})[-/.](\d{4})")
+LOG_DATE = re.compile(r"(\d{1,2})[-.](\d{1,2})[-.](\d{4})")
+SLASHED_DATE = re.compile(r"(\d{1,2})/(\d{1,2})/(\d{4})")
+"""The day may be first or second; a date of the same table with a number above 12 decides."""
 LOG_PAIR = re.compile(r"d\d+ (nap|nonwear)\d* (?:start|off)")
 """A column of GGIR's advanced sleep log whose period ends in the next column."""
 LOG_EMPTY = ("", "na", "nan")
@@ -319,6 +324,8 @@ def _read_table(rows: Sequence[tuple[int, list[str]]], *, is_sheet: bool = False
     if len(body) >= MOST_ROWS:  # each row is compared with the whole recording
         raise _refuse_rows(body[MOST_ROWS - 1][0])
     columns = _name_columns(header)
+    is_date = ["date" in plain_word(name) for name in columns or header]
+    order = _find_date_order(body)
     is_clock = [is_sheet and (not columns or name in {"start", "end"}) for name in columns or header]
 
     def read(line: int, cells: list[str]) -> Iterable[Row]:
@@ -330,13 +337,42 @@ def _read_table(rows: Sequence[tuple[int, list[str]]], *, is_sheet: bool = False
         written = [
             _write_time(cell) if is_time else cell for cell, is_time in zip(cells, is_clock, strict=False)
         ]
+        written = [
+            _write_date(line, cell, order) if is_day else cell
+            for cell, is_day in zip(written, is_date, strict=False)
+        ]
         if not columns:
-            return _read_log_row(header, line, written, is_alone=len(body) == 1)
+            return _read_log_row(header, line, written)
         return _read_row(line, dict(zip(columns, written, strict=False)))
 
     entries, row_errors = _read_each(body, read)
     ended, end_errors = _set_ends(entries)
     return ended, row_errors + end_errors
+
+
+def _find_date_order(rows: Sequence[tuple[int, list[str]]]) -> Literal["", "day", "month"]:
+    """Return whether the day or the month is first in the dates with slashes; "" if no date decides."""
+    found = [match for _, cells in rows for match in map(SLASHED_DATE.fullmatch, cells) if match]
+    is_day, is_month = (any(int(match[place]) > 12 for match in found) for place in (1, 2))
+    if is_day is is_month:
+        return ""
+    return "day" if is_day else "month"
+
+
+def _write_date(line: int, cell: str, order: Literal["", "day", "month"]) -> str:
+    """Return a date with slashes with dashes and the day first, anything else unchanged.
+
+    Raises UnusableDiary: day and month cannot be told apart.
+    """
+    found = SLASHED_DATE.fullmatch(cell)
+    if not found:
+        return cell
+    first, second, year = found.groups()
+    if int(first) == int(second) or order == "day":
+        return f"{first}-{second}-{year}"
+    if order == "month":
+        return f"{second}-{first}-{year}"
+    raise UnusableDiary(line=line, why="day or month", cure="log date", value=cell)
 
 
 def _write_time(cell: str) -> str:
@@ -398,8 +434,8 @@ def _is_activity_log(header: Sequence[str]) -> bool:
     return len(names) > 2 and COLUMNS.get(names[0]) == "subject" and "date" in names[1]
 
 
-def _read_log_row(header: list[str], line: int, cells: list[str], *, is_alone: bool) -> Iterable[DiaryEntry]:
-    """Return the activities of one recording; the ID tells several recordings apart."""
+def _read_log_row(header: list[str], line: int, cells: list[str]) -> Iterable[DiaryEntry]:
+    """Return the activities of the recording with the ID of the row."""
     days: list[tuple[str, list[tuple[str, str]]]] = []
     for name, cell in zip(header[1:], cells[1:], strict=False):
         told = "" if cell.casefold() in LOG_EMPTY else cell
@@ -411,7 +447,7 @@ def _read_log_row(header: list[str], line: int, cells: list[str], *, is_alone: b
     for day, activities in days:
         for name, start, end in divide(day, activities, line):
             kind = WORDS.get(plain_word(name), "task")
-            yield DiaryEntry(start, end, kind, name, line=line, file="" if is_alone else cells[0])
+            yield DiaryEntry(start, end, kind, name, line=line, file=cells[0])
 
 
 def _chain_activities(

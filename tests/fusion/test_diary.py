@@ -172,6 +172,45 @@ def test_an_activity_log_of_several_recordings_is_told_apart_by_their_ids() -> N
     ]
 
 
+def test_an_activity_log_of_one_recording_is_for_that_recording_only() -> None:
+    (entry,) = read_diary(b"ID,date,work\n1111,2017-04-23,08:00\n")
+
+    assert entry.file == "1111"
+
+
+@pytest.mark.parametrize(
+    ("event", "kind"),
+    [("NW", "not_worn"), ("ForcedNW", "not_worn"), ("Bed", "outside"), ("Night", "outside")],
+)
+def test_the_keywords_of_actipass_for_nonwear_and_bedtime_are_no_tasks(event: str, kind: str) -> None:
+    entries = read_diary(f"ID,Date,Time,Event\nA,2026-03-02,07:20,{event}\n".encode())
+
+    assert [entry.kind for entry in entries] == [kind]
+
+
+def test_lying_is_a_posture_that_counts_as_seated() -> None:
+    (entry,) = read_diary(b"start,end,kind,label\n08:00,09:00,posture,lying\n")
+
+    assert entry.label == "seated"
+
+
+ON_OFF = "Subject Name,On Date,On Time,Off Date,Off Time,Category\n"
+
+
+def test_a_date_whose_day_and_month_cannot_be_told_apart_is_refused() -> None:
+    facts = refuse(f"{ON_OFF}P9,3/2/2026,07:10,3/2/2026,07:30,Break\n")
+
+    assert (facts["line"], facts["why"]) == (2, "day or month")
+
+
+def test_another_date_of_the_table_shows_that_the_month_is_first() -> None:
+    entries = read_diary(
+        f"{ON_OFF}P9,3/2/2026,07:10,3/2/2026,07:30,Break\nP9,3/13/2026,07:10,3/13/2026,07:30,Break\n".encode()
+    )
+
+    assert [entry.start for entry in entries] == ["2026-03-02T07:10:00", "2026-03-13T07:10:00"]
+
+
 def test_every_line_that_cannot_be_read_is_told_with_its_text() -> None:
     facts = refuse("start_s,end_s,kind,label\n1,2,wrk,Boxes\n3,4,work,\nnoon,5,work,\n")
 

@@ -214,7 +214,7 @@ def test_the_log_diary_of_actilife_is_read() -> None:
 def test_of_the_advanced_sleep_log_of_ggir_the_time_not_worn_and_the_naps_are_read() -> None:
     text = (
         b"ID,D1_date,D1_wakeup,D1_inbed,D1_nap_start,D1_nap_end,D1_nonwear1_off,D1_nonwear1_on\n"
-        b"123,02/03/2026,09:00:00,22:00:00,11:15:00,11:45:00,23:50:00,00:10:00\n"
+        b"123,02-03-2026,09:00:00,22:00:00,11:15:00,11:45:00,23:50:00,00:10:00\n"
     )
 
     assert [(e.kind, e.start, e.end) for e in read_diary(text)] == [
