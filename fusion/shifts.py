@@ -4,12 +4,13 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, time, timedelta
-from typing import TypeGuard
+from itertools import pairwise
+from typing import NamedTuple, TypeGuard
 
 from acromion.fusion.clocks import ShiftWindow, find_instants, measure_us, read_clock
 from acromion.fusion.diary import LONGEST_NIGHT_H, DiaryEntry, Kind, parse_clock, refuse_slips
 from acromion.fusion.errors import UnusableDiary
-from acromion.fusion.exposure.periods import pair_with_next, place_moment
+from acromion.fusion.exposure.periods import OVERLAP_US, pair_with_next, place_moment
 from acromion.fusion.recording import MICROSECONDS, Span, join_overlapping
 
 HOURS_HINT = "07:00-15:30"
@@ -82,14 +83,14 @@ def find_by_diary(
     rows of one date, and rows over midnight, until a shift would be longer than :data:`LONGEST_SHIFT`. A row
     without an end lasts until the next row.
 
-    Raises UnusableDiary with every row that ends before it starts or never, or whose time the clock of the
-    recording has twice or never that day.
+    Raises UnusableDiary with every row that ends before it starts or never, that overlaps another shift, or
+    whose time the clock of the recording has twice or never that day.
     """
     pairs = [
         pair for pair in pair_with_next(entries) if pair[0].kind in ON_SHIFT and _is_dated(pair[0].start)
     ]
     stated = [pair for pair in pairs if pair[0].kind == "shift"]
-    rows: list[tuple[datetime, datetime]] = []
+    rows: list[_Row] = []
     row_errors: list[UnusableDiary] = []
     for entry, following in stated or pairs:
         try:
@@ -97,13 +98,26 @@ def find_by_diary(
         except UnusableDiary as error:
             row_errors.append(error)
     refuse_slips(row_errors)
-    rows.sort(key=lambda row: measure_us(start, row[0]))
-    shifts = rows if stated else _join_rows(rows)
-    windows = (ShiftWindow(*shift) for shift in shifts)
+    rows.sort(key=lambda row: measure_us(start, row.begin))
+    overlaps = [
+        UnusableDiary(line=after.line, why="overlap", cure="overlap", other=before.line)
+        for before, after in pairwise(rows if stated else ())
+        if measure_us(after.begin, before.end) > OVERLAP_US
+    ]
+    refuse_slips(overlaps)
+    windows = (ShiftWindow(shift.begin, shift.end) for shift in (rows if stated else _join_rows(rows)))
     return tuple(window for window in windows if _is_inside(*window.place(start), duration_us))
 
 
-def _read_row(entry: DiaryEntry, following: DiaryEntry | None, start: datetime) -> tuple[datetime, datetime]:
+class _Row(NamedTuple):
+    """Start and end of a row of the diary, or of the first of several rows, and its line."""
+
+    begin: datetime
+    end: datetime
+    line: int
+
+
+def _read_row(entry: DiaryEntry, following: DiaryEntry | None, start: datetime) -> _Row:
     """Return start and end of a dated row. Raises UnusableDiary."""
     begin = _read_moment(str(entry.start), entry.line, start)
     if entry.end is not None:
@@ -117,24 +131,24 @@ def _read_row(entry: DiaryEntry, following: DiaryEntry | None, start: datetime) 
         raise UnusableDiary(line=entry.line, why="end first", cure="order", value=value)
     if entry.end is None and measure_us(begin, end) > LONGEST_SHIFT / timedelta(microseconds=1):
         raise UnusableDiary(line=entry.line, why="no end", cure="end", value=str(entry.start))
-    return begin, end
+    return _Row(begin, end, entry.line)
 
 
-def _join_rows(rows: Sequence[tuple[datetime, datetime]]) -> list[tuple[datetime, datetime]]:
+def _join_rows(rows: Sequence[_Row]) -> list[_Row]:
     """Join the rows of each shift, in the order of their starts."""
-    shifts: list[tuple[datetime, datetime]] = []
-    for begin, end in rows:
+    shifts: list[_Row] = []
+    for row in rows:
         if not shifts:
-            shifts.append((begin, end))
+            shifts.append(row)
             continue
-        first, last = shifts[-1]
-        is_near = measure_us(last, begin) <= LONGEST_BREAK_S * MICROSECONDS
-        is_same_day = begin.date() == first.date()
-        is_short = measure_us(first, end) <= LONGEST_SHIFT / timedelta(microseconds=1)
+        first, last, line = shifts[-1]
+        is_near = measure_us(last, row.begin) <= LONGEST_BREAK_S * MICROSECONDS
+        is_same_day = row.begin.date() == first.date()
+        is_short = measure_us(first, row.end) <= LONGEST_SHIFT / timedelta(microseconds=1)
         if (is_near and is_same_day) or ((is_near or is_same_day) and is_short):
-            shifts[-1] = first, last if measure_us(end, last) > 0 else end
+            shifts[-1] = _Row(first, last if measure_us(row.end, last) > 0 else row.end, line)
         else:
-            shifts.append((begin, end))
+            shifts.append(row)
     return shifts
 
 

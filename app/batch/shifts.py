@@ -30,8 +30,8 @@ from acromion.fusion.errors import (
     UnusableDiary,
     UnusableShift,
 )
-from acromion.fusion.exposure.periods import find_diary_poses, place_moment
-from acromion.fusion.recording import MICROSECONDS, QualityFlag, cut_windows
+from acromion.fusion.exposure.periods import find_diary_poses, pair_with_next, place_diary, place_moment
+from acromion.fusion.recording import MICROSECONDS, QualityFlag, cut_windows, find_uncovered
 from acromion.fusion.shifts import (
     cut_diary,
     find_by_diary,
@@ -235,7 +235,7 @@ def _find_poses(request: ReportRequest, start: datetime, duration_us: int) -> li
     return begins_us + [
         place_moment(entry.start, entry.line, start, duration_us)
         for entry in request.select_diary()
-        if entry.kind == "pose" and not is_undated(entry.start)
+        if entry.kind == "pose"
     ]
 
 
@@ -254,15 +254,24 @@ def _cut_request(
         for first_s, last_s in request.calibration_windows_s
         if cut_windows([(first_s, last_s)], begin_us, last_us)
     ]
+    diary = cut_diary(request.select_diary(), start, duration_us, begin_us, last_us)
     if begin_us < max(first_us, 0):
         window = ShiftWindow(read_clock(start, begin_us), read_clock(start, stop_us))
-        first, last = (read_clock(start, edge_us).isoformat() for edge_us in (begin_us, first_us))
-        rows.append(DiaryEntry(first, last, "outside"))
+        stated = [
+            replace(entry, end=after.start if entry.end is None and after else entry.end)
+            for entry, after in pair_with_next(diary)
+            if entry.kind == "outside"
+        ]
+        begin = read_clock(start, begin_us)
+        placed = place_diary(stated, begin, last_us - begin_us).periods
+        spans = ((period.start_us, period.end_us) for period in placed)
+        for span_us in find_uncovered(spans, 0, first_us - begin_us, 0):
+            first, last = (read_clock(begin, edge_us).isoformat() for edge_us in span_us)
+            rows.append(DiaryEntry(first, last, "outside"))
     slips, no_slips = (
         tuple(at_s - begin_us / MICROSECONDS for at_s in times_s if begin_us <= at_s * MICROSECONDS < last_us)
         for times_s in (request.slip_times_s, request.no_slip_times_s)
     )
-    diary = cut_diary(request.select_diary(), start, duration_us, begin_us, last_us)
     return replace(
         request,
         shift=str(window),

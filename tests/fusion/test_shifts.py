@@ -184,6 +184,13 @@ def test_what_is_not_work_extends_no_shift(row: str) -> None:
     ]
 
 
+def test_shifts_that_overlap_are_refused_with_both_lines() -> None:
+    with pytest.raises(UnusableDiary) as refusal:
+        windows_of("2026-03-02 07:00,12:00,shift,\n2026-03-02 11:00,16:00,shift,\n")
+
+    assert (refusal.value.facts["line"], refusal.value.facts["other"]) == (3, 2)
+
+
 def test_a_night_is_one_shift_and_the_next_night_another() -> None:
     nights = "".join(
         f"2026-03-0{day} 22:00,2026-03-0{day + 1} 02:00,task,A\n"

@@ -12,6 +12,7 @@ from acromion.app.batch.folder import Task
 from acromion.app.batch.shifts import cut_as_asked, split_into_shifts
 from acromion.app.request import ReportRequest
 from acromion.app.store.folder import NOTHING_KNOWN
+from acromion.fusion.diary import DiaryEntry
 from acromion.fusion.errors import UnusableShift
 from acromion.fusion.readers import read_recording
 from acromion.fusion.readers.time.clock import set_clock
@@ -90,3 +91,19 @@ def test_the_hours_of_a_run_follow_the_stated_zone(weekend: Week, tmp_path: Path
     tasks = split_into_shifts([Task(weekend.path, request, tmp_path)], not_removed=False)
 
     assert tasks[-1].request.shift == "2026-03-29T14:00:00+02:00/2026-03-29T14:02:00+02:00"
+
+
+def test_of_one_shift_a_pose_without_a_date_is_found_shortly_before_it() -> None:
+    extent = {
+        "start": "2026-03-02T07:00:00",
+        "duration_us": 3_600_000_000,
+        "time_zone": "",
+        "covered_us": [],
+    }
+    pose = DiaryEntry("07:00:00", "07:00:10", "pose", line=2)
+    asked = ReportRequest("day.gt3x", shift="07:05-07:20", diary=(pose,))
+
+    (request,), _ = cut_as_asked(asked, extent, not_removed=False)
+
+    assert request.shift == "2026-03-02T07:00:00/2026-03-02T07:20:00"
+    assert [entry.kind for entry in request.diary] == ["outside", "pose"]

@@ -115,14 +115,20 @@ def test_a_pose_that_the_diary_states_shortly_before_a_shift_calibrates_it(
 ) -> None:
     """The figures are those of a cut at the pose, with the time until the shift as outside of it."""
     pose, outside = "2026-03-02 07:00:00,07:00:10,pose\n", "2026-03-02 07:00:00,07:05:00,outside\n"
+    walk = "2026-03-02 07:00:30,07:04:00,outside\n"
     every = []
-    for name, hours, rows in (("late", LATE, pose), ("whole", HOURS, pose + outside)):
+    for name, hours, rows in (
+        ("late", LATE, pose),
+        ("whole", HOURS, pose + outside),
+        ("walk", LATE, pose + walk),
+    ):
         diary = tmp_path / f"{name}.csv"
         diary.write_text("start,end,kind\n" + rows)
         run("run", week.path, "-o", tmp_path / name, *hours, "--diary", diary)
         every.append(results_of(tmp_path / name, "2026-03-02"))
 
-    late, whole = every
+    late, whole, with_walk = every
+    assert with_walk["exposure"]["time_above"] == whole["exposure"]["time_above"]
     assert late["calibration"]["state"] == "given"
     assert late["time"]["analysed_s"] == pytest.approx(15 * 60, abs=1.0)
     assert late["exposure"] == whole["exposure"]
