@@ -8,7 +8,7 @@ correlates by 0.7 to 0.9 between the two upper arms; the speed of the elevation 
 2. Windows of a minute are searched in the whole of the other recording. Without shared movement, the best
    place of a window is random.
 3. The line through most of these places, searched up to a drift of 200 ppm, is the match. The best line
-   elsewhere is its rival: chance puts one or two windows on a line.
+   elsewhere is its rival: chance puts one or two windows on a line, a clock that was set in between more.
 4. Every window is placed again near the line, to a fraction of a sample; the final line is fitted to these
    places (Theil and Sen), and their scatter gives the margin. Its drift is not limited: the oscillator of a
    microcontroller may be worse than 200 ppm, and places on one line are the evidence.
@@ -90,8 +90,8 @@ def match_clocks(own: Runs, other: Runs) -> ClockMatch:
     NothingInCommon
         A side without acceleration.
     NotAligned
-        Fewer than five windows agree (``motion_s``), another shift has more than half as many (``rival``), or
-        the relation is not known to 50 ms (``margin_s``).
+        Fewer than five windows agree (``motion_s``), five or half as many agree on another shift (``rival``),
+        or the relation is not known to 50 ms (``margin_s``).
     """
     if not own or not other:
         raise NothingInCommon(s=0.0)
@@ -104,7 +104,7 @@ def match_clocks(own: Runs, other: Runs) -> ClockMatch:
         raise NotAligned(motion_s=windows * WINDOW_S, least_s=LEAST_WINDOWS * WINDOW_S)
     elsewhere = np.abs(lags_s - lag_s - slope * times_s) > REACH_S
     rival = int(_find_line(times_s[elsewhere], lags_s[elsewhere])[2].sum())
-    if rival > MOST_RIVAL * windows:
+    if rival >= LEAST_WINDOWS or rival > MOST_RIVAL * windows:
         raise NotAligned(best=float(windows), rival=float(rival))
     placed = list(_place_again(signal, target, slope, lag_s))
     if len(placed) < LEAST_WINDOWS:
@@ -203,8 +203,13 @@ def _place_again(signal: Float64Array, target: Float64Array, slope: float, lag_s
 
 
 def _fit(placed: Sequence[_Place], own: Runs, other: Runs) -> tuple[float, float, float]:
-    """Return slope, height and margin of the line through most places; the margin at its worst end."""
-    times_s, lags_s = (np.array([getattr(place, name) for place in placed]) for name in ("time_s", "lag_s"))
+    """Return slope, height and margin of the line through most places.
+
+    The margin is that at the worst end of the line, or the distance of the line from five consecutive places:
+    a clock that was set or changed its rate in between is not on one line.
+    """
+    every_s, places_s = (np.array([getattr(place, name) for place in placed]) for name in ("time_s", "lag_s"))
+    times_s, lags_s = every_s, places_s
     for _ in range(2):  # then once more without the windows that are off the line
         slope = float(theilslopes(lags_s, times_s).slope)
         lag_s = float(np.median(lags_s - slope * times_s))
@@ -217,7 +222,9 @@ def _fit(placed: Sequence[_Place], own: Runs, other: Runs) -> tuple[float, float
     middle_s = times_s.mean()
     leverage = (ends_s - middle_s) ** 2 / max(float(np.sum((times_s - middle_s) ** 2)), 1e-9)
     worst_s = float(np.max(spread_s * np.sqrt(1.0 / len(lags_s) + leverage)))
-    return slope, lag_s, TIMING_S + 1.96 * 1.25 * worst_s  # 1.25: a median scatters more than a mean
+    groups = np.array_split(places_s - lag_s - slope * every_s, len(placed) // LEAST_WINDOWS)
+    bend_s = max(abs(float(np.median(group))) for group in groups)
+    return slope, lag_s, TIMING_S + max(1.96 * 1.25 * worst_s, bend_s)  # 1.25: a median scatters more
 
 
 def read_movement(path: Path) -> Runs:

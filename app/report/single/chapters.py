@@ -63,6 +63,7 @@ from acromion.fusion.caveats import Caveat
 from acromion.fusion.clocks import format_clock_offset
 from acromion.fusion.comparison.change import STATEMENTS, Reference, compare_with_references
 from acromion.fusion.conventions import CONVENTIONS, MAIN_THRESHOLD_DEG, UNHELD
+from acromion.fusion.diary import POSTURES
 from acromion.fusion.exposure.types import (
     LEAST_RANGED_S,
     ElevationBin,
@@ -522,16 +523,21 @@ def _tabulate_marks(context: Context) -> Table:
 
 
 def _tabulate_postures(context: Context) -> Table:
-    """Tabulate the time in each posture, with the shares of all analysed time that Gupta et al. 2022 give."""
+    """Tabulate the time in each posture, with the shares of upright time that Gupta et al. 2022 give.
+
+    They refer to the time with a known posture: the other time may be upright or not.
+    """
     entry, exposure, language = context.words["part"]["by_posture"], context.exposure, context.language
     named = [(entry["names"][part.kind], part) for part in exposure.by_posture if part.analysed_s]
     upright = [part for _, part in named if part.kind == "upright"]
+    known_s = sum(part.analysed_s for _, part in named if part.kind in POSTURES)
     shares = (
-        format_percent(part.time_above_percent[c] * part.analysed_s / exposure.analysed_s, language)
+        format_percent(part.time_above_percent[c] * part.analysed_s / known_s, language)
         for part in upright
         for c in (30, 60, 90)
     )
-    return _tabulate_parts(named, entry, context, {"shares": ", ".join(shares)})
+    known = format_percent(100.0 * known_s / exposure.analysed_s, language)
+    return _tabulate_parts(named, entry, context, {"shares": ", ".join(shares), "known": known})
 
 
 def is_task(part: PartExposure) -> bool:

@@ -388,22 +388,23 @@ def test_the_time_before_each_mark_stands_beside_the_rest_of_the_shift_and_shows
     assert "It does not show a cause." in plain(table.note)
 
 
-def test_the_shares_while_upright_stand_beside_the_published_ones_of_the_whole_working_time() -> None:
-    part = replace(make_task("", 20.0, 15.0, 25.0), analysed_s=9000.0)
+def test_the_shares_while_upright_refer_to_the_time_with_a_known_posture() -> None:
+    """Of five hours, the arm was upright for an hour and a quarter, and the posture unknown for half."""
+    part = replace(make_task("", 20.0, 15.0, 25.0), analysed_s=4500.0)
     part = replace(
         part, time_above_percent={30: 40.0, 60: 20.0, 90: 4.0}, percentiles_deg={50: 21.0, 90: 70.0}
     )
     parts = [replace(part, kind=kind) for kind in ("seated", "upright", "unstated")]
     exposure = replace(
-        make_exposure(), analysed_s=18000.0, by_posture=(*parts[:2], replace(parts[2], analysed_s=0.0))
+        make_exposure(), analysed_s=18000.0, by_posture=(*parts[:2], replace(parts[2], analysed_s=9000.0))
     )
 
     table = table_of(report_of(exposure=exposure), "hours", "By posture")
 
-    assert [row[0] for row in table.rows] == ["Seated or lying", "Upright"]
+    assert [row[0] for row in table.rows] == ["Seated or lying", "Upright", "Posture not stated"]
     assert plain(table.rows[1][5]) == "20.0 (15.0–25.0; pose 50.0)"
-    # half of the analysed time is upright, so the shares are half of those in the row
-    assert "20.0 %, 10.0 %, 2.0 % of all analysed time" in plain(table.note)
+    shares = "20.0 %, 10.0 %, 2.0 % of the time with a known posture, which is 50.0 % of the analysed time"
+    assert shares in plain(table.note)
     assert "21 %, 4 % and 1 % of working time (Gupta et al. 2022)" in plain(table.note)
 
 

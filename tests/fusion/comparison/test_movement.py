@@ -79,6 +79,19 @@ def test_movement_that_repeats_after_ten_minutes_is_refused_because_two_offsets_
     assert "rival" in refusal.value.facts
 
 
+@pytest.mark.parametrize("step_s", [0.2, 1.5])
+def test_a_clock_that_was_set_in_between_is_refused(step_s: float) -> None:
+    """The error of one line would be the whole step for a third of the time."""
+    body = move(1)
+    cut = len(body) * 2 // 3
+    later = np.concatenate([body[:cut], body[cut + round(step_s * HZ) :]])
+
+    with pytest.raises(NotAligned) as refusal:
+        match_clocks(wear(body, 2), wear(later, 3))
+
+    assert {"margin_s", "rival"} & set(refusal.value.facts)
+
+
 def test_sensors_that_lie_still_are_refused() -> None:
     still = np.zeros(LONG_S * HZ)
 
