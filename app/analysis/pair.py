@@ -141,7 +141,8 @@ def _relate_clocks(
         return PairClock(match.offset_s, "signals", match)
     offset_s = find_offset_s(left[1], other[1])
     try:
-        return PairClock(offset_s, "clocks", match_movement(left[0], other[0], place))
+        match = match_movement(left[0], other[0], place)
+        return PairClock(offset_s, "clocks", match, left[1].findings.recording.duration_us / MICROSECONDS)
     except CannotPair:
         return PairClock(offset_s, "clocks")
 

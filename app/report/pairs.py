@@ -373,7 +373,7 @@ PAIR_SCHEMA = "acromion.pair/1"
 
 
 DISAGREE_S = 1.0
-"""The shared movement contradicts the devices' clocks if it differs by more than this."""
+"""The shared movement contradicts the devices' clocks if it differs anywhere by more than this."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -381,11 +381,13 @@ class PairClock:
     """Time of a recording's first sample, seconds after the left arm's, and its source.
 
     ``match``: the relation found in the shared movement; with another source it is only compared.
+    ``lasts_s``: length of the left arm's recording.
     """
 
     offset_s: float
     offset_from: Literal["clocks", "person", "signals"]
     match: ClockMatch | None = None
+    lasts_s: float = 0.0
 
     @property
     def drift_ppm(self) -> float:
@@ -397,13 +399,23 @@ class PairClock:
         """The source; for clocks also whether the shared movement confirms or contradicts them."""
         if self.offset_from != "clocks" or self.match is None:
             return self.offset_from
-        return "doubtful" if abs(self.match.offset_s - self.offset_s) > DISAGREE_S else "confirmed"
+        return "doubtful" if self.differs_s > DISAGREE_S else "confirmed"
+
+    @property
+    def differs_s(self) -> float:
+        """How far the clocks are from the shared movement at most, drift included; 0 without a match."""
+        if self.match is None or self.offset_from == "signals":
+            return 0.0
+        first_s = self.offset_s - self.match.offset_s
+        return max(abs(first_s), abs(first_s + self.match.drift_ppm / 1e6 * self.lasts_s))
 
     def describe(self) -> dict[str, Any]:
-        """Return offset, source, drift and the match for JSON."""
+        """Return offset, source, certainty, drift and the match for JSON."""
         return {
             "offset_s": self.offset_s,
             "from": self.offset_from,
+            "certainty": self.certainty,
+            "differs_s": self.differs_s,
             "drift_ppm": self.drift_ppm,
             "match": asdict(self.match) if self.match else None,
         }
@@ -531,6 +543,7 @@ def _format_clock(clock: PairClock, entry: Words, language: Language) -> str:
             "drift": format_number(match.drift_ppm, 0, language),
             "windows": str(match.windows),
             "offset": format_number(match.offset_s, 1, language),
+            "differs": format_number(clock.differs_s, 1, language),
         }
         if match
         else {}

@@ -49,6 +49,8 @@ LEAST_MOVEMENT_G = 0.02
 MOST_PPM = 200.0
 NEAR_S, REACH_S, CORE_S = 0.3, 1.0, 0.15
 PLACED_R = 0.4
+STEP_WITHIN_S = 0.1
+"""Places after a step of the clock are within this, and those of movement that is not shared are not."""
 LEAST_WINDOWS = 5
 MOST_RIVAL = 0.5
 MOST_MARGIN_S = 0.05
@@ -205,8 +207,9 @@ def _place_again(signal: Float64Array, target: Float64Array, slope: float, lag_s
 def _fit(placed: Sequence[_Place], own: Runs, other: Runs) -> tuple[float, float, float]:
     """Return slope, height and margin of the line through most places.
 
-    The margin is that at the worst end of the line, or the distance of the line from five consecutive places:
-    a clock that was set or changed its rate in between is not on one line.
+    The margin is that at the worst end of the line, or the distance of five consecutive places from it.
+
+    Raises NotAligned: over a part of the time more places agree on another line, because a clock was set.
     """
     every_s, places_s = (np.array([getattr(place, name) for place in placed]) for name in ("time_s", "lag_s"))
     times_s, lags_s = every_s, places_s
@@ -215,16 +218,36 @@ def _fit(placed: Sequence[_Place], own: Runs, other: Runs) -> tuple[float, float
         lag_s = float(np.median(lags_s - slope * times_s))
         near = np.abs(lags_s - lag_s - slope * times_s) <= CORE_S
         times_s, lags_s = times_s[near], lags_s[near]
-    spread_s = 1.4826 * float(np.median(np.abs(lags_s - lag_s - slope * times_s)))
+    _refuse_step(times_s, every_s, places_s - lag_s - slope * every_s)
+    residuals_s = lags_s - lag_s - slope * times_s
+    spread_s = 1.4826 * float(np.median(np.abs(residuals_s)))
     ends_s = np.array(
         [max(0.0, -lag_s), min(own[-1].end_s - own[0].start_s, other[-1].end_s - other[0].start_s - lag_s)]
     )
     middle_s = times_s.mean()
     leverage = (ends_s - middle_s) ** 2 / max(float(np.sum((times_s - middle_s) ** 2)), 1e-9)
     worst_s = float(np.max(spread_s * np.sqrt(1.0 / len(lags_s) + leverage)))
-    groups = np.array_split(places_s - lag_s - slope * every_s, len(placed) // LEAST_WINDOWS)
+    groups = np.array_split(residuals_s, max(1, len(residuals_s) // LEAST_WINDOWS))
     bend_s = max(abs(float(np.median(group))) for group in groups)
     return slope, lag_s, TIMING_S + max(1.96 * 1.25 * worst_s, bend_s)  # 1.25: a median scatters more
+
+
+def _refuse_step(near_s: Float64Array, every_s: Float64Array, residuals_s: Float64Array) -> None:
+    """Raise NotAligned if, from some time on or until then, the places agree on another offset than the line.
+
+    ``near_s``: times of the places near the line. ``every_s``, ``residuals_s``: of all places. Movement that
+    one sensor shows later than the other also agrees on another offset, but only for some minutes.
+    """
+    is_off = np.abs(residuals_s) > CORE_S
+    off_s, by_s = every_s[is_off], np.sort(residuals_s[is_off])
+    counts = np.searchsorted(by_s, by_s + STEP_WITHIN_S) - np.arange(len(by_s))
+    rival = int(counts.max(initial=0))
+    if rival < LEAST_WINDOWS:
+        return
+    beyond_s = residuals_s[is_off] - by_s[int(np.argmax(counts))]
+    agree_s = off_s[(beyond_s >= 0.0) & (beyond_s < STEP_WITHIN_S)]
+    if near_s.max() < agree_s.min() or near_s.min() > agree_s.max():
+        raise NotAligned(best=float(len(near_s)), rival=float(rival))
 
 
 def read_movement(path: Path) -> Runs:

@@ -89,11 +89,14 @@ class ClockView(_Exact):
     """When a recording started, in seconds after the left arm's, and the source of this.
 
     ``drift_ppm``: how much faster its clock runs, as corrected. ``match``: null if the movement gives no
-    certain relation; beside clocks it only confirms or contradicts.
+    certain relation; beside clocks it only confirms or contradicts. ``differs_s``: how far it is from the
+    clocks at most.
     """
 
     offset_s: float
     stated_by: Annotated[Literal["clocks", "person", "signals"], Field(alias="from")]
+    certainty: Literal["person", "signals", "clocks", "confirmed", "doubtful"]
+    differs_s: float
     drift_ppm: float
     match: MatchView | None
 

@@ -447,11 +447,13 @@ MATCH = ClockMatch(31.5, 48.0, 0.021, 12, 20)
     ("clock", "told"),
     [
         (PairClock(0.0, "clocks"), "nothing else confirms it"),
-        (PairClock(31.0, "clocks", MATCH), "confirms it"),
-        (PairClock(0.0, "clocks", MATCH), "contradicts it: it gives 31.5 s"),
+        (PairClock(31.0, "clocks", MATCH), "confirms it to within 0.5 s"),
+        (PairClock(0.0, "clocks", MATCH), "contradicts it by up to 31.5 s: it gives 31.5 s at the start"),
+        # 48 ppm over 28,000 s are 1.3 s
+        (PairClock(31.5, "clocks", MATCH, 28_000.0), "contradicts it by up to 1.3 s"),
         (PairClock(31.5, "signals", MATCH), "12 minutes agree), to within 0.02 s"),
     ],
-    ids=["clocks", "confirmed", "doubtful", "signals"],
+    ids=["clocks", "confirmed", "doubtful", "drift", "signals"],
 )
 def test_the_report_says_how_certain_the_offset_is(clock: PairClock, told: str) -> None:
     assert told in " ".join(report_of(replace(make_pair(), clock=clock)).pose_caution.split())

@@ -89,7 +89,7 @@ export class Curve {
   // The flags of moments in view, above the names, each centred at its time. Earlier points come first.
   point(points) {
     const inView = points.filter(({ atS }) => atS >= this.view.fromS && atS <= this.view.toS);
-    const flags = inView.map(({ text, atS }) => ({ text, atPx: this.pixelOf(atS) - MARGIN.l - measure(text) / 2 }));
+    const flags = inView.map(({ text, atS }) => ({ text: safe(text), atPx: this.pixelOf(atS) - MARGIN.l - measure(text) / 2 }));
     return this.stagger(flags, FLAG_ROW_PX, { yref: "paper", y: 1, font: { size: LABEL_PX, color: ink("--card") }, bgcolor: ink("--accent") });
   }
 

@@ -59,10 +59,12 @@ export class Day {
     }
   }
 
-  // The flags of the moments that the page lists now; those in a closed list have none.
+  // The flags of the moments that the page lists now, and of the marks; those in a closed list have none.
   flags() {
     const shown = [...document.querySelectorAll("[data-mark]")].filter((part) => !part.closest("details:not([open])"));
-    return shown.map(({ dataset }) => ({ text: dataset.mark, atS: this.clock.read(dataset.at) }));
+    const moments = shown.map(({ dataset }) => ({ text: dataset.mark, atS: this.clock.read(dataset.at) }));
+    const marks = this.bands.periods().filter(({ kind }) => kind === "mark");
+    return [...moments, ...marks.map(({ name, startS }) => ({ text: name, atS: startS }))];
   }
 
   draw() {
