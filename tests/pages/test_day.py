@@ -316,7 +316,10 @@ def test_a_diary_in_excel_is_imported_and_a_row_that_becomes_a_mark_has_no_end(
     day.set_input_files("#import", diary)
     rows = day.locator("#periods tr")
     expect(rows).to_have_count(2)
+    flag = day.locator("#curve .annotation-text")
+    expect(flag.get_by_text("pain", exact=True)).to_have_count(1)
     rows.first.locator("[name=kind]").select_option("mark")
+    expect(flag.get_by_text("café", exact=True)).to_have_count(1)
     keep_picture(day, "marks")
 
     expect(rows.last.locator("[name=label]")).to_have_value("pain")
