@@ -183,7 +183,8 @@ HEADER_ROWS = 20
 """The header is in one of so many rows: above it may be a title, or Acti4's list of sensors."""
 LONGEST_NIGHT_H = 16
 """The longest period over midnight without an end date; a longer one is taken for a slip in its times."""
-LOG_DATE = re.compile(r"(\d{1,2})[-.](\d{1,2})[-.](\d{4})")
+DATE_FORMATS = ("%d-%m-%Y", "%d.%m.%Y", "%d-%b-%Y", "%Y/%m/%d")
+"""Those of GGIR, of MATLAB (02-Mar-2026) and others in which day and month cannot be confused."""
 SLASHED_DATE = re.compile(r"(\d{1,2})/(\d{1,2})/(\d{4})")
 """The day may be first or second; a date of the same table with a number above 12 decides."""
 LOG_PAIR = re.compile(r"d\d+ (nap|nonwear)\d* (?:start|off)")
@@ -472,17 +473,14 @@ def _pair_naps(day: str, activities: Sequence[tuple[str, str]], line: int) -> It
 
 
 def _read_date(line: int, cell: str) -> str:
-    """Parse a date with the day first, as GGIR writes it, or in ISO 8601; a spreadsheet adds 00:00:00."""
-    found = LOG_DATE.fullmatch(cell)
+    """Parse a date in one of :data:`DATE_FORMATS` or ISO 8601; a spreadsheet adds 00:00:00."""
+    for form in DATE_FORMATS:
+        with suppress(ValueError):
+            return datetime.strptime(cell, form).date().isoformat()  # noqa: DTZ007  a date only
     try:
-        day = (
-            date(int(found[3]), int(found[2]), int(found[1]))
-            if found
-            else datetime.fromisoformat(cell).date()
-        )
+        return datetime.fromisoformat(cell).date().isoformat()
     except ValueError:
         raise UnusableDiary(line=line, why="time", cure="log date", value=cell[:LONGEST_LABEL]) from None
-    return day.isoformat()
 
 
 def _date_clock(clock: str, day: str, line: int) -> str:

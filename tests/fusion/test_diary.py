@@ -203,6 +203,13 @@ def test_a_date_whose_day_and_month_cannot_be_told_apart_is_refused() -> None:
     assert (facts["line"], facts["why"]) == (2, "day or month")
 
 
+@pytest.mark.parametrize("text", ["02-Mar-2026", "2026/03/02", "02.03.2026", "02-03-2026", "2-3-2026"])
+def test_a_date_is_read_as_other_programs_write_it(text: str) -> None:
+    (entry,) = read_diary(f"{ON_OFF}P9,{text},07:10,{text},07:30,Break\n".encode())
+
+    assert entry.start == "2026-03-02T07:10:00"
+
+
 def test_another_date_of_the_table_shows_that_the_month_is_first() -> None:
     entries = read_diary(
         f"{ON_OFF}P9,3/2/2026,07:10,3/2/2026,07:30,Break\nP9,3/13/2026,07:10,3/13/2026,07:30,Break\n".encode()

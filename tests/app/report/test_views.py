@@ -385,7 +385,7 @@ def test_the_time_before_each_mark_stands_beside_the_rest_of_the_shift_and_shows
         ["10:13 Mark", "9 min 59 s", "20.0", "21", "–"],
         ["Rest of the shift", "5 h", "20.0", "21", "30"],
     ]
-    assert "It does not show a cause." in plain(table.note)
+    assert "It does not show a cause, and has no ranges" in plain(table.note)
 
 
 def test_the_shares_while_upright_refer_to_the_time_with_a_known_posture() -> None:
