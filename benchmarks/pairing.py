@@ -10,7 +10,7 @@ noise, offsets and gains. The right clock gains 50 ppm. The error is the worst o
 The rules were chosen with the styles of ``TUNED`` and scored with the others. Then one rule was added because
 of the score: windows that are off the line are left out of the fit (it accepts more, with smaller errors).
 The rule against a clock that was set in between was narrowed because of the score: at first it refused 8 of
-the 17 long pairs. It now refuses one that would be right.
+the 17 long pairs. It now refuses one pair whose match is right.
 
 The peer is a plain cross-correlation of both whole recordings, accepted from a correlation of 0.5. Simulated
 shifts of eight hours, each of another person, only add unrelated pairs.

@@ -363,7 +363,7 @@ def _find_date_order(rows: Sequence[tuple[int, list[str]]]) -> Literal["", "day"
 def _write_date(line: int, cell: str, order: Literal["", "day", "month"]) -> str:
     """Return a date with slashes with dashes and the day first, anything else unchanged.
 
-    Raises UnusableDiary: day and month cannot be told apart.
+    Raises UnusableDiary: it is not clear which number is the day.
     """
     found = SLASHED_DATE.fullmatch(cell)
     if not found:
