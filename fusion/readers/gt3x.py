@@ -1010,6 +1010,18 @@ def _take_samples(
 # From the log to a recording: segments, exclusions, the clock.
 
 
+def flag_clock_before(log: DeviceLog) -> tuple[QualityFlag, ...]:
+    """Flag a clock that was set before the window: the date of the window may be wrong."""
+    if log.window_unix_s is None:
+        return ()
+    stamps = np.unique(np.concatenate(log.stamps))
+    steps_s = np.diff(stamps[stamps < log.window_unix_s[1]])
+    is_set = steps_s > LONGEST_GAP_S
+    if not is_set.any():
+        return ()
+    return (QualityFlag(Caveat.CLOCK_FWD, int(is_set.sum()), 0.0, 0.0, 0.0, {"step_s": int(steps_s.max())}),)
+
+
 def build_recording(text: DeviceText, log: DeviceLog, timeline: Timeline) -> Recording:
     """Put segments, exclusions and caveats together."""
     segments = tuple(_make_segment(log.columns, timeline.seconds, run) for run in timeline.runs)
@@ -1030,6 +1042,7 @@ def build_recording(text: DeviceText, log: DeviceLog, timeline: Timeline) -> Rec
         flags=(
             *flag_file(text, log, timeline, segments),
             *timeline.flags,
+            *flag_clock_before(log),
             *changes,
             *asides,
             *unset,

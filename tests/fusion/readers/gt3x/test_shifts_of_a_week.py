@@ -101,6 +101,21 @@ def test_the_day_without_a_pose_is_not_good(week: Week, windows: tuple[ShiftWind
     assert shift.quality.verdict != "good"
 
 
+def test_a_shift_after_a_clock_that_was_set_may_have_a_wrong_date(tmp_path: Path) -> None:
+    """Between its two days the clock steps by 40 days."""
+    first = write_week(tmp_path / "a", days=1, minutes=2)
+    later = write_week(tmp_path / "b", days=1, minutes=2, first=DAYS[0] + timedelta(days=40))
+    path = tmp_path / "set.gt3x"
+    with ZipFile(path, "w") as archive:
+        archive.writestr("info.txt", ZipFile(first.path).read("info.txt"))
+        archive.writestr("log.bin", b"".join(ZipFile(week.path).read("log.bin") for week in (first, later)))
+    window = ShiftWindow(*(DAYS[0] + timedelta(days=40, minutes=minutes) for minutes in (0, 2)))
+
+    shift = read_recording(path, window=window)
+
+    assert [flag.facts for flag in shift.flags if flag.code == "W-CLOCK-FWD"] == [{"step_s": 3_455_641}]
+
+
 def test_only_the_samples_of_the_window_are_read(week: Week, windows: tuple[ShiftWindow, ...]) -> None:
     shift = read_recording(week.path, window=windows[1])
 
