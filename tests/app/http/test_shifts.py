@@ -12,7 +12,7 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import update
 
-from acromion.app.http.pages.recording.day import DayClock
+from acromion.app.http.pages.recording.day import START, DayClock
 from acromion.app.http.pages.recording.finish import read_shifts
 from acromion.app.library.database.tables import analyses
 from acromion.app.queue.worker import WorkerContext, open_worker_context, run_next
@@ -279,3 +279,45 @@ def test_a_recording_that_is_too_long_as_a_whole_can_still_be_cut(cut: Cut) -> N
     assert answer.status_code == 303
     shifts = [one["settings"]["shift"] for one in find_shifts(cut.client, again["recording_id"])]
     assert {shift[:10] for shift in shifts} == set(DATES)
+
+
+def test_a_pose_that_is_confirmed_after_the_cut_applies_to_later_shifts_and_survives_another_cut(
+    cut: Cut,
+) -> None:
+    whole = send(cut.client, cut.file, again="true", subject="W4", side="right")
+    place = f"/recordings/{whole['recording_id']}/finish"
+    lines = {"shift_start": ["2026-03-02 07:00", "2026-03-04 07:00"]}
+    lines |= {"shift_end": ["2026-03-02 07:08", "2026-03-04 07:08"]}
+    form = {"subject": "W4", "side": "right", "cut": "lines", "not_removed": "1", **lines}
+
+    def work() -> list[dict[str, Any]]:
+        """Return the newest analysis of each shift."""
+        while run_next(cut.worker):
+            pass
+        every = find_shifts(cut.client, whole["recording_id"])
+        newest = {one["settings"]["shift"]: one for one in sorted(every, key=lambda one: one["created_at"])}
+        return [newest[shift] for shift in sorted(newest)]
+
+    work()
+    cut.client.post(place, data=form | {"analysis": whole["id"]})
+    first, later = work()
+    cut.client.post(place, data={"analysis": first["id"], "subject": "W4", "side": "right", "choice": START})
+    confirmed, carried = work()
+
+    states = [read_results(cut.client, one["id"])["calibration"]["state"] for one in (confirmed, carried)]
+    assert states == ["held_at_start", "carried"]
+    assert {first["id"], later["id"]}.isdisjoint((confirmed["id"], carried["id"]))
+    cut.client.post(place, data=form | {"analysis": whole["id"]})
+    assert [one["id"] for one in work()] == [confirmed["id"], carried["id"]]
+
+
+def test_a_typed_shift_without_samples_is_refused_and_changes_nothing(cut: Cut) -> None:
+    before = find_shifts(cut.client, cut.recording)
+    form = {"analysis": cut.whole, "subject": "W1", "side": "right", "cut": "lines"}
+    form |= {"shift_start": "2026-03-02 12:00", "shift_end": "2026-03-02 13:00"}
+
+    answer = cut.client.post(f"/recordings/{cut.recording}/finish?lang=en", data=form)
+
+    assert answer.status_code == 422
+    assert "it has no samples in these hours" in answer.text
+    assert find_shifts(cut.client, cut.recording) == before

@@ -19,6 +19,7 @@ from pydantic import BaseModel, Field
 from acromion.app.errors import BadParameter, NoSuchFile
 from acromion.app.http.api.library.files import MEDIA_TYPES, respond_with_file
 from acromion.app.http.pages.rendering import Form, Page, UsedForm, UsedPage, first, read_diary_body
+from acromion.app.library.jobs import JobFilter
 from acromion.app.library.recordings import DESCRIBED
 from acromion.app.library.rows import Job, JobState
 from acromion.app.report.words.numbers import (
@@ -511,11 +512,51 @@ def _add_again(job: Job, corrected: ReportRequest, page: Page) -> Response:
 
 
 def add_correction(services: Services, job: Job, corrected: ReportRequest) -> Job:
-    """Analyse again with a person's correction, and store its person, arm and job on the recording."""
+    """Analyse again with a person's correction, and store its person, arm and job on the recording.
+
+    A corrected pose of a shift also applies to the later shifts that use it.
+    """
     again = services.store.correct(job, corrected)
     changed = [name for name in DESCRIBED if getattr(corrected, name) != getattr(job.request, name)]
     update_description(services, job, corrected, changed)
+    if job.request.shift and any(getattr(corrected, name) != getattr(job.request, name) for name in OF_POSE):
+        _carry_pose(services, job, corrected)
     return again
+
+
+MAX_SHOWN = 200
+OF_POSE = ("calibration_windows_s", "pose_held", "slip_times_s", "no_slip_times_s")
+
+
+def find_shifts(services: Services, recording_id: str) -> list[Job]:
+    """Return the newest analysis of each current shift of a recording."""
+    found = services.store.find_page(JobFilter(recording_id=recording_id), MAX_SHOWN)
+    current = [job for job in found if job.replaced_by is None and job.request.reference is None]
+    return list({job.request.shift: job for job in reversed(current) if job.request.shift}.values())
+
+
+def find_stated_pose(services: Services, job: Job, request: ReportRequest) -> tuple[Window, ...]:
+    """Return when the pose of a finished shift was held, if a person stated it for this request."""
+    is_known = request.calibration_windows_s or request.pose_held != "start"
+    if is_known or job.state is not JobState.SUCCEEDED:
+        return request.calibration_windows_s
+    return tuple((a, b) for a, b, *_ in load_day(services, job).facts["calibration"][:1])
+
+
+def _carry_pose(services: Services, job: Job, corrected: ReportRequest) -> None:
+    """Analyse the later shifts again that use the pose of a shift; no pose is carried over a stated slip."""
+    windows_s = find_stated_pose(services, job, corrected)
+    source = "" if corrected.slip_times_s else job.request.shift
+    for later in find_shifts(services, job.recording_id):
+        if later.request.pose_from == job.request.shift:
+            carried = replace(
+                later.request,
+                pose_from=source,
+                pose_from_windows_s=windows_s if source else (),
+                pose_from_no_slip_at_s=corrected.no_slip_times_s if source else (),
+                reason="",
+            )
+            services.store.correct(later, carried)
 
 
 @router.post("/diary")

@@ -5,7 +5,7 @@ A recording of a day or more is asked for its shifts instead of the pose, which 
 A file name, its folders and a list of participants only propose: nothing is used before a person saves it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import datetime, time, timedelta
@@ -32,12 +32,15 @@ from acromion.app.http.api.library.analyses import check_queue
 from acromion.app.http.pages.recording.analysis import find_results
 from acromion.app.http.pages.recording.day import (
     DAY_S,
+    MAX_SHOWN,
     START,
     Choice,
     DayClock,
     add_correction,
     build_day,
     choose_pose,
+    find_shifts,
+    find_stated_pose,
     load_day,
     place_rows,
     read_rows,
@@ -58,6 +61,7 @@ from acromion.app.request import ReportRequest, propose_description
 from acromion.app.store.day_file import DayFile
 from acromion.app.store.folder import borrow_recording
 from acromion.fusion.clocks import ShiftWindow, measure_us, parse_interval, read_clock
+from acromion.fusion.errors import UnusableShift
 from acromion.fusion.recording import MICROSECONDS
 from acromion.fusion.shifts import HOURS_HINT, find_by_hours, parse_hours
 
@@ -70,7 +74,6 @@ AROUND_S, SHORTEST_VIEW_S = 60.0, 300.0
 TOP_PX, BASE_PX, HEIGHT_PX, SCALE_PX = 20.0, 110.0, 126.0, 30.0
 LABEL_PX = 18.0
 TOP_DEG = 180.0
-MAX_SHOWN = 200
 
 
 @router.get("")
@@ -81,7 +84,7 @@ def show_finish(recording_id: str, page: UsedPage, analysis: str = "") -> Respon
     row = build_row(job, page.language, find_durations(page.services, [entry]))
     proposal = propose_description(str(find_path(page.services, job)))
     asked: dict[str, Any] = dict.fromkeys(
-        ("day", "question", "choices", "pose_state", "curves", "is_open", "shifts")
+        ("day", "question", "choices", "pose_state", "curves", "is_open", "shifts", "is_cut", "stayed")
     )
     if job.state is JobState.SUCCEEDED or _is_too_long(job):
         with suppress(ResultDamaged, NoSuchFile, RecordedProblem):
@@ -120,11 +123,32 @@ def _cut(
 ) -> Job:
     """Queue an analysis of each shift, or of the whole without shifts; return the first. Raises Busy."""
     assert clock.start is not None  # shifts are asked for on the recording's clock
-    whole = replace(answered, conclusion=None, reason="")
+    whole, store = replace(answered, conclusion=None, reason=""), page.services.store
     asked = cut_request(whole, shifts, clock.start, clock.duration_us, not_removed=not_removed) or [whole]
     check_queue(page.services, len(asked))
     update_description(page.services, job, answered, ("subject", "side"))
-    return page.services.store.cut(job, asked)[0]
+    known = {one.request.shift: one for one in find_shifts(page.services, job.recording_id)}
+    cut = store.cut(job, [known[one.shift].request if one.shift in known else one for one in asked])
+    again = [
+        store.correct(known[one.shift], kept)
+        for one in asked
+        if one.shift in known and (kept := _keep_answers(page, known, one)) != known[one.shift].request
+    ]
+    return again[0] if again and asked[0].shift in known else cut[0]
+
+
+def _keep_answers(page: Page, known: Mapping[str, Job], asked: ReportRequest) -> ReportRequest:
+    """Return the request of a shift that was cut before: what a person stated about it stays."""
+    kept = replace(known[asked.shift].request, subject=asked.subject, side=asked.side, reason="")
+    source = known.get(asked.pose_from)
+    if kept.pose_from == asked.pose_from:
+        return kept
+    return replace(
+        kept,
+        pose_from=asked.pose_from,
+        pose_from_windows_s=find_stated_pose(page.services, source, source.request) if source else (),
+        pose_from_no_slip_at_s=source.request.no_slip_times_s if source else (),
+    )
 
 
 def _is_too_long(job: Job) -> bool:
@@ -203,7 +227,8 @@ def read_shifts(
 
     ``covered_us``: the stretches with samples, as for :func:`acromion.fusion.shifts.find_by_hours`.
 
-    Raises BadParameter, UnusableCalibration, or UnusableShift if the clock has a time of it twice or never.
+    Raises BadParameter, UnusableCalibration, or UnusableShift if the clock has a time of it twice or never,
+    or the recording no samples in it.
     """
     cut, allowed = first(form, "cut"), clock.format_bounds()
     if not cut or clock.start is None:
@@ -226,6 +251,12 @@ def read_shifts(
                     name="shift", value=clock.format(start_s), allowed=f"≥ {clock.format(end_s)}"
                 )
         windows = tuple(ShiftWindow(*(_place(clock.start, at_s) for at_s in line_s)) for line_s in lines_s)
+    for window in windows:
+        first_us, stop_us = window.place(clock.start)
+        if covered_us and not any(a < stop_us and first_us < b for a, b in covered_us):
+            raise UnusableShift(why="no samples", window=str(window))
+    if cut == "hours" and not windows:
+        raise UnusableShift(why="no samples", window=typed)
     if not 0 < len(windows) <= MAX_SHIFTS:
         raise BadParameter(name="shift", value=str(len(windows)), allowed=f"1 … {MAX_SHIFTS}; {allowed}")
     return windows
@@ -286,11 +317,15 @@ def _build_asked(page: Page, job: Job) -> dict[str, Any]:
     day = _load_day(page, job)
     shown = build_day(day, job.request, page.language)
     if _asks_shifts(job, day):
-        shifts = _list_shifts(day, page)
+        current = find_shifts(page.services, job.recording_id)
+        windows = sorted(one.request.shift for one in current) or day.facts.get("shifts", ())
+        shifts = _list_shifts(day, page, windows)
         curves = [draw_shifts(day, shifts, page, width_px) for width_px in (WIDE, NARROW)]
         return {
             "day": shown,
             "shifts": shifts,
+            "is_cut": bool(current),
+            "stayed": any(one.request.pose_from for one in current),
             "curves": curves,
             "start": format_iso_moment(shown["start"], page.language),
         }
@@ -317,11 +352,11 @@ class ShiftLine:
     span: str
 
 
-def _list_shifts(day: DayFile, page: Page) -> list[ShiftLine]:
+def _list_shifts(day: DayFile, page: Page, windows: Sequence[str]) -> list[ShiftLine]:
     clock = DayClock.of(day.facts)
     assert clock.start is not None
     lines = []
-    for window in map(parse_interval, day.facts.get("shifts", ())):
+    for window in map(parse_interval, windows):
         start_s, end_s = (at_us / MICROSECONDS for at_us in window.place(clock.start))
         shown = clock.show_span(start_s, end_s, page.language)
         lines.append(ShiftLine(clock.format(start_s), clock.format(end_s), start_s, end_s, shown))
