@@ -296,6 +296,12 @@ def join_overlapping(spans: Iterable[tuple[Number, Number]]) -> list[tuple[Numbe
     return joined
 
 
+def measure_samples(recording: Recording) -> Extent:
+    """Return when a recording has samples."""
+    covered_us = find_covered((segment.start_us, segment.end_us) for segment in recording.segments)
+    return Extent(recording.start, recording.duration_us, recording.sha256, covered_us)
+
+
 def find_covered(spans: Iterable[tuple[int, int]]) -> tuple[tuple[int, int], ...]:
     """Return the stretches with samples, joined over gaps of up to a minute."""
     return tuple((a, b - JOINED_US) for a, b in join_overlapping((a, b + JOINED_US) for a, b in spans))

@@ -19,7 +19,7 @@ LEAST_WORN_S = 3600.0
 """A shorter stretch of wear is not proposed as a shift."""
 LONGEST_BREAK_S = 7200.0
 """A longer stretch off the arm ends a proposed shift. A pose held earlier before a shift is not its pose."""
-LONGEST_SHIFT = timedelta(hours=LONGEST_NIGHT_H)
+LONGEST_SHIFT_US = LONGEST_NIGHT_H * 3600 * MICROSECONDS
 ON_SHIFT: tuple[Kind, ...] = ("shift", "work", "task", "seated", "upright", "supported")
 """The kinds of rows that show when a shift began and ended: a break, a pose or a mark does not."""
 _DASH = re.compile(r"\s*[-–]\s*")
@@ -69,7 +69,7 @@ def find_by_hours(
             choose(measure_us(start, one.replace(tzinfo=start.tzinfo, fold=fold)) for fold in (0, 1))
             for choose, one in zip((min, max), shown, strict=True)
         )
-        if any(_is_inside(first_us - a, stop_us - a, b - a) for a, b in covered_us or ((0, duration_us),)):
+        if has_samples(first_us, stop_us, covered_us or ((0, duration_us),)):
             windows.append(window)
     return tuple(windows)
 
@@ -80,8 +80,8 @@ def find_by_diary(
     """Return the shifts of a diary whose rows have dates.
 
     Each row of the kind "shift" is a shift. Without one, the rows of the kinds :data:`ON_SHIFT` are joined:
-    rows of one date, and rows over midnight, until a shift would be longer than :data:`LONGEST_SHIFT`. A row
-    without an end lasts until the next row.
+    rows of one date, and rows over midnight, until a shift would be longer than
+    :data:`LONGEST_SHIFT_US`. A row without an end lasts until the next row.
 
     Raises UnusableDiary with every row that ends before it starts or never, that overlaps another shift, or
     whose time the clock of the recording has twice or never that day.
@@ -106,7 +106,7 @@ def find_by_diary(
     ]
     refuse_slips(overlaps)
     windows = (ShiftWindow(shift.begin, shift.end) for shift in (rows if stated else _join_rows(rows)))
-    return tuple(window for window in windows if _is_inside(*window.place(start), duration_us))
+    return tuple(window for window in windows if has_samples(*window.place(start), ((0, duration_us),)))
 
 
 class _Row(NamedTuple):
@@ -129,7 +129,7 @@ def _read_row(entry: DiaryEntry, following: DiaryEntry | None, start: datetime) 
     if measure_us(begin, end) <= 0:
         value = f"{entry.start} - {entry.end or end.isoformat()}"
         raise UnusableDiary(line=entry.line, why="end first", cure="order", value=value)
-    if entry.end is None and measure_us(begin, end) > LONGEST_SHIFT / timedelta(microseconds=1):
+    if entry.end is None and measure_us(begin, end) > LONGEST_SHIFT_US:
         raise UnusableDiary(line=entry.line, why="no end", cure="end", value=str(entry.start))
     return _Row(begin, end, entry.line)
 
@@ -144,7 +144,7 @@ def _join_rows(rows: Sequence[_Row]) -> list[_Row]:
         first, last, line = shifts[-1]
         is_near = measure_us(last, row.begin) <= LONGEST_BREAK_S * MICROSECONDS
         is_same_day = row.begin.date() == first.date()
-        is_short = measure_us(first, row.end) <= LONGEST_SHIFT / timedelta(microseconds=1)
+        is_short = measure_us(first, row.end) <= LONGEST_SHIFT_US
         if (is_near and is_same_day) or ((is_near or is_same_day) and is_short):
             shifts[-1] = _Row(first, last if measure_us(row.end, last) > 0 else row.end, line)
         else:
@@ -199,9 +199,11 @@ def _read_end(end: float | str, begin: datetime, line: int, start: datetime) -> 
     return _read_moment(later.isoformat(), line, start)
 
 
-def _is_inside(first_us: int, stop_us: int, duration_us: int) -> bool:
-    """Return whether a recording has at least a second of a window."""
-    return min(stop_us, duration_us) - max(first_us, 0) >= MICROSECONDS
+def has_samples(first_us: int, stop_us: int, covered_us: Iterable[Sequence[int]]) -> bool:
+    """Return whether one of the stretches (start, end) has at least a second of a window."""
+    return any(
+        min(stop_us, end_us) - max(first_us, begin_us) >= MICROSECONDS for begin_us, end_us in covered_us
+    )
 
 
 def cut_diary(
@@ -212,7 +214,7 @@ def cut_diary(
     Seconds become clock times, because they then count from the first sample of the stretch. A clock time
     without a date remains: it must be unambiguous within the shift. A row in seconds or with a date that is
     outside belongs to another shift. A row without an end lasts until the next row, for
-    :data:`LONGEST_SHIFT` at most.
+    :data:`LONGEST_SHIFT_US` at most.
     """
 
     def place(moment: float | str | None, line: int) -> int | None:
@@ -227,7 +229,7 @@ def cut_diary(
             end_us = measure_us(start, _read_end(entry.end, begin, entry.line, start))
         if start_us is not None and entry.end is None:
             next_us = place(following.start, following.line) if following else None
-            longest_us = start_us + LONGEST_SHIFT // timedelta(microseconds=1)
+            longest_us = start_us + LONGEST_SHIFT_US
             is_open = next_us is None or next_us > longest_us
             end_us = start_us + 1 if is_open or entry.kind == "mark" else next_us
         return (start_us is None or start_us < stop_us) and (end_us is None or end_us > first_us)

@@ -15,9 +15,8 @@ from acromion.app.version import identify_engine
 from acromion.fusion.angle_files import AngleFile, read_angle_file, recognise_layout, resample_file
 from acromion.fusion.caveats import Caveat
 from acromion.fusion.clocks import ShiftWindow, correct_start, move_window, parse_interval
-from acromion.fusion.diary import read_diary
 from acromion.fusion.errors import FailedReader, FusionError, UnusableShift
-from acromion.fusion.exposure.periods import find_contradictions
+from acromion.fusion.exposure.periods import read_checked_diary
 from acromion.fusion.pose.calibrate import propose_poses
 from acromion.fusion.quality.time_account import find_exclusions, propose_nonwear
 from acromion.fusion.readers import (
@@ -35,9 +34,9 @@ from acromion.fusion.recording import (
     MICROSECONDS,
     Extent,
     Recording,
-    find_covered,
     find_missing,
     find_uncovered,
+    measure_samples,
 )
 from acromion.fusion.shifts import propose
 
@@ -230,9 +229,8 @@ def write_extent(recording_path: Path, request: ReportRequest, out: Path, on_sta
 def measure_recording(recording_path: Path, request: ReportRequest) -> Extent:
     """Return when a recording has samples, by the device's clock; without a digest if files are joined."""
     if request.joined:
-        joined = read_joined(recording_path, request, NOTHING_KNOWN)
-        covered_us = find_covered((segment.start_us, segment.end_us) for segment in joined.segments)
-        return Extent(joined.start, joined.duration_us, covered_us=covered_us)
+        joined = measure_samples(read_joined(recording_path, request, NOTHING_KNOWN))
+        return replace(joined, sha256="")
     profile = parse_profile(request.profile) if request.profile else None
     with recording_path.open("rb") as file:
         return measure_extent(file, file_name=request.file_name, rate_hz=request.rate_hz, profile=profile)
@@ -241,7 +239,7 @@ def measure_recording(recording_path: Path, request: ReportRequest) -> Extent:
 def write_diary(diary: Path, _request: ReportRequest, out: Path, on_stage: OnStage) -> None:
     """Write ``diary.json``: the rows of a diary file. Raises acromion.fusion.errors.UnusableDiary."""
     on_stage("reading", 0.0)
-    rows = [asdict(entry) for entry in read_diary(diary.read_bytes(), find_contradictions)]
+    rows = [asdict(entry) for entry in read_checked_diary(diary.read_bytes())]
     (out / "diary.json").write_text(json.dumps(rows), "utf-8")
 
 

@@ -23,7 +23,7 @@ from acromion.app.analysis.fork_server import warm_up
 from acromion.app.report.findings import ReleaseStamp
 from acromion.app.request import Language, OnStage, ReportRequest
 from acromion.app.settings import Settings
-from acromion.fusion.diary import DiaryEntry, read_diary
+from acromion.fusion.diary import DiaryEntry
 from acromion.fusion.workbook import is_workbook
 
 MOST_CONCURRENT = 2
@@ -105,9 +105,9 @@ class Inspector:
         Raises UnusableDiary, or RecordedProblem with the same code from the child.
         """
         if len(body) <= SHORT_DIARY_BYTES and not is_workbook(body):
-            from acromion.fusion.exposure.periods import find_contradictions  # noqa: PLC0415  slow import
+            from acromion.fusion.exposure.periods import read_checked_diary  # noqa: PLC0415  slow import
 
-            return read_diary(body, find_contradictions)
+            return read_checked_diary(body)
         with tempfile.NamedTemporaryFile(prefix=PREFIX, dir=self.folder) as file:
             file.write(body)
             file.flush()

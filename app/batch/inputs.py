@@ -44,7 +44,6 @@ from acromion.fusion.diary import (
     is_diary,
     parse_pose_held,
     plain_word,
-    read_diary,
     read_rows,
     refuse_slips,
 )
@@ -353,13 +352,10 @@ def read_postures(path: Path) -> tuple[DiaryEntry, ...]:
 
 
 def read_checked_diary(content: bytes) -> tuple[DiaryEntry, ...]:
-    """Parse a diary, and compare its rows with one another as far as no recording is needed.
+    """Call :func:`acromion.fusion.exposure.periods.read_checked_diary`, which loads slowly, when needed."""
+    from acromion.fusion.exposure import periods  # noqa: PLC0415  slow import
 
-    Raises UnusableDiary with every line that cannot be used.
-    """
-    from acromion.fusion.exposure.periods import find_contradictions  # noqa: PLC0415  slow import
-
-    return read_diary(content, find_contradictions)
+    return periods.read_checked_diary(content)
 
 
 def _read_windows(text: str) -> tuple[tuple[float, float], ...]:

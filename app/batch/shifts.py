@@ -3,7 +3,7 @@
 import json
 import tempfile
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -30,7 +30,7 @@ from acromion.fusion.errors import (
     UnusableDiary,
     UnusableShift,
 )
-from acromion.fusion.exposure.periods import find_diary_poses, pair_with_next, place_diary, place_moment
+from acromion.fusion.exposure.periods import close_rows, find_diary_poses, place_diary, place_moment
 from acromion.fusion.recording import MICROSECONDS, QualityFlag, cut_windows, find_uncovered
 from acromion.fusion.shifts import (
     cut_diary,
@@ -201,13 +201,26 @@ def cut_request(
     if usable and unused_s:
         start_s, end_s = min(unused_s)
         raise UnusableCalibration(why="no shift", start_s=start_s, end_s=end_s)
-    for number, (place, begin_us) in enumerate(usable):
-        if number and not_removed:
-            posed = [one for one in usable[:number] if _has_pose(asked[one[0]])]
-            source, from_us = (posed or usable)[-1 if posed else 0]
-            if not any(from_us <= at_s * MICROSECONDS < begin_us for at_s in whole.slip_times_s):
-                asked[place] = _carry_pose(asked[source], asked[place], start)
+    if not_removed:
+        _carry_poses(asked, usable, whole.slip_times_s, start)
     return asked
+
+
+def _carry_poses(
+    asked: list[ReportRequest],
+    usable: Sequence[tuple[int, int]],
+    slip_times_s: Sequence[float],
+    start: datetime,
+) -> None:
+    """Set the pose of each later shift in ``asked``: the last stated one before it, or that of the first.
+
+    ``usable``: place and first microsecond of each shift that can be cut.
+    """
+    for number, (place, begin_us) in enumerate(usable[1:], 1):
+        posed = [one for one in usable[:number] if _has_pose(asked[one[0]])]
+        source, from_us = posed[-1] if posed else usable[0]
+        if not any(from_us <= at_s * MICROSECONDS < begin_us for at_s in slip_times_s):
+            asked[place] = _carry_pose(asked[source], asked[place], start)
 
 
 def _refuse_undated(diary: Sequence[DiaryEntry]) -> None:
@@ -256,18 +269,9 @@ def _cut_request(
     ]
     diary = cut_diary(request.select_diary(), start, duration_us, begin_us, last_us)
     if begin_us < max(first_us, 0):
-        window = ShiftWindow(read_clock(start, begin_us), read_clock(start, stop_us))
-        stated = [
-            replace(entry, end=after.start if entry.end is None and after else entry.end)
-            for entry, after in pair_with_next(diary)
-            if entry.kind == "outside"
-        ]
         begin = read_clock(start, begin_us)
-        placed = place_diary(stated, begin, last_us - begin_us).periods
-        spans = ((period.start_us, period.end_us) for period in placed)
-        for span_us in find_uncovered(spans, 0, first_us - begin_us, 0):
-            first, last = (read_clock(begin, edge_us).isoformat() for edge_us in span_us)
-            rows.append(DiaryEntry(first, last, "outside"))
+        window = ShiftWindow(begin, read_clock(start, stop_us))
+        rows += _list_outside(diary, begin, first_us - begin_us, last_us - begin_us)
     slips, no_slips = (
         tuple(at_s - begin_us / MICROSECONDS for at_s in times_s if begin_us <= at_s * MICROSECONDS < last_us)
         for times_s in (request.slip_times_s, request.no_slip_times_s)
@@ -280,6 +284,18 @@ def _cut_request(
         no_slip_times_s=no_slips,
         diary=(*rows, *diary),
     )
+
+
+def _list_outside(
+    diary: Sequence[DiaryEntry], begin: datetime, until_us: int, duration_us: int
+) -> Iterator[DiaryEntry]:
+    """Yield the time from the pose until the shift as outside of it, if no row of the diary states it."""
+    stated = [entry for entry in close_rows(diary) if entry.kind == "outside"]
+    placed = place_diary(stated, begin, duration_us).periods
+    spans = ((period.start_us, period.end_us) for period in placed)
+    for span_us in find_uncovered(spans, 0, until_us, 0):
+        first, last = (read_clock(begin, edge_us).isoformat() for edge_us in span_us)
+        yield DiaryEntry(first, last, "outside")
 
 
 def _format_clock(start: datetime, at_s: float) -> str:

@@ -50,7 +50,7 @@ MOST_PPM = 200.0
 NEAR_S, REACH_S, CORE_S = 0.3, 1.0, 0.15
 PLACED_R = 0.4
 STEP_WITHIN_S = 0.1
-"""Places after a step of the clock are within this, and those of movement that is not shared are not."""
+"""After a step of the clock, the places are this close to one another."""
 LEAST_WINDOWS = 5
 MOST_RIVAL = 0.5
 MOST_MARGIN_S = 0.05
@@ -209,7 +209,7 @@ def _fit(placed: Sequence[_Place], own: Runs, other: Runs) -> tuple[float, float
 
     The margin is that at the worst end of the line, or the distance of five consecutive places from it.
 
-    Raises NotAligned: over a part of the time more places agree on another line, because a clock was set.
+    Raises NotAligned: from some time on the places agree on another offset, because a clock was set.
     """
     every_s, places_s = (np.array([getattr(place, name) for place in placed]) for name in ("time_s", "lag_s"))
     times_s, lags_s = every_s, places_s

@@ -23,6 +23,7 @@ from acromion.fusion.diary import (
     Kind,
     parse_clock,
     plain_word,
+    read_diary,
     refuse_slips,
 )
 from acromion.fusion.errors import MOST_ROWS_NAMED, UnusableDiary, UnusablePostures, split_facts
@@ -172,6 +173,14 @@ CLOCK_TIME = re.compile(r"\d{2}:\d{2}:\d{2}(?:\.\d+)?")
 LONGEST_US = 366 * 86_400 * MICROSECONDS
 
 
+def read_checked_diary(content: bytes) -> tuple[DiaryEntry, ...]:
+    """Parse a diary, and compare its rows with one another as far as no recording is needed.
+
+    Raises UnusableDiary with every line that cannot be used.
+    """
+    return read_diary(content, find_contradictions)
+
+
 def find_contradictions(entries: Sequence[DiaryEntry]) -> list[UnusableDiary]:
     """Compare the rows with one another before a recording is read.
 
@@ -220,11 +229,7 @@ def find_diary_poses(
 
     Raises UnusableDiary: a pose is outside the recording.
     """
-    poses = (
-        replace(entry, end=after.start if entry.end is None and after else entry.end)
-        for entry, after in pair_with_next(diary)
-        if entry.kind == "pose"
-    )
+    poses = (entry for entry in close_rows(diary) if entry.kind == "pose")
     placed = (place_diary([pose], start, duration_us).periods[0] for pose in poses)
     return tuple((held.start_us / MICROSECONDS, held.end_us / MICROSECONDS) for held in placed)
 
@@ -267,6 +272,12 @@ def pair_with_next(entries: Sequence[DiaryEntry]) -> Iterator[tuple[DiaryEntry, 
     for is_posture in (False, True):
         own = [e for e in entries if e.kind != "mark" and (e.kind == "posture") is is_posture]
         yield from zip(own, [*own[1:], None], strict=False)
+
+
+def close_rows(entries: Sequence[DiaryEntry]) -> Iterator[DiaryEntry]:
+    """Yield each row but the marks; one without an end ends where the next begins."""
+    for entry, following in pair_with_next(entries):
+        yield replace(entry, end=following.start) if entry.end is None and following else entry
 
 
 def _bound(

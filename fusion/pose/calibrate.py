@@ -132,9 +132,9 @@ def measure_stretch(recording: Recording, stretch_s: Window) -> StillPeriod:
     return _measure(recording, stretch_s[0], min(stretch_s[1], stretch_s[0] + RULES.measured_s))
 
 
-def find_tables(recording: Recording, stretches_s: Sequence[Window]) -> list[Window]:
+def find_tables(recording: Recording, stretches_s: Sequence[Window], least_s: float = OFF_S) -> list[Window]:
     """Return the still periods of five minutes or more without sway: the sensor was off the arm."""
-    long_s = [span_s for span_s in stretches_s if span_s[1] - span_s[0] >= OFF_S]
+    long_s = [span_s for span_s in stretches_s if span_s[1] - span_s[0] >= least_s]
     return [span_s for span_s in long_s if measure_stretch(recording, span_s).sway_dps < TABLE_SWAY_DPS]
 
 
@@ -145,8 +145,7 @@ def is_worn_until_end(recording: Recording) -> bool:
     """
     blocks = reduce_recording(recording)
     stretches_s = find_still_stretches(blocks, calibrate_accelerometer(find_still_moments(blocks)))
-    tables_s = [s for s in stretches_s if measure_stretch(recording, s).sway_dps < TABLE_SWAY_DPS]
-    worn_from_s = max((end_s for _, end_s in tables_s), default=0.0)
+    worn_from_s = max((end_s for _, end_s in find_tables(recording, stretches_s, 0.0)), default=0.0)
     return recording.duration_us / MICROSECONDS - worn_from_s > AT_ONCE_S
 
 

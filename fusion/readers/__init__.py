@@ -78,7 +78,7 @@ from acromion.fusion.readers.tables.profile import (
 from acromion.fusion.readers.time.clock import flag_days
 from acromion.fusion.readers.time.joining import join_recordings
 from acromion.fusion.readers.time.window import cut_recording
-from acromion.fusion.recording import ACC_UNITS_G, Extent, QualityFlag, Recording, find_covered
+from acromion.fusion.recording import ACC_UNITS_G, Extent, QualityFlag, Recording, measure_samples
 
 __all__ = [
     "READERS",
@@ -233,9 +233,7 @@ def measure_extent(
     source = open_source(file, file_name)
     if source.extension == ".gt3x" and gt3x.recognise(source):
         return replace(gt3x.measure_extent(source), sha256=hash_source(source))
-    recording = read_recording(file, file_name=file_name, rate_hz=rate_hz, profile=profile)
-    covered_us = find_covered((segment.start_us, segment.end_us) for segment in recording.segments)
-    return Extent(recording.start, recording.duration_us, recording.sha256, covered_us)
+    return measure_samples(read_recording(file, file_name=file_name, rate_hz=rate_hz, profile=profile))
 
 
 def _is_read_by_profile(content: Source, profile: ColumnProfile) -> bool:

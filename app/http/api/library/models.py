@@ -5,7 +5,7 @@ import binascii
 import csv
 import io
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from datetime import date, datetime
 from typing import Annotated, Any, Literal, Self, TypeVar
 from urllib.parse import urlencode
@@ -70,7 +70,7 @@ from acromion.fusion.clocks import (
 from acromion.fusion.conventions import AXIS_HINT, ArmAxis, MethodName, Pose, PoseHeld, Side, parse_arm_axis
 from acromion.fusion.diary import MOST_ROWS, DiaryEntry, Kind, read_diary, refuse_slips, split_times
 from acromion.fusion.errors import UnusableDiary
-from acromion.fusion.exposure.periods import find_contradictions, pair_with_next, place_diary
+from acromion.fusion.exposure.periods import close_rows, find_contradictions, place_diary
 from acromion.fusion.recording import MICROSECONDS
 
 T = TypeVar("T")
@@ -165,9 +165,8 @@ def check_periods(
     start = correct_start(start, time_zone, clock_offset_s)
     duration_us = round(found["recorded_s"] * MICROSECONDS)
     if place_diary(diary, start, duration_us).flags:
-        for entry, following in pair_with_next(diary):
-            end = following.start if entry.end is None and following else entry.end
-            place_diary((replace(entry, end=end),), start, duration_us)
+        for entry in close_rows(diary):
+            place_diary((entry,), start, duration_us)
 
 
 # Options of an analysis.

@@ -63,7 +63,7 @@ from acromion.app.store.folder import borrow_recording
 from acromion.fusion.clocks import ShiftWindow, measure_us, parse_interval, read_clock
 from acromion.fusion.errors import UnusableShift
 from acromion.fusion.recording import MICROSECONDS
-from acromion.fusion.shifts import HOURS_HINT, find_by_hours, parse_hours
+from acromion.fusion.shifts import HOURS_HINT, find_by_hours, has_samples, parse_hours
 
 router = APIRouter(include_in_schema=False, prefix="/recordings/{recording_id}/finish")
 
@@ -252,8 +252,7 @@ def read_shifts(
                 )
         windows = tuple(ShiftWindow(*(_place(clock.start, at_s) for at_s in line_s)) for line_s in lines_s)
     for window in windows:
-        first_us, stop_us = window.place(clock.start)
-        if covered_us and not any(a < stop_us and first_us < b for a, b in covered_us):
+        if covered_us and not has_samples(*window.place(clock.start), covered_us):
             raise UnusableShift(why="no samples", window=str(window))
     if cut == "hours" and not windows:
         raise UnusableShift(why="no samples", window=typed)
