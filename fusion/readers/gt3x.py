@@ -703,10 +703,10 @@ def measure_extent(source: Source) -> Extent:
         )
     log.refuse_unusable()
     first_unix_s = int(log.seconds().unix_s[0])
-    duration_s = log.scan.last_unix_s + 1 - first_unix_s
     zone = find_zone(log.events.zone_name) if log.events.counts_utc else None
     start, _ = trust_clock(_find_clock(text, log.events, first_unix_s, zone))
-    stamps = np.unique(np.concatenate(log.stamps)) - first_unix_s
+    stamps = np.unique(repair_outliers(np.concatenate(log.stamps))[0]) - first_unix_s
+    duration_s = max(log.scan.last_unix_s - first_unix_s, int(stamps[-1])) + 1  # a clock may be set back
     edges = np.flatnonzero(np.diff(stamps) > 1) + 1
     runs = zip(stamps[np.append(0, edges)], stamps[np.append(edges - 1, -1)] + 1, strict=True)
     covered_us = find_covered((int(a) * MICROSECONDS, int(b) * MICROSECONDS) for a, b in runs)
@@ -1010,16 +1010,21 @@ def _take_samples(
 # From the log to a recording: segments, exclusions, the clock.
 
 
-def flag_clock_before(log: DeviceLog) -> tuple[QualityFlag, ...]:
-    """Flag a clock that was set before the window: the date of the window may be wrong."""
+def flag_clock_set(log: DeviceLog) -> tuple[QualityFlag, ...]:
+    """Flag a clock that was set outside the window: the date of the window may be wrong."""
     if log.window_unix_s is None:
         return ()
-    stamps = np.unique(np.concatenate(log.stamps))
-    steps_s = np.diff(stamps[stamps < log.window_unix_s[1]])
-    is_set = steps_s > LONGEST_GAP_S
-    if not is_set.any():
-        return ()
-    return (QualityFlag(Caveat.CLOCK_FWD, int(is_set.sum()), 0.0, 0.0, 0.0, {"step_s": int(steps_s.max())}),)
+    stamps, _ = repair_outliers(np.concatenate(log.stamps))
+    steps_s, is_before = np.diff(stamps), stamps[1:] < log.window_unix_s[1]
+    found = (
+        (Caveat.CLOCK_FWD, steps_s[is_before & (steps_s > LONGEST_GAP_S)]),
+        (Caveat.CLOCK_BACK, steps_s[steps_s < 0]),
+    )
+    return tuple(
+        QualityFlag(code, len(steps), 0.0, 0.0, 0.0, {"step_s": int(steps[0])})
+        for code, steps in found
+        if len(steps)
+    )
 
 
 def build_recording(text: DeviceText, log: DeviceLog, timeline: Timeline) -> Recording:
@@ -1042,7 +1047,7 @@ def build_recording(text: DeviceText, log: DeviceLog, timeline: Timeline) -> Rec
         flags=(
             *flag_file(text, log, timeline, segments),
             *timeline.flags,
-            *flag_clock_before(log),
+            *flag_clock_set(log),
             *changes,
             *asides,
             *unset,

@@ -116,6 +116,23 @@ def test_a_shift_after_a_clock_that_was_set_may_have_a_wrong_date(tmp_path: Path
     assert [flag.facts for flag in shift.flags if flag.code == "W-CLOCK-FWD"] == [{"step_s": 3_455_641}]
 
 
+def test_no_day_is_lost_if_the_clock_was_set_back_between_two(week: Week, tmp_path: Path) -> None:
+    """The file has the first day, the third and the second."""
+    path = tmp_path / "back.gt3x"
+    with ZipFile(path, "w") as archive:
+        archive.writestr("info.txt", ZipFile(week.path).read("info.txt"))
+        archive.writestr("log.bin", b"".join(ZipFile(week.days[day]).read("log.bin") for day in (0, 2, 1)))
+    with path.open("rb") as file:
+        extent = measure_extent(file)
+    assert extent.start is not None
+
+    windows = find_by_hours(extent.start, extent.duration_us, parse_hours("07:00-07:20"), extent.covered_us)
+    shifts = [read_recording(path, window=window) for window in windows]
+
+    assert [window.start.day for window in windows] == [2, 3, 4]
+    assert all("W-CLOCK-BACK" in {flag.code for flag in shift.flags} for shift in shifts)
+
+
 def test_only_the_samples_of_the_window_are_read(week: Week, windows: tuple[ShiftWindow, ...]) -> None:
     shift = read_recording(week.path, window=windows[1])
 
